@@ -1,0 +1,113 @@
+//! The fuser `wz`: a levelled low-pass of second order with Möbius correction and an estimate of the gyro bias.
+//!
+//! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in the
+//! level frame, where gravity stands still. Per tick:
+//!
+//! 1. w ← the exact step less the bias; the level frame turns by Δz, and with it what is kept in it;
+//! 2. h, the horizontal part of the force in the level frame; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate;
+//! 3. the level leans by κ dt: w ← (w + l)/(1 − w̄ l), l = κ dt/2.
+//!
+//! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
+//! second order, with its "+" replaced by a Möbius map and its low-pass moved to the level frame.
+
+use super::{Corrections, Fused, FuserInput, bias::BiasFilter, innovation_rad, rest::Rest};
+use crate::{
+    Complex, GRAVITY_M_S2, Vector3,
+    stage::{Numbers, Stage},
+    state::{Attitude, Moved},
+    turn::Turn,
+};
+
+/// Memory of the leaky velocity, s.
+pub(super) const T1_S: f64 = 3.0;
+/// Time constant of the tilt, s.
+pub(super) const T2_S: f64 = 2.0;
+
+/// The fuser stage `wz`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Wz {
+    attitude: Attitude,
+    started: bool,
+    velocity_m_s: Complex<f64>,
+    bias: BiasFilter,
+    rest: Rest,
+}
+
+impl Wz {
+    fn moved(&mut self, moved: Moved) {
+        self.attitude = moved.attitude;
+        self.velocity_m_s *= moved.swing;
+        self.bias.swing(moved.swing);
+    }
+
+    /// Levels the attitude by a force; true when the bias was updated.
+    fn level(&mut self, force_m_s2: Vector3<f64>, dt_s: f64) -> bool {
+        self.velocity_m_s += (self.attitude.horizontal(force_m_s2) - self.velocity_m_s / T1_S) * dt_s;
+        let tilt_rate_rad_s = self.velocity_m_s / (GRAVITY_M_S2 * T1_S * T2_S);
+        let updated = self.bias.follow(tilt_rate_rad_s, dt_s);
+        self.moved(self.attitude.leaned(tilt_rate_rad_s * (0.5 * dt_s)));
+        let Some(error) = updated else { return false };
+        self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
+        self.moved(self.attitude.leaned(error.tilt * 0.5));
+        true
+    }
+}
+
+impl Stage for Wz {
+    type Input = FuserInput;
+    type Output = Fused;
+
+    fn name(&self) -> &'static str {
+        "wz"
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
+        if let Some(motion) = &input.motion {
+            let bias_turn = Turn::of_rotation_vector(self.bias.bias_rad_s() * -dt_s);
+            self.moved(self.attitude.turned(motion.turn.then(bias_turn)));
+            self.bias.drift(self.attitude, dt_s);
+        }
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            if self.started {
+                innovation = innovation_rad(inclination, self.attitude);
+                corrections.bias = self.level(inclination.force_m_s2, dt_s);
+                corrections.tilt = true;
+            } else {
+                self.attitude = Attitude::levelled(inclination.up);
+                self.started = true;
+                corrections.aligned = true;
+            }
+        }
+        match (&input.motion, &input.inclination) {
+            (Some(motion), Some(inclination)) if input.rest_credible => {
+                if let Some(bias_rad_s) = self.rest.step(motion.rate_rad_s, inclination.force_m_s2, dt_s) {
+                    self.bias.at_rest(bias_rad_s);
+                    corrections.rest = true;
+                    corrections.bias = true;
+                }
+            }
+            _ => self.rest.interrupt(),
+        }
+        let bias_rad_s = self.bias.bias_rad_s();
+        Fused {
+            attitude: self.attitude,
+            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - bias_rad_s),
+            bias_rad_s,
+            innovation_rad: innovation,
+            // The loop's correction follows a tilt error by ε/T2.
+            inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.attitude.visit(visit);
+        self.started.visit(visit);
+        self.velocity_m_s.visit(visit);
+        self.bias.visit(visit);
+        self.rest.visit(visit);
+    }
+}

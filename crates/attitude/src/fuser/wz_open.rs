@@ -1,0 +1,100 @@
+//! The open loop as published: w_c = HPF(w_gyro) + LPF(w_acc).
+//!
+//! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9, T = 1 s. The gyro channel
+//! integrates by itself and drifts without bound, so the error grows with time: that is the published method, kept for comparison.
+
+use super::{Corrections, Fused, FuserInput, innovation_rad, low_pass_gain, wz_closed::POINT_LIMIT};
+use crate::{
+    Complex, Vector3,
+    point::Point,
+    stage::{Numbers, Stage},
+    state::Attitude,
+};
+
+/// The fuser stage `wz-open`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WzOpen {
+    time_constant_s: f64,
+    gyro: Attitude,
+    difference: Complex<f64>,
+    started: bool,
+    innovation2_rad2: f64,
+}
+
+impl Default for WzOpen {
+    fn default() -> Self {
+        Self {
+            time_constant_s: 1.0,
+            gyro: Attitude::default(),
+            difference: Complex::new(0.0, 0.0),
+            started: false,
+            innovation2_rad2: 0.0,
+        }
+    }
+}
+
+impl WzOpen {
+    fn fused(&self) -> Attitude {
+        let up = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
+        Attitude { up, z_rad: self.gyro.z_rad }.rebounded()
+    }
+
+    /// Follows the gyro's attitude into its chart; the fused point stays where it is.
+    fn follow(&mut self, gyro: Attitude) {
+        if gyro.up.chart != self.gyro.up.chart {
+            let fused = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
+            let before = self.gyro.up.seen_in(gyro.up.chart, POINT_LIMIT);
+            self.difference = fused.seen_in(gyro.up.chart, POINT_LIMIT) - before;
+        }
+        self.gyro = gyro;
+    }
+}
+
+impl Stage for WzOpen {
+    type Input = FuserInput;
+    type Output = Fused;
+
+    fn name(&self) -> &'static str {
+        "wz-open"
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
+        if let Some(motion) = &input.motion {
+            self.follow(motion.attitude);
+        }
+        let gain = low_pass_gain(dt_s, self.time_constant_s);
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            let Point { w, chart } = self.gyro.up;
+            let distance = inclination.up.seen_in(chart, POINT_LIMIT) - w;
+            if self.started {
+                self.difference += (distance - self.difference) * gain;
+                innovation = innovation_rad(inclination, self.fused());
+                self.innovation2_rad2 += (innovation * innovation - self.innovation2_rad2) * gain;
+                corrections.tilt = true;
+            } else {
+                self.difference = distance;
+                self.started = true;
+                corrections.aligned = true;
+            }
+        }
+        Fused {
+            attitude: self.fused(),
+            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
+            bias_rad_s: Vector3::zeros(),
+            innovation_rad: innovation,
+            // White noise through a first-order low-pass: variance times gain / (2 − gain).
+            inclination_sd_rad: libm::sqrt(self.innovation2_rad2 * gain / (2.0 - gain)),
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.gyro.visit(visit);
+        self.difference.visit(visit);
+        self.started.visit(visit);
+        self.innovation2_rad2.visit(visit);
+    }
+}

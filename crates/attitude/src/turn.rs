@@ -1,0 +1,76 @@
+//! The exact rotation of a body over one step.
+//!
+//! Input: a rotation vector in body axes. Output: the pair (p, s), that is the unit quaternion δ = d0 + d1 i + d2 j + d3 k with
+//! p = d0 + j d3 and s = d1 + j d2. Time: none. Failure: none for finite input.
+
+use crate::{Complex, Quaternion, Vector3, point::Chart};
+
+/// A rotation of the body in its own axes; acts on an attitude as a Möbius map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    /// d0 + j d3.
+    pub p: Complex<f64>,
+    /// d1 + j d2.
+    pub s: Complex<f64>,
+}
+
+impl Turn {
+    /// No rotation.
+    pub const NONE: Self = Self { p: Complex::new(1.0, 0.0), s: Complex::new(0.0, 0.0) };
+
+    /// δ = exp(½ φ) of a rotation vector φ, rad, body axes.
+    pub fn of_rotation_vector(rotation_rad: Vector3<f64>) -> Self {
+        let (cos, sinc) = cos_and_sinc(rotation_rad.norm_squared() * 0.25);
+        let half = rotation_rad * (0.5 * sinc);
+        Self { p: Complex::new(cos, half.z), s: Complex::new(half.x, half.y) }
+    }
+
+    /// The turn as a unit quaternion (d0, d1, d2, d3).
+    pub fn quaternion(self) -> Quaternion<f64> {
+        Quaternion::new(self.p.re, self.s.re, self.s.im, self.p.im)
+    }
+
+    /// The turn of a quaternion; its length does not matter.
+    pub fn of_quaternion(q: Quaternion<f64>) -> Self {
+        Self { p: Complex::new(q.w, q.k), s: Complex::new(q.i, q.j) }
+    }
+
+    /// This turn followed by another.
+    pub fn then(self, next: Self) -> Self {
+        Self { p: self.p * next.p - self.s * next.s.conj(), s: self.p * next.s + self.s * next.p.conj() }
+    }
+
+    /// The turn as the formulas of `chart` take it.
+    pub(crate) fn view(self, chart: Chart) -> Self {
+        match chart {
+            Chart::Upright => self,
+            Chart::Inverted => Self { p: self.p.conj(), s: self.s.conj() },
+        }
+    }
+}
+
+/// cos x and sin x / x from x², by their series while those are exact to the last bit.
+fn cos_and_sinc(x2: f64) -> (f64, f64) {
+    if x2 < 0.01 {
+        let cos = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0 * (1.0 - x2 / 90.0))));
+        let sinc = 1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0 * (1.0 - x2 / 72.0 * (1.0 - x2 / 110.0))));
+        return (cos, sinc);
+    }
+    let x = libm::sqrt(x2);
+    let (sin, cos) = libm::sincos(x);
+    (cos, sin / x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn series_and_library_agree_where_they_meet() {
+        for x in [0.0999, 0.099_999_999] {
+            let (cos, sinc) = cos_and_sinc(x * x);
+            assert!((cos - libm::cos(x)).abs() < 3e-16);
+            assert!((sinc - libm::sin(x) / x).abs() < 3e-16);
+        }
+    }
+}

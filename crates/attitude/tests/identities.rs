@@ -1,0 +1,193 @@
+//! The identities between the forms of an attitude, for attitudes anywhere on the sphere.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use attitude::{
+    Complex, Matrix3, Quaternion, Vector3,
+    accel::Projector,
+    angles::{Angles, wrapped_rad},
+    kinematics,
+    point::{Chart, Point},
+    stage::Stage,
+    state::Attitude,
+    turn::Turn,
+};
+use nalgebra::Normed;
+use proptest::prelude::*;
+
+fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
+    [-limit..limit, -limit..limit, -limit..limit].prop_map(Vector3::from)
+}
+
+/// Unit quaternions, with those of level, vertical and inverted attitudes among them.
+fn quaternion() -> impl Strategy<Value = Quaternion<f64>> {
+    let plain = [-1.0..1.0, -1.0..1.0, -1.0..1.0, -1.0..1.0]
+        .prop_filter("a length", |q: &[f64; 4]| q.iter().map(|x| x * x).sum::<f64>() > 0.01)
+        .prop_map(|[w, i, j, k]| Quaternion::new(w, i, j, k).normalize());
+    let special = prop_oneof![
+        Just(Quaternion::new(1.0, 0.0, 0.0, 0.0)),
+        Just(Quaternion::new(0.0, 1.0, 0.0, 0.0)),
+        Just(Quaternion::new(0.0, 0.0, 1.0, 0.0)),
+        Just(Quaternion::new(0.0, 0.0, 0.0, 1.0)),
+        Just(Quaternion::new(0.5f64.sqrt(), 0.5f64.sqrt(), 0.0, 0.0)),
+    ];
+    prop_oneof![8 => plain, 1 => special]
+}
+
+/// v_body = A v_ref of v_ref = q v_body q*.
+fn matrix_of(q: Quaternion<f64>) -> Matrix3<f64> {
+    let (w, x, y, z) = (q.w, q.i, q.j, q.k);
+    Matrix3::new(
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y + w * z),
+        2.0 * (x * z - w * y),
+        2.0 * (x * y - w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z + w * x),
+        2.0 * (x * z + w * y),
+        2.0 * (y * z - w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+}
+
+/// Matveev 2025, (22).
+fn matrix_of_angles(angles: Angles) -> Matrix3<f64> {
+    let ((s_psi, c_psi), (s_theta, c_theta), (s_gamma, c_gamma)) =
+        (angles.yaw_rad.sin_cos(), angles.pitch_rad.sin_cos(), angles.roll_rad.sin_cos());
+    Matrix3::new(
+        c_gamma * c_psi - s_gamma * s_psi * s_theta,
+        c_gamma * s_psi + s_gamma * c_psi * s_theta,
+        -s_gamma * c_theta,
+        -c_theta * s_psi,
+        c_theta * c_psi,
+        s_theta,
+        s_gamma * c_psi + c_gamma * s_psi * s_theta,
+        s_gamma * s_psi - c_gamma * c_psi * s_theta,
+        c_gamma * c_theta,
+    )
+}
+
+fn angle_between(a: Quaternion<f64>, b: Quaternion<f64>) -> f64 {
+    let d = a.conjugate() * b;
+    2.0 * d.imag().norm().atan2(d.w.abs())
+}
+
+proptest! {
+    #[test]
+    fn quaternion_matrix_and_angles_of_a_point_agree(q in quaternion()) {
+        let attitude = Attitude::of_quaternion(q);
+        prop_assert!(attitude.up.w.norm() <= 1.0 + 1e-15);
+        prop_assert!((attitude.quaternion().norm() - 1.0).abs() < 1e-15);
+        prop_assert!(angle_between(attitude.quaternion(), q) < 1e-14);
+        prop_assert!((attitude.matrix() - matrix_of(q)).amax() < 1e-14);
+        prop_assert!((matrix_of_angles(attitude.angles()) - matrix_of(q)).amax() < 1e-12);
+        prop_assert!((attitude.up.direction() - matrix_of(q).column(2)).amax() < 1e-14);
+    }
+
+    #[test]
+    fn angles_go_through_a_point_and_back(
+        yaw_rad in -PI..PI, pitch_rad in -FRAC_PI_2..FRAC_PI_2, roll_rad in -PI..PI,
+    ) {
+        let back = Attitude::of_angles(Angles { yaw_rad, pitch_rad, roll_rad }).angles();
+        let near_vertical = FRAC_PI_2 - pitch_rad.abs();
+        prop_assert!((back.pitch_rad - pitch_rad).abs() < 1e-12);
+        prop_assert!(wrapped_rad(back.yaw_rad - yaw_rad).abs() * near_vertical < 1e-12);
+        prop_assert!(wrapped_rad(back.roll_rad - roll_rad).abs() * near_vertical < 1e-12);
+    }
+
+    #[test]
+    fn initial_point_of_the_article_is_the_point_of_the_angles(
+        pitch_rad in -1.5..1.5f64, roll_rad in -1.5..1.5f64,
+    ) {
+        let w = Attitude::of_angles(Angles { yaw_rad: 0.0, pitch_rad, roll_rad }).up.seen_in(Chart::Upright, 1e6);
+        let k = 1.0 + roll_rad.cos() * pitch_rad.cos();
+        let w0 = Complex::new(-roll_rad.sin() * pitch_rad.cos() / k, pitch_rad.sin() / k);
+        prop_assert!((w - w0).norm() < 1e-13);
+    }
+
+    #[test]
+    fn the_other_chart_is_the_inverse_point(q in quaternion()) {
+        let point = Attitude::of_quaternion(q).up;
+        prop_assume!(point.w.norm() > 1e-3);
+        let other = Point { w: point.seen_in(point.chart.other(), 1e6), chart: point.chart.other() };
+        prop_assert!((other.w * point.w - 1.0).norm() < 1e-15);
+        prop_assert!((other.direction() - point.direction()).amax() < 1e-14);
+    }
+
+    #[test]
+    fn a_turn_acts_as_the_quaternion_product(q in quaternion(), rotation in vector(7.0)) {
+        let turn = Turn::of_rotation_vector(rotation);
+        let before = Attitude::of_quaternion(q);
+        let moved = before.turned(turn);
+        prop_assert!(moved.attitude.up.w.norm() <= 1.2 + 1e-12);
+        prop_assert!(angle_between(moved.attitude.quaternion(), q * turn.quaternion()) < 1e-13);
+        prop_assert!(angle_between(before.quaternion() * Turn::between(before, moved.attitude).quaternion(), moved.attitude.quaternion()) < 1e-13);
+    }
+
+    #[test]
+    fn two_turns_compose(q in quaternion(), first in vector(3.0), second in vector(3.0)) {
+        let (first, second) = (Turn::of_rotation_vector(first), Turn::of_rotation_vector(second));
+        let attitude = Attitude::of_quaternion(q);
+        let apart = attitude.turned(first).attitude.turned(second).attitude;
+        let together = attitude.turned(first.then(second)).attitude;
+        prop_assert!(angle_between(apart.quaternion(), together.quaternion()) < 1e-13);
+    }
+
+    #[test]
+    fn what_stands_still_swings_with_the_level_frame(q in quaternion(), rotation in vector(7.0), fixed in vector(1.0)) {
+        let before = Attitude::of_quaternion(q);
+        let turn = Turn::of_rotation_vector(rotation);
+        let moved = before.turned(turn);
+        let seen_before = before.horizontal(before.matrix() * fixed);
+        let seen_after = moved.attitude.horizontal(moved.attitude.matrix() * fixed);
+        prop_assert!((seen_before * moved.swing - seen_after).norm() < 1e-13);
+    }
+
+    #[test]
+    fn leaning_turns_about_a_horizontal_axis(q in quaternion(), lean in [-0.3..0.3f64, -0.3..0.3f64]) {
+        let lean = Complex::new(lean[0], lean[1]);
+        let before = Attitude::of_quaternion(q);
+        let moved = before.leaned(lean);
+        let change = moved.attitude.quaternion() * before.quaternion().conjugate();
+        prop_assert!(change.k.abs() < 1e-14);
+        let up_before = before.horizontal(moved.attitude.up.direction());
+        let size = 2.0 / (1.0 + lean.norm_sqr());
+        prop_assert!((up_before - lean * size).norm() < 1e-14);
+    }
+
+    #[test]
+    fn the_step_is_the_limit_of_fine_runge_kutta(q in quaternion(), rate in vector(6.0)) {
+        let dt_s = 0.01;
+        let exact = Attitude::of_quaternion(q).turned(Turn::of_rotation_vector(rate * dt_s)).attitude;
+        let mut fine = Attitude::of_quaternion(q);
+        for _ in 0..100 {
+            fine = kinematics::rk4(fine, |_| rate, dt_s / 100.0);
+        }
+        prop_assert!(angle_between(exact.quaternion(), fine.quaternion()) < 1e-12);
+        prop_assert!((exact.up.direction() - fine.up.direction()).amax() < 1e-12);
+    }
+
+    #[test]
+    fn the_projector_finds_the_up_vector(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
+        let attitude = Attitude::of_quaternion(q);
+        let seen = Projector::default().step(&(attitude.up.direction() * norm_m_s2));
+        prop_assert!(seen.up.w.norm() <= 1.0 + 1e-12);
+        prop_assert!((seen.up.direction() - attitude.up.direction()).amax() < 1e-14);
+        prop_assert!((seen.norm_m_s2 - norm_m_s2).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_half_turn_from_level_leads_to_the_inverted_chart() {
+    let moved = Attitude::default().turned(Turn::of_quaternion(Quaternion::new(0.0, 1.0, 0.0, 0.0)));
+    assert_eq!(moved.attitude.up.chart, Chart::Inverted);
+    assert!(moved.attitude.up.w.norm() < 1e-15);
+}
+
+#[test]
+fn a_force_without_direction_keeps_the_point_and_has_no_trust() {
+    let mut projector = Projector::default();
+    let seen = projector.step(&Vector3::new(0.0, 6.0, 8.0));
+    let kept = projector.step(&Vector3::new(0.0, 0.01, -0.01));
+    assert_eq!((kept.up, kept.trust), (seen.up, 0.0));
+}
