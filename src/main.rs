@@ -1,1 +1,138 @@
-fn main(){}
+//! `plumb`: one executable with every service and the supervisor that runs them.
+#![forbid(unsafe_code)]
+
+use std::{fmt::Display, path::PathBuf, process::ExitCode};
+
+use clap::{Args, Parser, Subcommand};
+use launch::{Launch, Service};
+use runtime::Pace;
+use supervisor::Request;
+
+/// Attitude and course from separate processes over shared memory.
+#[derive(Parser)]
+#[command(
+    version,
+    after_help = "Exit codes: 0 done, 1 failed while running, 2 wrong usage, 3 wrong configuration or input file."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a system until its source ends or Ctrl-C; what `plumb` alone does.
+    Up(Up),
+    /// Look at a launch file.
+    Config {
+        #[command(subcommand)]
+        command: ConfigCommand,
+    },
+    /// Be one service of a running system; the supervisor starts it so.
+    #[command(hide = true)]
+    Service {
+        /// Which one.
+        #[arg(value_parser = service)]
+        service: Service,
+    },
+}
+
+#[derive(Subcommand)]
+enum ConfigCommand {
+    /// Say what is wrong with a launch file, if anything is.
+    Check {
+        /// The launch file.
+        file: PathBuf,
+    },
+}
+
+#[derive(Args, Default)]
+struct Up {
+    /// What runs [default: ./launch.toml, else the one built in].
+    launch: Option<PathBuf>,
+    /// A recording (CSV or CSV.gz) in place of the launch file's source.
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
+    /// Seconds of the source per second, or `max`: as fast as the slowest service.
+    #[arg(long, value_name = "X|max", value_parser = pace)]
+    speed: Option<Pace>,
+    /// How much of the source to run, as `10s`, `500ms`, `2m`, `1h`.
+    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
+    duration_s: Option<f64>,
+    /// Run every slot in this process, without the bus.
+    #[arg(long)]
+    in_process: bool,
+    /// Write `t_s,qw,qx,qy,qz` of each tick.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Print one JSON object at the end, on the last line of standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> ExitCode {
+    match Cli::parse().command.unwrap_or(Command::Up(Up::default())) {
+        Command::Up(up) => run(up),
+        Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
+            Ok(_) => {
+                eprintln!("{} is valid", file.display());
+                ExitCode::SUCCESS
+            }
+            Err(error) => fail(&error, 3),
+        },
+        Command::Service { service } => {
+            let ended: Result<(), Box<dyn Display>> = match service {
+                Service::Ingest => ingest::run().map_err(|error| Box::new(error) as _),
+                Service::Gyro => gyro::run().map_err(|error| Box::new(error) as _),
+                Service::Accel => accel::run().map_err(|error| Box::new(error) as _),
+                Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
+                Service::Course => course::run().map_err(|error| Box::new(error) as _),
+            };
+            ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn run(up: Up) -> ExitCode {
+    let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
+    match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
+        Ok(report) => {
+            eprintln!("{report}");
+            if json {
+                println!("{}", report.json());
+            }
+            ExitCode::SUCCESS
+        }
+        Err(error) => fail(&error, error.exit_code()),
+    }
+}
+
+fn fail(error: &dyn Display, code: u8) -> ExitCode {
+    eprintln!("{error}");
+    ExitCode::from(code)
+}
+
+fn service(name: &str) -> Result<Service, String> {
+    Service::named(name).ok_or_else(|| "there is no such service".into())
+}
+
+fn pace(text: &str) -> Result<Pace, String> {
+    match text.parse() {
+        _ if text == "max" => Ok(Pace::Max),
+        Ok(speed) if (1e-3..=1e6).contains(&speed) => Ok(Pace::Speed(speed)),
+        _ => Err("expected `max` or a number from 0.001 to 1000000".into()),
+    }
+}
+
+fn duration_s(text: &str) -> Result<f64, String> {
+    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let scale = match &text[split..] {
+        "ms" => 1e-3,
+        "s" | "" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err("expected a number with ms, s, m or h".into()),
+    };
+    let number: f64 = text[..split].trim().parse().map_err(|_| "expected a number with ms, s, m or h")?;
+    Some(number * scale).filter(|s| (1e-3..=1e8).contains(s)).ok_or_else(|| "expected 1 ms to 27000 h".into())
+}

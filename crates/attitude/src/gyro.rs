@@ -79,6 +79,11 @@ impl Gyro {
         Some(Self { method, attitude: Attitude::default(), rate_before_rad_s: Vector3::zeros(), started: false })
     }
 
+    /// The open-loop attitude.
+    pub fn attitude(&self) -> Attitude {
+        self.attitude
+    }
+
     /// Sets the attitude to integrate from.
     pub fn align(&mut self, attitude: Attitude) {
         self.attitude = attitude;

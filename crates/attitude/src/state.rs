@@ -111,6 +111,15 @@ impl Attitude {
         self.mapped(self.up.w + lean, Complex::new(1.0, 0.0) - self.up.w.conj() * lean)
     }
 
+    /// The attitude after the shortest turn of its level that brings `up` up; heading does not follow.
+    pub fn realigned(self, up: Point) -> Moved {
+        let seen = up.direction();
+        let vertical = 1.0 + seen.dot(&self.up.direction());
+        // Exactly upside down there is no shortest turn: any horizontal axis will do.
+        let lean = if vertical > 1e-9 { self.horizontal(seen) / vertical } else { Complex::new(1e9, 0.0) };
+        self.leaned(lean)
+    }
+
     /// Horizontal part of a body vector in the level frame, the reference frame turned by z: ξ + j η.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.

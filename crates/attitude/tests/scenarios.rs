@@ -1,4 +1,5 @@
 //! The stages on simulated motions: the article's tables, tumbling through the inverted attitude, steady spin, snapshots.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use attitude::{
     GRAVITY_M_S2, Vector3,
@@ -61,7 +62,7 @@ fn total_error_deg(estimate: Attitude, truth: Attitude) -> f64 {
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
-    (sum / count as f64).sqrt()
+    (sum / count).sqrt()
 }
 
 struct S1Errors {

@@ -1,0 +1,18 @@
+//! The bus on board: typed topics in shared memory and the wake-up of whoever waits for them.
+//!
+//! Input: messages of a topic. Output: the same messages in every subscriber, without a copy by the kernel. Time: waits have a
+//! limit; nothing else looks at a clock. Failure: a publisher never blocks on a reader; what a reader is too slow for is overwritten,
+//! oldest first, and shows as a gap in the ticks.
+//!
+//! Data goes through iceoryx2, which no other crate names. Its events cost as much as a hop and can lose a wake-up, so each service
+//! has one futex word in a page of our own instead ([`Waiter`], [`Waker`]).
+
+mod domain;
+mod error;
+mod topic;
+mod wake;
+
+pub use domain::{Claim, Domain};
+pub use error::BusError;
+pub use topic::{Bus, Publisher, Subscriber};
+pub use wake::{WORDS, Waiter, Waker, Woken};

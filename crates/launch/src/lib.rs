@@ -1,0 +1,20 @@
+//! The launch file: everything that runs, declared in one place.
+//!
+//! Input: the text of a `launch.toml`. Output: a [`Launch`] in which every value is present and allowed. Time: none.
+//! Failure: every problem of the file at once, each pointing at its line; nothing that is not understood is passed over.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | `model` | what a launch file says, and the defaults |
+//! | `schema` | which keys there are, and what each may be |
+//! | `walk` | reading a table key by key |
+//! | `problem` | what is wrong with a file, and how it is shown |
+#![forbid(unsafe_code)]
+
+mod model;
+mod problem;
+mod schema;
+mod walk;
+
+pub use model::{BusSource, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source, Stage};
+pub use problem::{LaunchError, Problems};

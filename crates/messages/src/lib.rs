@@ -1,0 +1,68 @@
+//! What the services say to each other: fixed payloads, their names, units and layout fingerprints.
+//!
+//! Input, output: plain values without pointers, padding or invalid bit patterns, so that any bytes of the right length are a
+//! message. Time: a message carries it, nothing here reads it. Failure: none; who reads a message checks what it means.
+//!
+//! | topic | type | from | to |
+//! | --- | --- | --- | --- |
+//! | `sensor` | [`SensorReading`] | an injector | ingest with source `bus` |
+//! | `imu` | [`ImuSample`] | ingest | gyro, accel |
+//! | `reference` | [`Reference`] | ingest, where the source knows the truth | supervisor |
+//! | `gyro` | [`GyroStep`] | gyro | fuser |
+//! | `accel` | [`AccelPoint`] | accel | fuser |
+//! | `fused` | [`FusedState`] | fuser | course |
+//! | `attitude` | [`AttitudeOutput`] | course | whoever asks |
+//! | `credit` | [`Credit`] | supervisor | ingest |
+//! | `health` | [`Health`] | every service | supervisor |
+#![forbid(unsafe_code)]
+
+mod convert;
+mod flags;
+mod layout;
+mod topics;
+
+pub use convert::{finite, pair};
+pub use flags::Flags;
+pub use layout::{Field, Layout};
+pub use topics::{
+    AccelPoint, AttitudeOutput, Chart, CourseReference, Credit, FusedState, GyroStep, Header, Health, ImuSample,
+    Reference, SensorReading, State,
+};
+
+/// A payload of a topic.
+pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
+    /// The topic's name.
+    const TOPIC: &'static str;
+    /// The type's name with its version; a change of meaning changes it.
+    const TYPE: &'static str;
+
+    /// Names, types and places of the fields.
+    fn layout() -> Layout;
+}
+
+/// A message that descends from one IMU sample.
+pub trait Ticked: Message {
+    /// Where it comes from.
+    fn header(&self) -> &Header;
+    /// Where it comes from.
+    fn header_mut(&mut self) -> &mut Header;
+
+    /// The bytes that are the same in every run on the same input: those of the message without its stamps of this run's clock
+    /// and processes.
+    fn canonical(mut self) -> Self {
+        let header = self.header_mut();
+        (header.t_born_ns, header.t_sent_ns, header.incarnation) = (0, 0, 0);
+        self
+    }
+}
+
+/// FNV-1a, 64 bits, continued from `hash`; start with [`HASH_START`].
+pub fn hash(mut hash: u64, bytes: &[u8]) -> u64 {
+    for byte in bytes {
+        hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    }
+    hash
+}
+
+/// The hash of nothing.
+pub const HASH_START: u64 = 0xcbf2_9ce4_8422_2325;

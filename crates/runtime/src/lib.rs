@@ -1,0 +1,25 @@
+//! The loop around a slot's work: who reads what, in which order, until when.
+//!
+//! Input: messages of the topics that a slot reads. Output: one message per tick, in order. Time: stamps and waits only; what a slot
+//! makes of its inputs never depends on a clock. Failure: a tick that never comes is counted and said; an input that stays away is
+//! left out once another is far enough ahead.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`slot`] | a slot's work without clock or bus, for one input or for two joined by tick |
+//! | [`orders`] | what a service is told at its start, and what follows from it |
+//! | [`service`] | the loop over the bus |
+//! | [`clock`] | the monotonic clock |
+#![forbid(unsafe_code)]
+
+pub mod clock;
+pub mod orders;
+pub mod service;
+pub mod slot;
+
+pub use orders::{Orders, Pace};
+pub use service::{Member, RuntimeError, serve};
+pub use slot::{EachTick, Join, Joined, Sequence, Slot, Work};
+
+/// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.
+pub const BRIDGE_S: f64 = 1.0;

@@ -1,0 +1,172 @@
+//! The slot `fuser`: from `gyro` and `accel`, joined by tick, to `fused`.
+//!
+//! Input: the motion and the point of each tick. Output: one attitude for each tick. Time: the samples' own. Failure: what is
+//! missing or cannot be used is left out and flagged; over a gap longer than the gyro bridges the level is set anew.
+#![forbid(unsafe_code)]
+
+use attitude::{
+    accel::Inclination,
+    fuser::{Fused, Fuser, FuserInput},
+    gyro::Motion,
+    stage::Stage,
+    state::Attitude,
+    turn::Turn,
+};
+use launch::Service;
+use messages::{AccelPoint, Flags, FusedState, GyroStep, Header, Ticked, finite, pair};
+use runtime::{BRIDGE_S, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve};
+
+/// What the slot reads.
+#[derive(Debug, Clone, Copy)]
+pub enum FuserMessage {
+    /// Of the topic `gyro`.
+    Gyro(GyroStep),
+    /// Of the topic `accel`.
+    Accel(AccelPoint),
+}
+
+impl From<GyroStep> for FuserMessage {
+    fn from(message: GyroStep) -> Self {
+        Self::Gyro(message)
+    }
+}
+
+impl From<AccelPoint> for FuserMessage {
+    fn from(message: AccelPoint) -> Self {
+        Self::Accel(message)
+    }
+}
+
+/// The slot.
+#[derive(Debug, Clone)]
+pub struct FuserSlot {
+    join: Join<GyroStep, AccelPoint>,
+    stage: Fuser,
+    name: String,
+    gyro_before: Option<(Attitude, i64)>,
+    aligned: bool,
+    reset_counter: u64,
+}
+
+/// The slot with the stage that `orders` name.
+pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
+    let name = orders.launch.fuser.stage.clone();
+    Ok(FuserSlot {
+        join: Join::new(orders.lateness_ticks()),
+        stage: Fuser::named(&name).ok_or(RuntimeError::Stage { slot: Service::Fuser, stage: name.clone() })?,
+        name,
+        gyro_before: None,
+        aligned: false,
+        reset_counter: 0,
+    })
+}
+
+/// The service.
+pub fn run() -> Result<(), RuntimeError> {
+    let member = Member::join(Service::Fuser)?;
+    let slot = slot(&member.orders)?;
+    let (gyro, accel) = (member.subscriber::<GyroStep>()?, member.subscriber::<AccelPoint>()?);
+    serve(member, slot, &[&accel, &gyro])
+}
+
+impl Slot for FuserSlot {
+    type Input = FuserMessage;
+    type Output = FusedState;
+
+    fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
+        match input {
+            FuserMessage::Gyro(message) => self.join.offer_first(message),
+            FuserMessage::Accel(message) => self.join.offer_second(message),
+        }
+        while let Some(tick) = self.join.take() {
+            if let Some(state) = self.fuse(&tick) {
+                publish(state);
+            }
+        }
+    }
+
+    fn sequence(&self) -> &Sequence {
+        self.join.sequence()
+    }
+}
+
+impl FuserSlot {
+    fn fuse(&mut self, tick: &Joined<GyroStep, AccelPoint>) -> Option<FusedState> {
+        let origin = tick.first.as_ref().map(Ticked::header).or(tick.second.as_ref().map(Ticked::header))?;
+        let mut header = self.join.sequence().mark(*origin, tick.missing);
+        if let Some(accel) = &tick.second {
+            header.flags |= accel.header.flags;
+        }
+        let motion = tick.first.as_ref().and_then(|gyro| self.motion(gyro));
+        let inclination = tick.second.as_ref().and_then(|accel| inclination(accel, header.flags));
+        header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(tick.second.is_none());
+        if header.flags.any(Flags::GAP) && motion.is_some_and(|motion| motion.dt_s == 0.0) {
+            self.stage.realign();
+        }
+        let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
+        let rest_credible = !header.flags.any(suspect);
+        let fused = self.step(&FuserInput { motion, inclination, rest_credible }, &mut header);
+        Some(FusedState {
+            header,
+            w: pair(fused.attitude.up.w),
+            z_rad: fused.attitude.z_rad,
+            chart: fused.attitude.up.chart.into(),
+            rate_rad_s: fused.rate_rad_s.into(),
+            bias_rad_s: fused.bias_rad_s.into(),
+            innovation_rad: fused.innovation_rad,
+            inclination_sd_rad: fused.inclination_sd_rad,
+            reset_counter: self.reset_counter,
+        })
+    }
+
+    /// One step of the stage. A stage that leaves the finite numbers is replaced by a fresh one.
+    fn step(&mut self, input: &FuserInput, header: &mut Header) -> Fused {
+        let mut fused = self.stage.step(input);
+        if !is_finite(&fused) {
+            header.flags |= Flags::RESET;
+            self.stage = Fuser::named(&self.name).unwrap_or_else(|| self.stage.clone());
+            fused = self.stage.step(input);
+        }
+        let aligned_now = fused.corrections.aligned;
+        self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
+        self.aligned |= aligned_now;
+        header.flags |= Flags::ALIGNED.when(aligned_now)
+            | Flags::UNALIGNED.when(!self.aligned)
+            | Flags::AT_REST.when(fused.corrections.rest);
+        fused
+    }
+
+    /// The motion since the last tick that was fused. Where ticks are missing on the way here, the gyro's own attitude still knows
+    /// how far the body turned.
+    fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
+        let header = gyro.header;
+        let mut motion = gyro.motion(header.dt_s())?;
+        let before = self.gyro_before.replace((motion.attitude, header.t_end_ns));
+        if let Some((attitude, t_end_ns)) = before.filter(|(_, t_end_ns)| *t_end_ns != header.t_start_ns) {
+            motion.turn = Turn::between(attitude, motion.attitude);
+            motion.dt_s = (header.t_end_ns - t_end_ns) as f64 * 1e-9;
+        }
+        if motion.dt_s > BRIDGE_S {
+            motion.dt_s = 0.0;
+            motion.turn = Turn::NONE;
+        }
+        Some(motion)
+    }
+}
+
+/// The inclination of a point, unless its flags say that it is not one.
+fn inclination(accel: &AccelPoint, flags: Flags) -> Option<Inclination> {
+    // A frozen accelerometer is told from a body at rest by a gyro that still lives.
+    let frozen = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK);
+    if frozen || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
+        return None;
+    }
+    let force_m_s2 = finite(accel.force_m_s2)?;
+    Some(Inclination { up: accel.point()?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
+}
+
+fn is_finite(fused: &Fused) -> bool {
+    let q = fused.attitude.quaternion();
+    let numbers = [fused.innovation_rad, fused.inclination_sd_rad];
+    q.coords.iter().chain(&fused.bias_rad_s).chain(&fused.rate_rad_s).chain(&numbers).all(|x| x.is_finite())
+}

@@ -1,0 +1,199 @@
+//! The service `ingest`: from a source to `imu`, checked and numbered.
+//!
+//! Input: a simulation, a recording, or readings from the bus. Output: one [`ImuSample`] per tick, and the true attitude where it is
+//! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`conditioner`].
+#![forbid(unsafe_code)]
+
+pub mod conditioner;
+pub mod source;
+
+use std::time::Duration;
+
+use bus::{BusError, Publisher, Subscriber};
+use launch::{Service, Source};
+use messages::{Credit, Flags, ImuSample, Reference, SensorReading, State};
+use runtime::{
+    Member, Orders, Pace, RuntimeError,
+    clock::{monotonic_ns, sleep_until_ns},
+    orders::BUFFER_BESIDE,
+};
+
+use conditioner::Conditioner;
+use source::{Reading, Readings, SourceError, Truth};
+
+/// Samples sent at most before the readers are woken.
+const BATCH: usize = 64;
+/// Longest sleep before the service looks whether it is to end.
+const SLEEP_LIMIT: Duration = Duration::from_millis(50);
+
+/// Why ingest ended.
+#[derive(Debug, thiserror::Error)]
+pub enum IngestError {
+    /// The loop or the bus failed.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The source failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+}
+
+impl From<BusError> for IngestError {
+    fn from(cause: BusError) -> Self {
+        Self::Runtime(cause.into())
+    }
+}
+
+/// The conditioner for the source that `orders` name.
+pub fn conditioner(orders: &Orders) -> Conditioner {
+    Conditioner::new(&orders.launch.ingest.limits, orders.rate_hz, orders.gyro_samples())
+}
+
+/// The service.
+pub fn run() -> Result<(), IngestError> {
+    let mut ingest = Ingest::join()?;
+    match ingest.member.orders.launch.ingest.source {
+        Source::Bus => ingest.relay()?,
+        Source::Sim | Source::Replay => ingest.pace()?,
+    }
+    ingest.finish()
+}
+
+struct Ingest {
+    member: Member,
+    conditioner: Conditioner,
+    imu: Publisher<ImuSample>,
+    reference: Publisher<Reference>,
+    credit: Subscriber<Credit>,
+    allowed_ticks: u64,
+    flags: Flags,
+}
+
+impl Ingest {
+    fn join() -> Result<Self, IngestError> {
+        let member = Member::join(Service::Ingest)?;
+        runtime::clock::wake_on_time();
+        Ok(Self {
+            conditioner: conditioner(&member.orders),
+            imu: member.publisher()?,
+            reference: member.bus.publisher(member.orders.buffer_ticks(), &[])?,
+            credit: member.bus.subscriber(BUFFER_BESIDE)?,
+            member,
+            allowed_ticks: 0,
+            flags: Flags::NONE,
+        })
+    }
+
+    /// Publishes the readings of a simulation or a recording when they are due.
+    fn pace(&mut self) -> Result<(), IngestError> {
+        let mut readings = Readings::open(&self.member.orders.launch)?;
+        self.say(State::READY)?;
+        let mut next = self.read(&mut readings)?;
+        let mut start = None;
+        while let (false, Some((sample, _))) = (self.member.ends(), &next) {
+            self.drain_credit()?;
+            if sample.header.tick >= self.allowed_ticks {
+                let credit = &self.credit;
+                self.member.wait(|| credit.has_messages());
+                continue;
+            }
+            let t_end_ns = sample.header.t_end_ns;
+            let (start_ns, first_ns) = *start.get_or_insert((monotonic_ns(), t_end_ns));
+            let due_ns = match self.member.orders.pace {
+                Pace::Max => 0,
+                Pace::Speed(speed) => start_ns + ((t_end_ns - first_ns) as f64 / speed) as u64,
+            };
+            if monotonic_ns() < due_ns {
+                sleep_until_ns(due_ns, SLEEP_LIMIT);
+                self.say(State::RUNNING)?;
+                continue;
+            }
+            let batch = if self.member.orders.pace == Pace::Max { BATCH } else { 1 };
+            for _ in 0..batch {
+                match next.take_if(|(sample, _)| sample.header.tick < self.allowed_ticks) {
+                    Some((sample, truth)) => self.publish(sample, truth)?,
+                    None => break,
+                }
+                next = self.read(&mut readings)?;
+            }
+            self.imu.wake();
+            self.say(State::RUNNING)?;
+        }
+        Ok(())
+    }
+
+    /// Publishes the readings of the topic `sensor` as they come.
+    fn relay(&mut self) -> Result<(), IngestError> {
+        let sensor: Subscriber<SensorReading> = self.member.subscriber()?;
+        self.say(State::READY)?;
+        while !self.member.ends() && self.conditioner.ticks() < self.ticks_max() {
+            self.drain_credit()?;
+            for _ in 0..BATCH {
+                let Some(reading) = sensor.receive()? else { break };
+                if let Some(sample) = self.conditioner.condition(&reading.into()) {
+                    self.publish(sample, None)?;
+                }
+            }
+            self.imu.wake();
+            self.say(if self.conditioner.ticks() > 0 { State::RUNNING } else { State::READY })?;
+            let credit = &self.credit;
+            self.member.wait(|| sensor.has_messages() || credit.has_messages());
+        }
+        Ok(())
+    }
+
+    /// The source is at its end; the service stays until the last reader has what it sent.
+    fn finish(&mut self) -> Result<(), IngestError> {
+        while !self.member.ends() {
+            self.say(State::FINISHED)?;
+            self.member.wait(|| false);
+        }
+        self.say(State::FINISHED)
+    }
+
+    /// The next reading that can be placed, as a sample.
+    fn read(&mut self, readings: &mut Readings) -> Result<Option<(ImuSample, Option<Truth>)>, IngestError> {
+        if self.conditioner.ticks() >= self.ticks_max() {
+            return Ok(None);
+        }
+        for reading in readings {
+            let reading: Reading = reading?;
+            if let Some(sample) = self.conditioner.condition(&reading) {
+                return Ok(Some((sample, reading.truth)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn publish(&mut self, mut sample: ImuSample, truth: Option<Truth>) -> Result<(), IngestError> {
+        if let Some(Truth { quaternion, scored }) = truth {
+            let tick = sample.header.tick;
+            self.reference.send(&Reference { tick, scored: scored.into(), quaternion })?;
+        }
+        self.flags |= sample.header.flags;
+        self.member.stamp(&mut sample.header);
+        sample.header.t_born_ns = sample.header.t_sent_ns;
+        Ok(self.imu.send(&sample)?)
+    }
+
+    fn drain_credit(&mut self) -> Result<(), IngestError> {
+        for _ in 0..BUFFER_BESIDE {
+            match self.credit.receive()? {
+                Some(credit) => self.allowed_ticks = self.allowed_ticks.max(credit.ticks),
+                None => break,
+            }
+        }
+        Ok(())
+    }
+
+    fn say(&mut self, state: State) -> Result<(), IngestError> {
+        let (ticks, refused, flags) = (self.conditioner.ticks(), self.conditioner.refused(), self.flags);
+        self.member.say(state, |health| {
+            (health.ticks, health.refused, health.flags) = (ticks, refused, flags);
+        })?;
+        Ok(())
+    }
+
+    fn ticks_max(&self) -> u64 {
+        self.member.orders.ticks_max.unwrap_or(u64::MAX)
+    }
+}

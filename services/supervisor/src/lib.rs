@@ -1,0 +1,105 @@
+//! The supervisor: `plumb up`.
+//!
+//! Input: a launch file and what the command line adds to it. Output: a running system, its attitude, and how it went. Time: the
+//! clock, for deadlines and for what people see. Failure: a service that ends takes the system with it, and says why.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`plan`] | what is to run, checked before anything starts |
+//! | [`system`] | the services as processes on the bus |
+//! | [`in_process`] | the same slots in this process, without the bus |
+//! | [`collector`] | what becomes of the attitude: accuracy, latency, file |
+//! | [`report`] | how it went, for scripts and for people |
+//! | `children`, `view` | processes; the terminal |
+#![forbid(unsafe_code)]
+
+mod children;
+pub mod collector;
+pub mod in_process;
+pub mod plan;
+pub mod report;
+pub mod system;
+mod view;
+
+use std::{io, path::PathBuf};
+
+use bus::BusError;
+use ingest::source::SourceError;
+use launch::{LaunchError, Service};
+use recording::RecordingError;
+use runtime::RuntimeError;
+
+pub use plan::{Plan, Request};
+pub use report::Report;
+
+/// Runs what was asked for, to its end.
+pub fn up(request: &Request) -> Result<Report, UpError> {
+    let plan = Plan::new(request)?;
+    if request.in_process { in_process::run(&plan) } else { system::run(&plan) }
+}
+
+/// Why a system did not run, or did not run to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum UpError {
+    /// The launch file is wrong.
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+    /// The recording is wrong.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The source is wrong.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// A slot could not be filled.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// A service ended by itself.
+    #[error("the service {service} (process {pid}) {how}; the system was stopped{said}")]
+    ServiceEnded {
+        /// Which one.
+        service: Service,
+        /// Its process.
+        pid: u32,
+        /// How it ended.
+        how: String,
+        /// What it said last, on lines of its own.
+        said: String,
+    },
+    /// A service did not say that it is ready.
+    #[error("starting the service {service}: not ready within {deadline_s} s; is the machine overloaded?")]
+    NotReady {
+        /// Which one.
+        service: Service,
+        /// How long it was waited for.
+        deadline_s: u64,
+    },
+    /// A process could not be started or asked.
+    #[error("{doing}: {cause}")]
+    System {
+        /// What was being done.
+        doing: String,
+        /// What the system answered.
+        cause: io::Error,
+    },
+    /// The attitude could not be written.
+    #[error("writing {path}: {cause}")]
+    Out {
+        /// The file.
+        path: PathBuf,
+        /// What the system answered.
+        cause: io::Error,
+    },
+}
+
+impl UpError {
+    /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, else 1.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
+            _ => 1,
+        }
+    }
+}

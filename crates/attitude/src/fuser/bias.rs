@@ -138,6 +138,17 @@ impl BiasFilter {
         Response { tilt: tilt_known, velocity: velocity_known }
     }
 
+    /// The level begins anew, with an unknown error; the bias stays.
+    pub(super) fn restart(&mut self) {
+        let Self { state, mut covariance, .. } = *self;
+        for i in 3..5 {
+            covariance.row_mut(i).fill(0.0);
+            covariance.column_mut(i).fill(0.0);
+            covariance[(i, i)] = SD_LEVEL_RAD * SD_LEVEL_RAD;
+        }
+        *self = Self { state, covariance, ..Self::default() };
+    }
+
     /// The bias was seen directly, at rest.
     pub(super) fn at_rest(&mut self, bias_rad_s: Vector3<f64>) {
         self.state.fixed_rows_mut::<3>(0).copy_from(&bias_rad_s);

@@ -85,6 +85,16 @@ impl Fuser {
             _ => None,
         }
     }
+
+    /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
+    /// bias stay.
+    pub fn realign(&mut self) {
+        match self {
+            Self::Wz(stage) => stage.realign(),
+            Self::WzClosed(stage) => stage.realign(),
+            Self::WzOpen(stage) => stage.realign(),
+        }
+    }
 }
 
 impl Stage for Fuser {

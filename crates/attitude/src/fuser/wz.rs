@@ -34,6 +34,13 @@ pub struct Wz {
 }
 
 impl Wz {
+    pub(super) fn realign(&mut self) {
+        self.started = false;
+        self.velocity_m_s = Complex::new(0.0, 0.0);
+        self.bias.restart();
+        self.rest.interrupt();
+    }
+
     fn moved(&mut self, moved: Moved) {
         self.attitude = moved.attitude;
         self.velocity_m_s *= moved.swing;
@@ -76,7 +83,7 @@ impl Stage for Wz {
                 corrections.bias = self.level(inclination.force_m_s2, dt_s);
                 corrections.tilt = true;
             } else {
-                self.attitude = Attitude::levelled(inclination.up);
+                self.moved(self.attitude.realigned(inclination.up));
                 self.started = true;
                 corrections.aligned = true;
             }

@@ -29,6 +29,12 @@ impl Default for WzClosed {
     }
 }
 
+impl WzClosed {
+    pub(super) fn realign(&mut self) {
+        self.started = false;
+    }
+}
+
 impl Stage for WzClosed {
     type Input = FuserInput;
     type Output = Fused;
@@ -54,7 +60,7 @@ impl Stage for WzClosed {
                 self.innovation2_rad2 += (innovation * innovation - self.innovation2_rad2) * gain;
                 corrections.tilt = true;
             } else {
-                self.attitude = Attitude::levelled(inclination.up);
+                self.attitude = self.attitude.realigned(inclination.up).attitude;
                 self.started = true;
                 corrections.aligned = true;
             }

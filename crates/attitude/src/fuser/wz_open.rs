@@ -34,6 +34,10 @@ impl Default for WzOpen {
 }
 
 impl WzOpen {
+    pub(super) fn realign(&mut self) {
+        self.started = false;
+    }
+
     fn fused(&self) -> Attitude {
         let up = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
         Attitude { up, z_rad: self.gyro.z_rad }.rebounded()

@@ -1,0 +1,142 @@
+//! A system's name and everything that carries it: one running system per name, nothing left when it ends.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io,
+    os::unix::fs::{MetadataExt, OpenOptionsExt},
+    path::{Path, PathBuf},
+};
+
+use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
+use rustix::fs::{FlockOperation, flock};
+
+use crate::{
+    BusError,
+    wake::{PAGE_BYTES, Page},
+};
+
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// The name of a system: prefix of its shared memory, name of its folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Domain {
+    name: String,
+}
+
+impl Domain {
+    /// The domain of the system `name`: 1 to 32 of a-z, 0-9, - and _.
+    pub fn new(name: &str) -> Result<Self, BusError> {
+        let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > 32 || !name.chars().all(legal) {
+            return Err(BusError::Name { name: name.into() });
+        }
+        Ok(Self { name: name.into() })
+    }
+
+    /// The system's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Makes this process the owner of the name; what an earlier owner left behind is removed.
+    pub fn claim(&self) -> Result<Claim, BusError> {
+        // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
+        for _ in 0..100 {
+            let file = self.open_page(true)?;
+            match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+                Ok(()) => {}
+                Err(rustix::io::Errno::WOULDBLOCK) => {
+                    let pid = Page::map(&file).map_or(0, |page| page.owner_pid());
+                    return Err(BusError::Taken { name: self.name.clone(), pid });
+                }
+                Err(cause) => return Err(self.page_error("locking", cause.into())),
+            }
+            let same = fs::metadata(self.page_path())
+                .is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()));
+            if !same {
+                continue;
+            }
+            file.set_len(PAGE_BYTES as u64).map_err(|cause| self.page_error("sizing", cause))?;
+            let page = Page::map(&file).map_err(|cause| self.page_error("mapping", cause))?;
+            page.set_owner_pid(std::process::id());
+            self.remove_remains();
+            return Ok(Claim { domain: self.clone(), _lock: file });
+        }
+        Err(self.page_error("locking", io::Error::other("it kept disappearing")))
+    }
+
+    pub(crate) fn page(&self) -> Result<Page, BusError> {
+        let file = match self.open_page(false) {
+            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => {
+                return Err(BusError::NotRunning { name: self.name.clone() });
+            }
+            other => other?,
+        };
+        Page::map(&file).map_err(|cause| self.page_error("mapping", cause))
+    }
+
+    pub(crate) fn config(&self) -> Config {
+        let mut config = Config::default();
+        // Names are checked in `new`, so both conversions hold.
+        if let Ok(prefix) = FileName::new(self.prefix().as_bytes()) {
+            config.global.prefix = prefix;
+        }
+        if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
+            config.global.set_root_path(&root);
+        }
+        config
+    }
+
+    fn prefix(&self) -> String {
+        format!("plumbline.{}.", self.name)
+    }
+
+    fn root(&self) -> PathBuf {
+        PathBuf::from(format!("/tmp/plumbline.{}", self.name))
+    }
+
+    fn page_path(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
+    }
+
+    fn page_error(&self, doing: &'static str, cause: io::Error) -> BusError {
+        BusError::File { doing, path: self.page_path(), cause }
+    }
+
+    fn open_page(&self, create: bool) -> Result<File, BusError> {
+        OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(create)
+            .truncate(false)
+            .mode(0o600)
+            .open(self.page_path())
+            .map_err(|cause| self.page_error("opening", cause))
+    }
+
+    /// Removes every file that carries the name but the page. Only the owner of the name may, when no service of it lives.
+    fn remove_remains(&self) {
+        let (prefix, page) = (self.prefix(), self.page_path());
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) && entry.path() != page {
+                // What cannot be removed belongs to somebody else; creating it anew will say so.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+        let _ = fs::remove_dir_all(self.root());
+    }
+}
+
+/// Ownership of a system's name. When it is dropped nothing of the name remains; drop it after the last service has ended.
+#[derive(Debug)]
+pub struct Claim {
+    domain: Domain,
+    _lock: File,
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        self.domain.remove_remains();
+        let _ = fs::remove_file(self.domain.page_path());
+    }
+}

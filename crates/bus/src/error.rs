@@ -1,0 +1,81 @@
+use std::{io, path::PathBuf};
+
+/// Why the bus could not do what it was asked.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The name cannot be part of a file's name.
+    #[error("naming a system: {name:?} is not a name; use 1 to 32 of a-z, 0-9, - and _")]
+    Name {
+        /// The name asked for.
+        name: String,
+    },
+    /// Another supervisor holds the name.
+    #[error(
+        "starting the system {name:?}: one of that name already runs (process {pid}); stop it (kill {pid}), or set another `name` in \
+         launch.toml"
+    )]
+    Taken {
+        /// The name asked for.
+        name: String,
+        /// Who holds it.
+        pid: u32,
+    },
+    /// The page of wake words, or the folder of the bus.
+    #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is space")]
+    File {
+        /// What was being done.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system answered.
+        cause: io::Error,
+    },
+    /// A service was started without its system.
+    #[error("joining the system {name:?}: it does not run; start it with `plumb up`")]
+    NotRunning {
+        /// The system's name.
+        name: String,
+    },
+    /// The node could not be made.
+    #[error("joining the bus of {name:?}: {cause}")]
+    Node {
+        /// The system's name.
+        name: String,
+        /// What iceoryx2 answered.
+        cause: String,
+    },
+    /// Both sides of a topic were built from different sources.
+    #[error("opening the topic `{topic}`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only")]
+    Layout {
+        /// The topic.
+        topic: &'static str,
+        /// Our layout.
+        here: String,
+        /// The layout of whoever created the topic.
+        there: String,
+    },
+    /// The topic could not be opened.
+    #[error("opening the topic `{topic}`: {cause}")]
+    Topic {
+        /// The topic.
+        topic: &'static str,
+        /// What iceoryx2 answered.
+        cause: String,
+    },
+    /// A message could not be sent.
+    #[error("publishing on the topic `{topic}`: {cause}")]
+    Send {
+        /// The topic.
+        topic: &'static str,
+        /// What iceoryx2 answered.
+        cause: String,
+    },
+    /// A message could not be received.
+    #[error("reading the topic `{topic}`: {cause}")]
+    Receive {
+        /// The topic.
+        topic: &'static str,
+        /// What iceoryx2 answered.
+        cause: String,
+    },
+}

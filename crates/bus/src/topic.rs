@@ -1,0 +1,185 @@
+//! Topics: typed streams in shared memory.
+
+use std::{fmt, sync::Arc};
+
+use iceoryx2::{
+    node::{Node, NodeBuilder},
+    port::{publisher::Publisher as IoxPublisher, subscriber::Subscriber as IoxSubscriber},
+    prelude::{
+        AttributeVerifier, Config, LogLevel, MessagingPattern, NodeName, Service, ServiceName, SignalHandlingMode,
+        ZeroCopySend, ipc, set_log_level,
+    },
+    service::{attribute::AttributeSet, port_factory::publish_subscribe::PortFactory},
+};
+use messages::Message;
+
+use crate::{BusError, Domain, Waiter, Waker, wake::Page};
+
+/// Active, candidate and injector, and one that was killed and is not yet cleaned up.
+const PUBLISHERS: usize = 4;
+/// Services of the path, recorder, gateway, taps, and two that were killed.
+const SUBSCRIBERS: usize = 10;
+/// Every service says how it is.
+const HEALTH_PUBLISHERS: usize = 24;
+const NODES: usize = 40;
+/// iceoryx2 holds eight attributes of 256 bytes.
+const LAYOUT_CHUNK: usize = 250;
+
+/// A process's place on the bus of a system.
+#[derive(Debug)]
+pub struct Bus {
+    domain: Domain,
+    config: Config,
+    node: Node<ipc::Service>,
+    page: Arc<Page>,
+}
+
+impl Bus {
+    /// Joins the system's bus as `who`.
+    pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
+        set_log_level(LogLevel::Fatal);
+        let page = Arc::new(domain.page()?);
+        let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
+        let config = domain.config();
+        let node = NodeBuilder::new()
+            .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|cause| failed(&cause))?;
+        Ok(Self { domain: domain.clone(), config, node, page })
+    }
+
+    /// The system this is the bus of.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten. `readers` are the words
+    /// of the services to wake.
+    pub fn publisher<M: Message>(&self, buffer: usize, readers: &[usize]) -> Result<Publisher<M>, BusError> {
+        let service = self.topic::<M>(buffer)?;
+        let port = service
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .create()
+            .map_err(|cause| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") })?;
+        Ok(Publisher { port, waker: Waker::new(self.page.clone(), readers) })
+    }
+
+    /// Reads `M`, from the oldest message the publishers still hold.
+    pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
+        let service = self.topic::<M>(buffer)?;
+        let port = service
+            .subscriber_builder()
+            .buffer_size(buffer)
+            .create()
+            .map_err(|cause| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") })?;
+        Ok(Subscriber { port })
+    }
+
+    /// Waits on the word of one service.
+    pub fn waiter(&self, word: usize) -> Waiter {
+        Waiter::new(self.page.clone(), word)
+    }
+
+    fn topic<M: Message>(&self, buffer: usize) -> Result<PortFactory<ipc::Service, Sample<M>, ()>, BusError> {
+        let failed = |cause: &dyn fmt::Debug| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") };
+        let name = ServiceName::new(M::TOPIC).map_err(|cause| failed(&cause))?;
+        let layout = M::layout().to_string();
+        let mut attributes = AttributeVerifier::new();
+        for (key, chunk) in layout_chunks(&layout) {
+            let (Ok(key), Ok(value)) = (key.as_str().try_into(), chunk.try_into()) else {
+                return Err(failed(&"the layout's text is too long"));
+            };
+            attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
+        }
+        let publishers = if M::TOPIC == messages::Health::TOPIC { HEALTH_PUBLISHERS } else { PUBLISHERS };
+        self.node
+            .service_builder(&name)
+            .publish_subscribe::<Sample<M>>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(buffer)
+            .history_size(0)
+            .subscriber_max_borrowed_samples(1)
+            .max_publishers(publishers)
+            .max_subscribers(SUBSCRIBERS)
+            .max_nodes(NODES)
+            .open_or_create_with_attributes(&attributes)
+            .map_err(|cause| match self.layout_on_bus(&name) {
+                Some(there) if there != layout => BusError::Layout { topic: M::TOPIC, here: layout.clone(), there },
+                _ => failed(&cause),
+            })
+    }
+
+    /// The layout that the topic's creator wrote down.
+    fn layout_on_bus(&self, name: &ServiceName) -> Option<String> {
+        let details = ipc::Service::details(name, &self.config, MessagingPattern::PublishSubscribe).ok()??;
+        let attributes: &AttributeSet = details.static_details.attributes();
+        let text: String = attributes.iter().map(|attribute| attribute.value().to_string()).collect();
+        (!text.is_empty()).then_some(text)
+    }
+}
+
+/// The layout's text in pieces that an attribute holds, with keys in their order.
+fn layout_chunks(layout: &str) -> impl Iterator<Item = (String, &str)> {
+    let chunks = layout.as_bytes().chunks(LAYOUT_CHUNK).enumerate();
+    chunks.map(|(i, chunk)| (format!("layout.{i}"), std::str::from_utf8(chunk).unwrap_or_default()))
+}
+
+/// A message as iceoryx2 takes it.
+#[derive(Debug, Clone, Copy)]
+#[repr(transparent)]
+struct Sample<M>(M);
+
+#[allow(unsafe_code)]
+// SAFETY: `Message` requires `Pod`: `repr(C)`, no pointers, no padding, every bit pattern valid, so it means the same in every
+// process; that both sides define it alike is checked by the layout in the topic's attributes.
+unsafe impl<M: Message> ZeroCopySend for Sample<M> {
+    unsafe fn type_name() -> &'static str {
+        M::TYPE
+    }
+}
+
+/// Publishes on a topic.
+#[derive(Debug)]
+pub struct Publisher<M: Message> {
+    port: IoxPublisher<ipc::Service, Sample<M>, ()>,
+    waker: Waker,
+}
+
+impl<M: Message> Publisher<M> {
+    /// Puts a message into every reader's buffer; does not wake anybody and never waits.
+    pub fn send(&self, message: &M) -> Result<(), BusError> {
+        let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: M::TOPIC, cause: format!("{cause:?}") };
+        let sample = self.port.loan_uninit().map_err(|cause| failed(&cause))?;
+        sample.write_payload(Sample(*message)).send().map_err(|cause| failed(&cause))?;
+        Ok(())
+    }
+
+    /// Wakes the readers, once after all that was sent.
+    pub fn wake(&self) {
+        self.waker.wake();
+    }
+}
+
+/// Reads a topic.
+#[derive(Debug)]
+pub struct Subscriber<M: Message> {
+    port: IoxSubscriber<ipc::Service, Sample<M>, ()>,
+}
+
+impl<M: Message> Subscriber<M> {
+    /// The oldest message not yet read.
+    pub fn receive(&self) -> Result<Option<M>, BusError> {
+        match self.port.receive() {
+            Ok(sample) => Ok(sample.map(|sample| sample.payload().0)),
+            Err(cause) => Err(BusError::Receive { topic: M::TOPIC, cause: format!("{cause:?}") }),
+        }
+    }
+
+    /// There is a message to read; true as well when only reading can tell what is wrong.
+    pub fn has_messages(&self) -> bool {
+        self.port.has_samples().unwrap_or(true)
+    }
+}

@@ -1,0 +1,183 @@
+//! What a launch file says, and the defaults.
+
+use serde::{Deserialize, Serialize};
+use std::{fmt, path::PathBuf};
+
+/// One running system.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Launch {
+    /// The system's name, 1 to 32 of a–z, 0–9, `_` and `-`; one running system per name.
+    pub name: String,
+    /// Every service once, in the order they are started.
+    pub services: Vec<Service>,
+    /// How much every topic holds before its oldest sample is overwritten, s.
+    pub buffer_s: f64,
+    /// How far ahead of a missing input another must be for a join to go on without it, s; less than `buffer_s`.
+    pub lateness_s: f64,
+    /// Where samples come from, and what is wrong with a sample.
+    pub ingest: Ingest,
+    /// Which of `attitude::gyro::Gyro::NAMES` runs.
+    pub gyro: Stage,
+    /// Which of `attitude::accel::Projector::NAMES` runs.
+    pub accel: Stage,
+    /// Which of `attitude::fuser::Fuser::NAMES` runs.
+    pub fuser: Stage,
+    /// Which of `attitude::course::Course::NAMES` runs.
+    pub course: Stage,
+}
+
+/// What fills a slot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// The stage's name, one of the slot's `NAMES`.
+    pub stage: String,
+}
+
+/// Where samples come from, and what is wrong with a sample.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ingest {
+    /// Which of the three below is used.
+    pub source: Source,
+    /// The simulated sensors.
+    pub sim: Sim,
+    /// The recorded flight.
+    pub replay: Replay,
+    /// The samples another process publishes.
+    pub bus: BusSource,
+    /// What is flagged.
+    pub limits: Limits,
+}
+
+/// Simulated sensors on a body in motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sim {
+    /// The motion, one of `scenario::Motion::NAMES`.
+    pub scenario: String,
+    /// Samples per second, Hz.
+    pub rate_hz: f64,
+    /// Seed of the noise; the same seed gives the same samples. At most `i64::MAX`.
+    pub seed: u64,
+    /// Constant gyro bias on each axis, °/s.
+    pub gyro_bias_deg_s: f64,
+    /// White noise of the accelerometer on each axis and sample, standard deviation, g.
+    pub accel_noise_g: f64,
+}
+
+/// A recorded flight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Replay {
+    /// The recording; empty if none is named. [`Launch::read`] has put the launch file's folder before a relative path.
+    pub file: PathBuf,
+    /// What a rate sample says about its interval.
+    pub gyro_samples: GyroSamples,
+}
+
+/// Samples that another process publishes on the bus.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BusSource {
+    /// Nominal samples per second, Hz.
+    pub rate_hz: f64,
+    /// What a rate sample says about its interval.
+    pub gyro_samples: GyroSamples,
+}
+
+/// What is flagged in the samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// A rate at or beyond it is flagged as clipped, °/s.
+    pub rate_max_deg_s: f64,
+    /// A specific force at or beyond it is flagged as clipped, g.
+    pub force_max_g: f64,
+    /// A longer interval between samples is flagged as a gap, s.
+    pub gap_s: f64,
+    /// A sensor that repeats itself for so long is flagged as stuck, s.
+    pub stuck_s: f64,
+}
+
+/// A service of the system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Service {
+    /// Brings samples in.
+    Ingest,
+    /// Integrates the rate.
+    Gyro,
+    /// Finds the vertical in the specific force.
+    Accel,
+    /// Joins both to the attitude.
+    Fuser,
+    /// Turns the attitude into angles.
+    Course,
+}
+
+/// Where samples come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// Simulated sensors.
+    Sim,
+    /// A recorded flight.
+    Replay,
+    /// Another process, over the bus.
+    Bus,
+}
+
+/// What a rate sample says about its interval.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GyroSamples {
+    /// The mean over the interval.
+    Means,
+    /// The value at the interval's end.
+    Instants,
+}
+
+impl Default for Launch {
+    fn default() -> Self {
+        let stage = |name: &str| Stage { stage: name.into() };
+        Self {
+            name: "plumbline".into(),
+            services: Service::ALL.into(),
+            buffer_s: 1.0,
+            lateness_s: 0.5,
+            ingest: Ingest {
+                source: Source::Sim,
+                sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
+                replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means },
+                bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
+                limits: Limits { rate_max_deg_s: 2000.0, force_max_g: 16.0, gap_s: 0.1, stuck_s: 0.5 },
+            },
+            gyro: stage("mobius"),
+            accel: stage("projector"),
+            fuser: stage("wz"),
+            course: stage("angles"),
+        }
+    }
+}
+
+impl Service {
+    /// Every service, in the order data passes through them.
+    pub const ALL: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
+
+    /// The name it has in a launch file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ingest => "ingest",
+            Self::Gyro => "gyro",
+            Self::Accel => "accel",
+            Self::Fuser => "fuser",
+            Self::Course => "course",
+        }
+    }
+
+    /// The service of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|service| service.name() == name)
+    }
+}
+
+impl fmt::Display for Service {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}

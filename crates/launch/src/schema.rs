@@ -1,0 +1,353 @@
+//! Which keys there are, and what each may be.
+
+use crate::{
+    GyroSamples, Launch, LaunchError, Problems, Service, Source,
+    model::{Ingest, Stage},
+    problem::{Problem, quoted},
+    walk::{self, Section},
+};
+use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro};
+use scenario::Motion;
+use std::{fs, path::Path};
+use toml::{Spanned, de::DeTable};
+
+impl Launch {
+    /// Reads a launch file. A relative `ingest.replay.file` is taken from the launch file's folder.
+    pub fn read(path: &Path) -> Result<Self, LaunchError> {
+        let text =
+            fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
+        let mut launch = Self::parse(&path.display().to_string(), &text)?;
+        let file = &mut launch.ingest.replay.file;
+        if let Some(folder) = path.parent().filter(|_| !file.as_os_str().is_empty()) {
+            *file = folder.join(&*file);
+        }
+        Ok(launch)
+    }
+
+    /// The launch a text declares; `file_name` is what problems call it. An absent key takes its default.
+    ///
+    /// A text that is not TOML is not looked into further: what its tables hold is then a guess.
+    pub fn parse(file_name: &str, text: &str) -> Result<Self, Problems> {
+        let mut launch = Self::default();
+        let (table, syntax_errors) = DeTable::parse_recoverable(text);
+        let mut list: Vec<_> = syntax_errors.iter().map(|error| Problem::syntax(error, text)).collect();
+        if list.is_empty() {
+            walk::root(table.get_ref(), &mut list, |section| launch.take(section));
+        }
+        if list.is_empty() {
+            return Ok(launch);
+        }
+        list.sort_by_key(|problem| problem.span.start);
+        Err(Problems { file_name: file_name.into(), text: text.into(), list })
+    }
+
+    fn take(&mut self, section: &mut Section<'_, '_>) {
+        section.text("name", r#"1 to 32 of a-z, 0-9, "_" and "-""#, system_name, &mut self.name);
+        services(section, &mut self.services);
+        let buffer_taken = section.number("buffer_s", 0.1..=60.0, &mut self.buffer_s);
+        let lateness_taken = section.number("lateness_s", 0.01..=60.0, &mut self.lateness_s);
+        if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
+            section.report(lateness_problem(self, section));
+        }
+        section.section("ingest", |section| ingest(section, &mut self.ingest));
+        stage(section, "gyro", Gyro::NAMES, &mut self.gyro);
+        stage(section, "accel", Projector::NAMES, &mut self.accel);
+        stage(section, "fuser", Fuser::NAMES, &mut self.fuser);
+        stage(section, "course", Course::NAMES, &mut self.course);
+    }
+}
+
+fn system_name(name: &str) -> Option<String> {
+    let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
+    ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())
+}
+
+fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
+    let allowed = Service::ALL.map(|service| (service.name(), service));
+    let Some(listed) = section.choices("services", allowed) else { return };
+    let all_known = listed.iter().all(Option::is_some);
+    let listed: Vec<_> = listed.into_iter().flatten().collect();
+    for (index, service) in listed.iter().enumerate() {
+        if let Some(first) = listed[..index].iter().find(|earlier| earlier.get_ref() == service.get_ref()) {
+            let title = format!("services: \"{}\" is listed twice", service.get_ref());
+            section.report(Problem {
+                context: Some((first.span(), "first listed here".into())),
+                ..Problem::new(service.span(), title, "listed again")
+            });
+        }
+    }
+    *out = listed.into_iter().map(Spanned::into_inner).collect();
+    let missing: Vec<_> =
+        Service::ALL.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
+    if let Some(span) = section.span("services").filter(|_| all_known && !missing.is_empty()) {
+        section.report(Problem {
+            note: Some("every service runs exactly once".into()),
+            ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
+        });
+    }
+}
+
+fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
+    let title = format!("lateness_s = {} must be less than buffer_s = {}", launch.lateness_s, launch.buffer_s);
+    let (buffer, lateness) = (section.span("buffer_s"), section.span("lateness_s"));
+    let problem = match (lateness, buffer) {
+        (Some(lateness), buffer) => Problem {
+            context: buffer.map(|buffer| (buffer, "the topics hold this much".into())),
+            ..Problem::new(lateness, title, format!("expected less than {}", launch.buffer_s))
+        },
+        (None, buffer) => {
+            Problem::new(buffer.unwrap_or_default(), title, format!("expected more than {}", launch.lateness_s))
+        }
+    };
+    Problem { note: Some("a join can wait only for what the topics still hold".into()), ..problem }
+}
+
+fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
+    let sources = [("sim", Source::Sim), ("replay", Source::Replay), ("bus", Source::Bus)];
+    let gyro_samples = [("means", GyroSamples::Means), ("instants", GyroSamples::Instants)];
+    let rates_hz = 1.0..=10_000.0;
+
+    section.choice("source", sources, &mut out.source);
+    section.section("sim", |section| {
+        section.choice("scenario", Motion::NAMES.map(named), &mut out.sim.scenario);
+        section.number("rate_hz", rates_hz.clone(), &mut out.sim.rate_hz);
+        section.natural("seed", &mut out.sim.seed);
+        section.number("gyro_bias_deg_s", 0.0..=100.0, &mut out.sim.gyro_bias_deg_s);
+        section.number("accel_noise_g", 0.0..=10.0, &mut out.sim.accel_noise_g);
+    });
+    let (mut file_taken, mut file_span) = (true, None);
+    section.section("replay", |section| {
+        file_taken = section.text("file", "a path", |path| Some(path.into()), &mut out.replay.file);
+        file_span = section.span("file");
+        section.choice("gyro_samples", gyro_samples, &mut out.replay.gyro_samples);
+    });
+    section.section("bus", |section| {
+        section.number("rate_hz", rates_hz, &mut out.bus.rate_hz);
+        section.choice("gyro_samples", gyro_samples, &mut out.bus.gyro_samples);
+    });
+    section.section("limits", |section| {
+        section.number("rate_max_deg_s", 1.0..=100_000.0, &mut out.limits.rate_max_deg_s);
+        section.number("force_max_g", 0.1..=10_000.0, &mut out.limits.force_max_g);
+        section.number("gap_s", 0.001..=10.0, &mut out.limits.gap_s);
+        section.number("stuck_s", 0.01..=60.0, &mut out.limits.stuck_s);
+    });
+
+    if out.source == Source::Replay && file_taken && out.replay.file.as_os_str().is_empty() {
+        let span = file_span.or_else(|| section.span("source")).unwrap_or_default();
+        section.report(Problem {
+            help: Some(r#"name a recording: file = "flight.csv.gz" in [ingest.replay]"#.into()),
+            ..Problem::new(span, "ingest.replay.file: a replay needs a file, none is named", "no file to replay")
+        });
+    }
+}
+
+fn stage<const N: usize>(section: &mut Section<'_, '_>, slot: &'static str, names: [&'static str; N], out: &mut Stage) {
+    section.section(slot, |section| {
+        section.choice("stage", names.map(named), &mut out.stage);
+    });
+}
+
+fn named(name: &'static str) -> (&'static str, String) {
+    (name, name.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{BusSource, Limits, Replay, Sim};
+
+    fn problems(text: &str) -> String {
+        Launch::parse("launch.toml", text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_empty_file_is_the_default() {
+        assert_eq!(Launch::parse("x", ""), Ok(Launch::default()));
+        assert_eq!(Launch::parse("x", "[ingest]\n[ingest.sim]\n[gyro]\n"), Ok(Launch::default()));
+    }
+
+    #[test]
+    fn the_defaults_are_allowed_values() {
+        let launch = Launch::default();
+        assert!(system_name(&launch.name).is_some());
+        assert!(launch.lateness_s < launch.buffer_s);
+        assert!(Motion::named(&launch.ingest.sim.scenario).is_some());
+        assert!(Gyro::NAMES.contains(&launch.gyro.stage.as_str()));
+        assert!(Projector::NAMES.contains(&launch.accel.stage.as_str()));
+        assert!(Fuser::NAMES.contains(&launch.fuser.stage.as_str()));
+        assert!(Course::NAMES.contains(&launch.course.stage.as_str()));
+    }
+
+    #[test]
+    fn every_key_is_taken() {
+        let text = r#"
+            name = "wing-2_b"
+            services = ["course", "fuser", "accel", "gyro", "ingest"]
+            buffer_s = 60
+            lateness_s = 0.01
+            gyro.stage = "rk4"
+            accel = { stage = "projector" }
+            [ingest]
+            source = "replay"
+            [ingest.sim]
+            scenario = "tumble"
+            rate_hz = 1_0_000
+            seed = 0x7fff_ffff_ffff_ffff
+            gyro_bias_deg_s = 0
+            accel_noise_g = 10.0
+            [ingest.replay]
+            file = "flight.csv.gz"
+            gyro_samples = "instants"
+            [ingest.bus]
+            rate_hz = 1
+            gyro_samples = "instants"
+            [ingest.limits]
+            rate_max_deg_s = 1e5
+            force_max_g = 0.1
+            gap_s = 0.001
+            stuck_s = 60
+            [fuser]
+            stage = "wz-closed"
+            [course]
+            stage = "angles"
+        "#;
+        let stage = |name: &str| Stage { stage: name.into() };
+        let expected = Launch {
+            name: "wing-2_b".into(),
+            services: Service::ALL.into_iter().rev().collect(),
+            buffer_s: 60.0,
+            lateness_s: 0.01,
+            ingest: Ingest {
+                source: Source::Replay,
+                sim: Sim {
+                    scenario: "tumble".into(),
+                    rate_hz: 10_000.0,
+                    seed: i64::MAX.unsigned_abs(),
+                    gyro_bias_deg_s: 0.0,
+                    accel_noise_g: 10.0,
+                },
+                replay: Replay { file: "flight.csv.gz".into(), gyro_samples: GyroSamples::Instants },
+                bus: BusSource { rate_hz: 1.0, gyro_samples: GyroSamples::Instants },
+                limits: Limits { rate_max_deg_s: 100_000.0, force_max_g: 0.1, gap_s: 0.001, stuck_s: 60.0 },
+            },
+            gyro: stage("rk4"),
+            accel: stage("projector"),
+            fuser: stage("wz-closed"),
+            course: stage("angles"),
+        };
+        assert_eq!(Launch::parse("launch.toml", text), Ok(expected));
+    }
+
+    #[test]
+    fn two_problems_are_shown_at_once_as_rustc_shows_them() {
+        let shown = problems("bufer_s = 2.0\n[fuser]\nstage = \"wz-opn\"\n");
+        let expected = r#"error: unknown key "bufer_s"
+ --> launch.toml:1:1
+  |
+1 | bufer_s = 2.0
+  | ^^^^^^^ not known here
+  |
+  = help: did you mean "buffer_s"?
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "ingest", "gyro", "accel", "fuser", "course"
+
+error: fuser.stage: unknown value "wz-opn"
+ --> launch.toml:3:9
+  |
+3 | stage = "wz-opn"
+  |         ^^^^^^^^ not known here
+  |
+  = help: did you mean "wz-open"?
+  = note: allowed: "wz", "wz-closed", "wz-open"
+
+launch.toml: 2 problems"#;
+        assert_eq!(shown, expected);
+    }
+
+    #[test]
+    fn each_problem_points_at_its_place() {
+        let cases: &[(&str, &[&str])] = &[
+            (
+                "[ingest.sim]\nrate = 100",
+                &["unknown key \"rate\" in [ingest.sim]", ":2:1\n", "| ^^^^ not", "did you mean \"rate_hz\"?"],
+            ),
+            ("[igest]\n", &["unknown key \"igest\"", ":1:2\n", "|  ^^^^^ not", "did you mean \"ingest\"?"]),
+            ("[gyro]\nstage = \"kalman\"", &[":2:9\n", "allowed: \"mobius\", \"rk4\", \"euler\""]),
+            ("[ingest]\nsource = \"Sim\"", &["ingest.source", ":2:10\n", "^^^^^ not", "did you mean \"sim\"?"]),
+            ("buffer_s = \"1\"", &["buffer_s: expected a number, found a string", ":1:12\n", "^^^ expected a number"]),
+            ("name = 3", &["name: expected a string, found an integer", ":1:8\n", "^ expected a string"]),
+            ("ingest.sim.seed = 1.5", &["expected an integer, found a float", ":1:19\n", "^^^ expected an integer"]),
+            ("ingest = true", &["ingest: expected a table, found a boolean", ":1:10\n", "^^^^ expected a table"]),
+            ("[[gyro]]", &["gyro: expected a table, found an array", ":1:1\n", "^^^^^^^^ expected a table"]),
+            ("services = 1979-05-27", &["expected an array, found a date or time", ":1:12\n", "^^^^^^^^^^ expected"]),
+            ("ingest.sim.rate_hz = 0", &["rate_hz: expected 1 to 10000, found 0", ":1:22\n", "^ expected 1 to 10000"]),
+            ("ingest.limits.gap_s = nan", &["expected 0.001 to 10, found nan", ":1:23\n", "^^^ expected 0.001"]),
+            ("ingest.limits.stuck_s = -inf", &["expected 0.01 to 60, found -inf", ":1:25\n", "^^^^ expected 0.01"]),
+            ("ingest.sim.seed = -1", &["expected 0 to 9223372036854775807, found -1", ":1:19\n", "^^ expected 0"]),
+            ("ingest.sim.seed = 9223372036854775808", &["found 9223372036854775808", ":1:19\n"]),
+            (
+                "buffer_s = 1\nlateness_s = 1.0",
+                &["lateness_s = 1 must be less than buffer_s = 1", ":2:14\n", "- the topics hold", "^^^ expected less"],
+            ),
+            ("buffer_s = 0.5", &["lateness_s = 0.5 must be less", ":1:12\n", "^^^ expected more than 0.5"]),
+            (
+                "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
+                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service runs exactly once"],
+            ),
+            (
+                "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"gyro\", \"course\"]",
+                &["services: \"gyro\" is listed twice", ":1:49\n", "------ first listed here", "^^^^^^ listed again"],
+            ),
+            ("services = [\"gyr\"]", &["unknown value \"gyr\"", ":1:13\n", "^^^^^ not", "did you mean \"gyro\"?"]),
+            ("name = \"Plumb Line\"", &["found \"Plumb Line\"", ":1:8\n", "^^^^^^^^^^^^ expected 1 to 32 of a-z"]),
+            ("name = \"\"", &["name: expected 1 to 32", ":1:8\n", "^^ expected"]),
+            (
+                "ingest.source = \"replay\"",
+                &["a replay needs a file", ":1:17\n", "^^^^^^^^ no file", "file = \"flight"],
+            ),
+            (
+                "ingest = { source = \"replay\", replay.file = \"\" }",
+                &["a replay needs a file", ":1:45\n", "^^ no file"],
+            ),
+            ("[gyro\n", &["not valid TOML: unclosed table", ":1:6\n", "^ expected `]`"]),
+            ("name = \"a\"\nname = \"b\"", &["not valid TOML: duplicate key", ":2:1\n", "^^^^ here"]),
+        ];
+        for (text, parts) in cases {
+            let shown = problems(text);
+            for part in *parts {
+                assert!(shown.contains(part), "{part:?} is not in\n{shown}");
+            }
+            assert!(shown.ends_with("launch.toml: 1 problem"), "{shown}");
+        }
+    }
+
+    #[test]
+    fn a_refused_value_causes_no_second_problem() {
+        assert!(problems("buffer_s = 0.2\nlateness_s = 100").ends_with("1 problem"));
+        assert!(problems("ingest.source = \"replay\"\ningest.replay.file = 7").ends_with("1 problem"));
+    }
+
+    #[test]
+    fn every_syntax_error_is_shown_and_nothing_guessed_from_the_rest() {
+        let shown = problems("name = \"abc\nbufer_s = 1\n[gyro\nstage = \"none\"\n");
+        assert!(shown.contains(":1:12\n") && shown.contains(":3:6\n"), "{shown}");
+        assert!(shown.ends_with("launch.toml: 2 problems"), "{shown}");
+    }
+
+    #[test]
+    fn a_relative_recording_lies_beside_the_launch_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("launch.toml");
+        for (file, expected) in [("a.csv", folder.path().join("a.csv")), ("/b.csv", "/b.csv".into()), ("", "".into())] {
+            fs::write(&path, format!("ingest.replay.file = {file:?}")).unwrap();
+            assert_eq!(Launch::read(&path).unwrap().ingest.replay.file, expected);
+        }
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_is_named() {
+        let error = Launch::read(Path::new("/nowhere/launch.toml")).unwrap_err();
+        assert!(matches!(error, LaunchError::Unreadable { .. }));
+        assert!(error.to_string().starts_with("reading the launch file /nowhere/launch.toml: "), "{error}");
+        assert!(error.to_string().contains("check that it exists"), "{error}");
+    }
+}

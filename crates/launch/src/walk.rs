@@ -1,0 +1,207 @@
+//! Reading a table key by key: what is allowed is written over the default, what is not becomes a problem.
+
+use crate::problem::Problem;
+use std::ops::{Range, RangeInclusive};
+use toml::{
+    Spanned,
+    de::{DeInteger, DeTable, DeValue},
+};
+
+/// A table being read. Every reader returns whether the key is absent or its value was taken.
+pub(crate) struct Section<'t, 'p> {
+    path: String,
+    table: &'t DeTable<'t>,
+    known: Vec<&'static str>,
+    problems: &'p mut Vec<Problem>,
+}
+
+/// Reads the file's outermost table.
+pub(crate) fn root<'t>(table: &'t DeTable<'t>, problems: &mut Vec<Problem>, read: impl FnOnce(&mut Section<'t, '_>)) {
+    walk(String::new(), table, problems, read);
+}
+
+fn walk<'t>(
+    path: String,
+    table: &'t DeTable<'t>,
+    problems: &mut Vec<Problem>,
+    read: impl FnOnce(&mut Section<'t, '_>),
+) {
+    let mut section = Section { path, table, known: Vec::new(), problems };
+    read(&mut section);
+    section.refuse_the_rest();
+}
+
+impl<'t> Section<'t, '_> {
+    /// A table in this one.
+    pub(crate) fn section(&mut self, key: &'static str, read: impl FnOnce(&mut Section<'t, '_>)) {
+        let Some(value) = self.get(key) else { return };
+        match value.get_ref() {
+            DeValue::Table(table) => walk(self.path_of(key), table, self.problems, read),
+            _ => self.refuse_type(key, value, "a table"),
+        }
+    }
+
+    /// A finite number in a range, written with or without a point.
+    pub(crate) fn number(&mut self, key: &'static str, allowed: RangeInclusive<f64>, out: &mut f64) -> bool {
+        self.read(key, out, |section, value| {
+            let (number, found) = match value.get_ref() {
+                DeValue::Float(float) => (float.as_str().parse().ok(), float.as_str().to_owned()),
+                DeValue::Integer(integer) => (int(integer).map(|integer| integer as f64), integer.to_string()),
+                _ => {
+                    section.refuse_type(key, value, "a number");
+                    return None;
+                }
+            };
+            let number = number.filter(|number| allowed.contains(number));
+            if number.is_none() {
+                section.refuse(key, value, &format!("{} to {}", allowed.start(), allowed.end()), &found);
+            }
+            number
+        })
+    }
+
+    /// An integer from 0 to the largest that TOML promises.
+    pub(crate) fn natural(&mut self, key: &'static str, out: &mut u64) -> bool {
+        self.read(key, out, |section, value| {
+            let DeValue::Integer(integer) = value.get_ref() else {
+                section.refuse_type(key, value, "an integer");
+                return None;
+            };
+            let natural = int(integer).and_then(|integer| u64::try_from(integer).ok());
+            if natural.is_none() {
+                section.refuse(key, value, &format!("0 to {}", i64::MAX), &integer.to_string());
+            }
+            natural
+        })
+    }
+
+    /// A string of which `accept` makes a value; `expected` says what it accepts.
+    pub(crate) fn text<T>(
+        &mut self,
+        key: &'static str,
+        expected: &str,
+        accept: impl FnOnce(&str) -> Option<T>,
+        out: &mut T,
+    ) -> bool {
+        self.read(key, out, |section, value| {
+            let text = section.string(key, value)?;
+            let accepted = accept(text);
+            if accepted.is_none() {
+                section.refuse(key, value, expected, &format!("{text:?}"));
+            }
+            accepted
+        })
+    }
+
+    /// One of these names, for what it stands for.
+    pub(crate) fn choice<T: Clone, const N: usize>(
+        &mut self,
+        key: &'static str,
+        allowed: [(&'static str, T); N],
+        out: &mut T,
+    ) -> bool {
+        self.read(key, out, |section, value| section.chosen(key, value, &allowed))
+    }
+
+    /// An array of such names; the value of each with its place, nothing for one that was refused.
+    pub(crate) fn choices<T: Clone, const N: usize>(
+        &mut self,
+        key: &'static str,
+        allowed: [(&'static str, T); N],
+    ) -> Option<Vec<Option<Spanned<T>>>> {
+        let array = self.get(key)?;
+        let DeValue::Array(values) = array.get_ref() else {
+            self.refuse_type(key, array, "an array");
+            return None;
+        };
+        let chosen = |value| self.chosen(key, value, &allowed).map(|item| Spanned::new(value.span(), item));
+        Some(values.iter().map(chosen).collect())
+    }
+
+    /// Where the key's value stands, if the key is present.
+    pub(crate) fn span(&self, key: &str) -> Option<Range<usize>> {
+        self.table.get(key).map(Spanned::span)
+    }
+
+    /// Adds a problem between several values.
+    pub(crate) fn report(&mut self, problem: Problem) {
+        self.problems.push(problem);
+    }
+
+    fn read<T>(
+        &mut self,
+        key: &'static str,
+        out: &mut T,
+        convert: impl FnOnce(&mut Self, &'t Spanned<DeValue<'t>>) -> Option<T>,
+    ) -> bool {
+        let Some(value) = self.get(key) else { return true };
+        convert(self, value).map(|value| *out = value).is_some()
+    }
+
+    fn get(&mut self, key: &'static str) -> Option<&'t Spanned<DeValue<'t>>> {
+        self.known.push(key);
+        self.table.get(key)
+    }
+
+    fn chosen<T: Clone>(
+        &mut self,
+        key: &str,
+        value: &Spanned<DeValue<'_>>,
+        allowed: &[(&'static str, T)],
+    ) -> Option<T> {
+        let text = self.string(key, value)?;
+        let item = allowed.iter().find(|(name, _)| *name == text).map(|(_, item)| item.clone());
+        if item.is_none() {
+            let names: Vec<_> = allowed.iter().map(|&(name, _)| name).collect();
+            let title = format!("{}: unknown value {text:?}", self.path_of(key));
+            self.problems.push(Problem::unknown(value.span(), title, text, &names));
+        }
+        item
+    }
+
+    fn string<'v>(&mut self, key: &str, value: &'v Spanned<DeValue<'_>>) -> Option<&'v str> {
+        let text = value.get_ref().as_str();
+        if text.is_none() {
+            self.refuse_type(key, value, "a string");
+        }
+        text
+    }
+
+    fn refuse_type(&mut self, key: &str, value: &Spanned<DeValue<'_>>, expected: &str) {
+        let found = match value.get_ref() {
+            DeValue::String(_) => "a string",
+            DeValue::Integer(_) => "an integer",
+            DeValue::Float(_) => "a float",
+            DeValue::Boolean(_) => "a boolean",
+            DeValue::Datetime(_) => "a date or time",
+            DeValue::Array(_) => "an array",
+            DeValue::Table(_) => "a table",
+        };
+        self.refuse(key, value, expected, found);
+    }
+
+    fn refuse(&mut self, key: &str, value: &Spanned<DeValue<'_>>, expected: &str, found: &str) {
+        let title = format!("{}: expected {expected}, found {found}", self.path_of(key));
+        self.problems.push(Problem::new(value.span(), title, format!("expected {expected}")));
+    }
+
+    fn refuse_the_rest(self) {
+        for key in self.table.keys().filter(|key| !self.known.contains(&key.get_ref().as_ref())) {
+            let name = key.get_ref();
+            let title = if self.path.is_empty() {
+                format!("unknown key {name:?}")
+            } else {
+                format!("unknown key {name:?} in [{}]", self.path)
+            };
+            self.problems.push(Problem::unknown(key.span(), title, name, &self.known));
+        }
+    }
+
+    fn path_of(&self, key: &str) -> String {
+        if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
+    }
+}
+
+fn int(integer: &DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(integer.as_str(), integer.radix()).ok()
+}

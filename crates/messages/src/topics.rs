@@ -1,0 +1,364 @@
+//! The payloads, topic by topic.
+
+use crate::{Flags, Layout, Ticked, layout::payload};
+
+/// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Header {
+    /// The number ingest gave to the IMU sample, from 0, without a gap.
+    pub tick: u64,
+    /// Start of the sample's interval on the source's clock, ns.
+    pub t_start_ns: i64,
+    /// End of the sample's interval on the source's clock, ns; grows with every tick.
+    pub t_end_ns: i64,
+    /// When ingest took the sample, CLOCK_MONOTONIC, ns.
+    pub t_born_ns: u64,
+    /// When this message was published, CLOCK_MONOTONIC, ns.
+    pub t_sent_ns: u64,
+    /// Ticks before this one that its stream does not have.
+    pub lost_upstream: u64,
+    /// What is to be said about the sample and what was made of it.
+    pub flags: Flags,
+    /// The supervisor's decision under which the sender owns its slot.
+    pub epoch: u32,
+    /// The life of the sender.
+    pub incarnation: u32,
+}
+
+impl Header {
+    /// Length of the sample's interval, s.
+    pub fn dt_s(&self) -> f64 {
+        (self.t_end_ns - self.t_start_ns) as f64 * 1e-9
+    }
+
+    fn layout() -> Layout {
+        crate::layout::layout_of!(
+            Header,
+            "plumbline.Header.1",
+            tick: u64, t_start_ns: i64, t_end_ns: i64, t_born_ns: u64, t_sent_ns: u64, lost_upstream: u64, flags: Flags,
+            epoch: u32, incarnation: u32
+        )
+    }
+}
+
+/// The chart of a point (w): numbers, so that a message has no invalid bit pattern.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct Chart(pub u64);
+
+impl Chart {
+    /// Projected from −ζ: w = 0 is level.
+    pub const UPRIGHT: Self = Self(0);
+    /// Projected from +ζ: w = 0 is upside down.
+    pub const INVERTED: Self = Self(1);
+}
+
+/// From which direction a course is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct CourseReference(pub u64);
+
+impl CourseReference {
+    /// From wherever the attitude began: gyro and accelerometer alone cannot know north.
+    pub const ARBITRARY: Self = Self(0);
+}
+
+/// What a service does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct State(pub u32);
+
+impl State {
+    /// All its topics are open; it waits for work.
+    pub const READY: Self = Self(1);
+    /// It works.
+    pub const RUNNING: Self = Self(2);
+    /// Its source is at its end.
+    pub const FINISHED: Self = Self(3);
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::READY => "ready",
+            Self::RUNNING => "running",
+            Self::FINISHED => "finished",
+            _ => "starting",
+        }
+    }
+}
+
+payload! {
+    /// A reading as it comes from a sensor, before anything was checked: any value may be NaN.
+    SensorReading = "plumbline.SensorReading.1" on "sensor" {
+        /// The sensor's own time stamp, ns.
+        t_sensor_ns: i64,
+        /// Body rate, rad/s.
+        rate_rad_s: [f64; 3],
+        /// Specific force, m/s².
+        force_m_s2: [f64; 3],
+    }
+}
+
+payload! {
+    /// One checked IMU sample: finite, its time grows, what is wrong with it is in the flags.
+    ImuSample = "plumbline.ImuSample.1" on "imu" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// Body rate, rad/s, body axes.
+        rate_rad_s: [f64; 3],
+        /// Specific force, m/s², body axes; up at rest.
+        force_m_s2: [f64; 3],
+    }
+}
+
+payload! {
+    /// The true attitude at a tick, as far as the source knows it.
+    Reference = "plumbline.Reference.1" on "reference" {
+        /// The IMU sample's tick.
+        tick: u64,
+        /// 1 where an estimate is to be judged by it, else 0.
+        scored: u64,
+        /// Body → reference, w x y z, unit.
+        quaternion: [f64; 4],
+    }
+}
+
+payload! {
+    /// The motion over one tick's interval.
+    GyroStep = "plumbline.GyroStep.1" on "gyro" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// Open-loop point u, v at the interval's end.
+        w: [f64; 2],
+        /// Open-loop turn about the vertical, rad.
+        z_rad: f64,
+        /// The chart of `w` and `z_rad`.
+        chart: Chart,
+        /// The body's turn over the interval, p = d0 + j d3.
+        p: [f64; 2],
+        /// The body's turn over the interval, s = d1 + j d2.
+        s: [f64; 2],
+        /// Mean rate over the interval, rad/s, body axes.
+        rate_rad_s: [f64; 3],
+    }
+}
+
+payload! {
+    /// Where the accelerometer sees up.
+    AccelPoint = "plumbline.AccelPoint.1" on "accel" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// u, v.
+        w: [f64; 2],
+        /// The chart of `w`.
+        chart: Chart,
+        /// |f|, m/s².
+        norm_m_s2: f64,
+        /// 1 at |f| = g, 0 where the point is not from this sample.
+        trust: f64,
+        /// Specific force, m/s², body axes.
+        force_m_s2: [f64; 3],
+    }
+}
+
+payload! {
+    /// The fused attitude.
+    FusedState = "plumbline.FusedState.1" on "fused" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// u, v.
+        w: [f64; 2],
+        /// Turn about the vertical, rad.
+        z_rad: f64,
+        /// The chart of `w` and `z_rad`.
+        chart: Chart,
+        /// Body rate less the bias, rad/s, body axes.
+        rate_rad_s: [f64; 3],
+        /// Gyro bias, rad/s, body axes; zero where the stage does not estimate it.
+        bias_rad_s: [f64; 3],
+        /// Angle between the accelerometer's up and the attitude's, rad.
+        innovation_rad: f64,
+        /// Standard deviation of the inclination, rad.
+        inclination_sd_rad: f64,
+        /// Times the attitude was set anew.
+        reset_counter: u64,
+    }
+}
+
+payload! {
+    /// The attitude as people and autopilots read it.
+    AttitudeOutput = "plumbline.AttitudeOutput.1" on "attitude" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// Body → reference, w x y z, unit: v_ref = q v_body q*.
+        quaternion: [f64; 4],
+        /// ψ, rad, counter-clockwise from above, (−π, π].
+        yaw_rad: f64,
+        /// ϑ, rad, nose up, [−π/2, π/2].
+        pitch_rad: f64,
+        /// γ, rad, right side down, (−π, π].
+        roll_rad: f64,
+        /// Course, rad, clockwise from above, [0, 2π).
+        course_rad: f64,
+        /// What the course is counted from.
+        course_reference: CourseReference,
+        /// Body rate less the bias, rad/s, body axes.
+        rate_rad_s: [f64; 3],
+        /// Standard deviation of the inclination, rad.
+        inclination_sd_rad: f64,
+        /// Times the attitude was set anew.
+        reset_counter: u64,
+        /// The jump of the last time: the turn from the attitude expected to the attitude set, w x y z.
+        jump: [f64; 4],
+    }
+}
+
+payload! {
+    /// Leave to publish: in live operation without end, in lockstep as far as the slowest reader allows.
+    Credit = "plumbline.Credit.1" on "credit" {
+        /// Ingest may publish the ticks below this one.
+        ticks: u64,
+    }
+}
+
+payload! {
+    /// What a service says of itself.
+    Health = "plumbline.Health.1" on "health" {
+        /// Ticks published since the start.
+        ticks: u64,
+        /// Ticks that never came.
+        lost: u64,
+        /// Messages that came twice or too late, and were left out.
+        duplicated: u64,
+        /// Readings refused at the source.
+        refused: u64,
+        /// Waits that ended by their limit although there was work: lost wake-ups.
+        late_wakes: u64,
+        /// Every flag seen since the start.
+        flags: Flags,
+        /// The service's place in the order ingest, gyro, accel, fuser, course.
+        service: u32,
+        /// What it does.
+        state: State,
+        /// Its life.
+        incarnation: u32,
+        /// Its process.
+        pid: u32,
+    }
+}
+
+macro_rules! whole {
+    ($($name:ident),*) => { $(impl $name {
+        fn complete(layout: Layout) -> Layout { layout }
+    })* };
+}
+
+macro_rules! ticked {
+    ($($name:ident),*) => { $(
+        impl $name {
+            fn complete(layout: Layout) -> Layout { layout.with_header(Header::layout()) }
+        }
+
+        impl Ticked for $name {
+            fn header(&self) -> &Header { &self.header }
+            fn header_mut(&mut self) -> &mut Header { &mut self.header }
+        }
+    )* };
+}
+
+whole!(SensorReading, Reference, Credit, Health);
+ticked!(ImuSample, GyroStep, AccelPoint, FusedState, AttitudeOutput);
+
+const _: () = {
+    assert!(size_of::<Header>() == 64);
+    assert!(size_of::<ImuSample>() == 112);
+    assert!(size_of::<GyroStep>() == 152);
+    assert!(size_of::<AccelPoint>() == 128);
+    assert!(size_of::<FusedState>() == 168);
+    assert!(size_of::<AttitudeOutput>() == 208);
+    assert!(size_of::<Health>() == 64);
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{HASH_START, Message, hash};
+
+    fn layouts() -> Vec<Layout> {
+        vec![
+            SensorReading::layout(),
+            ImuSample::layout(),
+            Reference::layout(),
+            GyroStep::layout(),
+            AccelPoint::layout(),
+            FusedState::layout(),
+            AttitudeOutput::layout(),
+            Credit::layout(),
+            Health::layout(),
+        ]
+    }
+
+    #[test]
+    fn layouts_are_those_of_the_golden_file() {
+        let now: String = layouts().iter().map(|l| format!("{:016x} {l}\n", l.fingerprint())).collect();
+        let golden = include_str!("../golden/layouts.txt");
+        assert_eq!(now, golden, "a layout changed: raise the version in its name, then copy the left side to the file");
+    }
+
+    #[test]
+    fn every_quantity_says_its_unit() {
+        let plain = [
+            "tick",
+            "ticks",
+            "lost",
+            "duplicated",
+            "refused",
+            "late_wakes",
+            "flags",
+            "service",
+            "state",
+            "incarnation",
+            "pid",
+            "epoch",
+            "lost_upstream",
+            "quaternion",
+            "jump",
+            "w",
+            "p",
+            "s",
+            "chart",
+            "trust",
+            "scored",
+            "reset_counter",
+            "course_reference",
+        ];
+        for layout in layouts() {
+            for field in layout.fields {
+                let unit = ["_ns", "_rad", "_rad_s", "_m_s2"].iter().any(|unit| field.name.ends_with(unit));
+                assert!(unit || plain.contains(&field.name), "{}: {} has no unit", layout.name, field.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_moved_field_changes_the_fingerprint() {
+        let mut layout = ImuSample::layout();
+        let before = layout.fingerprint();
+        let last = layout.fields.len() - 1;
+        layout.fields.swap(last, last - 1);
+        assert_ne!(layout.fingerprint(), before);
+    }
+
+    #[test]
+    fn stamps_of_the_run_are_not_canonical() {
+        let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
+        sample.header.tick = 7;
+        let mut later = sample;
+        (later.header.t_born_ns, later.header.t_sent_ns, later.header.incarnation) = (1, 2, 3);
+        let digest = |sample: ImuSample| hash(HASH_START, bytemuck::bytes_of(&sample.canonical()));
+        assert_eq!(digest(sample), digest(later));
+        later.header.tick = 8;
+        assert_ne!(digest(sample), digest(later));
+    }
+}

@@ -1,0 +1,84 @@
+//! Times as recordings write them.
+
+/// Whole seconds from here on leave no room in 64 bits of nanoseconds.
+const END_S: i64 = 9_000_000_000;
+const NS_PER_S: i64 = 1_000_000_000;
+
+/// What [`parse_ns`] accepts.
+pub(crate) const EXPECTED: &str = "a finite time in seconds within ±9e9";
+
+/// Seconds in decimal, rounded to the nanosecond, half away from zero; `None` unless |t| < 9e9 s.
+///
+/// Plain decimals are exact; those with an exponent go through `f64`.
+pub(crate) fn parse_ns(text: &str) -> Option<i64> {
+    let (sign, digits) = match text.strip_prefix('-') {
+        Some(digits) => (-1, digits),
+        None => (1, text.strip_prefix('+').unwrap_or(text)),
+    };
+    let (whole, fraction) = digits.split_once('.').unwrap_or((digits, ""));
+    let digits_only = whole.bytes().chain(fraction.bytes()).all(|byte| byte.is_ascii_digit());
+    if !digits_only || whole.len() + fraction.len() == 0 {
+        let t_s: f64 = text.parse().ok()?;
+        return (t_s.abs() < END_S as f64).then(|| (t_s * NS_PER_S as f64).round() as i64);
+    }
+    let digit = |byte: u8| i64::from(byte - b'0');
+    let whole_s = whole.bytes().fold(0i64, |sum, byte| sum.saturating_mul(10).saturating_add(digit(byte)));
+    if whole_s >= END_S {
+        return None;
+    }
+    let mut fraction = fraction.bytes().map(digit).chain(std::iter::repeat(0));
+    let fraction_ns = fraction.by_ref().take(9).fold(0, |sum, digit| sum * 10 + digit);
+    let carry_ns = i64::from(fraction.next() >= Some(5));
+    Some(sign * (whole_s * NS_PER_S + fraction_ns + carry_ns))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimals_keep_every_nanosecond() {
+        for (text, t_ns) in [
+            ("0", 0),
+            ("-0.0", 0),
+            ("0.0035", 3_500_000),
+            ("1700000000.123456789", 1_700_000_000_123_456_789),
+            ("-1700000000.123456789", -1_700_000_000_123_456_789),
+            ("+.5", 500_000_000),
+            ("7.", 7_000_000_000),
+            ("0000000000000000000001", 1_000_000_000),
+            ("8999999999.999999999", 8_999_999_999_999_999_999),
+        ] {
+            assert_eq!(parse_ns(text), Some(t_ns), "{text}");
+        }
+    }
+
+    #[test]
+    fn finer_digits_are_rounded_half_away_from_zero() {
+        for (text, t_ns) in [
+            ("0.0000000004999", 0),
+            ("0.0000000005", 1),
+            ("-0.0000000005", -1),
+            ("0.9999999999", 1_000_000_000),
+            ("8999999999.9999999999", 9_000_000_000_000_000_000),
+        ] {
+            assert_eq!(parse_ns(text), Some(t_ns), "{text}");
+        }
+    }
+
+    #[test]
+    fn exponents_are_read() {
+        for (text, t_ns) in [("3.5e-3", 3_500_000), ("1.5E3", 1_500_000_000_000), ("-1e-9", -1)] {
+            assert_eq!(parse_ns(text), Some(t_ns), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_finite_time_is_refused() {
+        for text in
+            ["", ".", "-", "+-1", "1.2.3", "1 2", "nan", "inf", "-inf", "9e9", "-9000000000", "99999999999999999999"]
+        {
+            assert_eq!(parse_ns(text), None, "{text}");
+        }
+    }
+}

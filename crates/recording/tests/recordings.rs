@@ -1,0 +1,270 @@
+//! Recordings as users have them: good, odd, broken, real.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use flate2::{Compression, write::GzEncoder};
+use recording::{Reader, Row, Survey, survey};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+use tempfile::TempDir;
+
+const HEADER: &str = "t_s,gx,gy,gz,ax,ay,az\n";
+const PLAIN: &str = "t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n\
+    0.0000,0.1,0.2,0.3,0.4,0.5,9.8,2,0,0,0,1\n\
+    0.0035,nan,inf,-inf,1e-3,-0,+9.8,nan,nan,nan,nan,1\n\
+    0.0070,0,0,0,0,0,9.8,0.6,0,-0.8,0,0\n";
+
+fn file(name: &str, contents: &[u8]) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    std::fs::write(&path, contents).unwrap();
+    (folder, path)
+}
+
+fn gzip(contents: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(contents).unwrap();
+    encoder.finish().unwrap()
+}
+
+fn rows(contents: &[u8]) -> Vec<Row> {
+    let (_folder, path) = file("flight.csv", contents);
+    Reader::open(&path).unwrap().map(Result::unwrap).collect()
+}
+
+/// The survey's error, with the folder taken out of the path.
+fn error(contents: &[u8]) -> String {
+    let (folder, path) = file("flight.csv", contents);
+    let message = survey(&path).unwrap_err().to_string();
+    message.replace(&format!("{}/", folder.path().display()), "")
+}
+
+/// What follows "reading the recording flight.csv: ".
+fn malformed(contents: &[u8]) -> String {
+    error(contents).strip_prefix("reading the recording flight.csv: ").unwrap().to_owned()
+}
+
+fn with_header(rows: &str) -> Vec<u8> {
+    format!("{HEADER}{rows}").into_bytes()
+}
+
+#[test]
+fn a_row_is_what_the_line_says() {
+    let rows = rows(PLAIN.as_bytes());
+    assert_eq!(rows.len(), 3);
+    assert_eq!((rows[0].rate_rad_s, rows[0].force_m_s2), ([0.1, 0.2, 0.3], [0.4, 0.5, 9.8]));
+    let reference = rows[0].reference.unwrap();
+    assert_eq!((reference.quaternion, reference.scored), ([1.0, 0.0, 0.0, 0.0], true));
+    assert_eq!(rows[1].t_ns, 3_500_000);
+    assert!(rows[1].rate_rad_s[0].is_nan() && rows[1].rate_rad_s[1..] == [f64::INFINITY, f64::NEG_INFINITY]);
+    assert_eq!(rows[1].reference, None);
+    let reference = rows[2].reference.unwrap();
+    assert_eq!((reference.quaternion, reference.scored), ([0.6, 0.0, -0.8, 0.0], false));
+}
+
+#[test]
+fn quaternions_that_turn_nothing_are_no_reference() {
+    let rows = rows(
+        b"t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz\n0,0,0,0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,inf,0,0,0\n2,0,0,0,0,0,0,1,0,0,0",
+    );
+    assert_eq!(rows.iter().map(|row| row.reference.map(|it| it.scored)).collect::<Vec<_>>(), [None, None, Some(true)]);
+}
+
+#[test]
+fn blanks_quotes_crlf_a_byte_order_mark_and_any_order_of_columns_are_read() {
+    let odd =
+        b"\xef\xbb\xbf\"az\" , mx,ay,ax,gz,gy,gx,t_s\r\n\r\n 9.8,?,5 ,\t4,\" 3 \",2,1,0.5 \r\n \r\n9.8,,5,4,3,2,1,1.5";
+    let row = Row { t_ns: 500_000_000, rate_rad_s: [1.0, 2.0, 3.0], force_m_s2: [4.0, 5.0, 9.8], reference: None };
+    assert_eq!(rows(odd), [row, Row { t_ns: 1_500_000_000, ..row }]);
+}
+
+#[test]
+fn gzip_is_told_by_its_bytes_and_may_have_many_members() {
+    let (first, second) = PLAIN.as_bytes().split_at(70);
+    let members = [gzip(first), gzip(b""), gzip(second)].concat();
+    let plain = format!("{:?}", rows(PLAIN.as_bytes()));
+    assert_eq!(format!("{:?}", rows(&gzip(PLAIN.as_bytes()))), plain);
+    assert_eq!(format!("{:?}", rows(&members)), plain);
+    let (_folder, path) = file("plain.csv.gz", PLAIN.as_bytes());
+    assert_eq!(format!("{:?}", Reader::open(&path).unwrap().map(Result::unwrap).collect::<Vec<_>>()), plain);
+}
+
+#[test]
+fn the_rate_is_that_of_the_median_interval() {
+    let (_folder, path) = file(
+        "flight.csv",
+        format!(
+            "{HEADER}{}",
+            ["10", "10.01", "10.02", "10.02", "10.03", "12"].map(|t_s| format!("{t_s},0,0,0,0,0,0\n")).concat()
+        )
+        .as_bytes(),
+    );
+    assert_eq!(survey(&path).unwrap(), Survey { rows: 6, rate_hz: 100.0, duration_s: 2.0, has_reference: false });
+}
+
+#[test]
+fn the_reader_ends_after_the_first_error() {
+    let (_folder, path) =
+        file("flight.csv", format!("{HEADER}0,0,0,0,0,0,0\nx,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").as_bytes());
+    let kinds: Vec<_> = Reader::open(&path).unwrap().map(|row| row.is_ok()).collect();
+    assert_eq!(kinds, [true, false]);
+}
+
+#[test]
+fn a_file_that_cannot_be_opened_is_named_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let (absent, directory) = (folder.path().join("absent.csv"), folder.path().display());
+    let message = |path: &Path| Reader::open(path).err().unwrap().to_string();
+    assert_eq!(
+        message(&absent),
+        format!("opening the recording {directory}/absent.csv: No such file or directory (os error 2); check the path")
+    );
+    assert_eq!(
+        message(folder.path()),
+        format!("opening the recording {directory}: Is a directory (os error 21); name a file in it")
+    );
+}
+
+#[test]
+fn an_error_says_what_was_being_done_where_what_was_found_and_what_was_expected() {
+    assert_eq!(
+        error(&with_header("0,0,0,0,9.8o1,0,0\n")),
+        "reading the recording flight.csv: line 2, column 5 (ax): found \"9.8o1\", expected a number"
+    );
+}
+
+#[test]
+fn malformed_values_are_shown_with_their_place() {
+    for (rows, message) in [
+        ("0,0,0,0,0,0,0\r\n\r\n1,,0,0,0,0,0\r\n", "line 4, column 2 (gx): found \"\", expected a number"),
+        ("0,0,0,0,0,0,0\n\n1,0,0,0,0,0,\"0", "line 4, column 7 (az): found \"\\\"0\", expected a number"),
+        ("nan,0,0,0,0,0,0\n", "line 2, column 1 (t_s): found \"nan\", expected a finite time in seconds within ±9e9"),
+        ("9e9,0,0,0,0,0,0\n", "line 2, column 1 (t_s): found \"9e9\", expected a finite time in seconds within ±9e9"),
+    ] {
+        assert_eq!(malformed(&with_header(rows)), message);
+    }
+    assert_eq!(
+        malformed(b"mov,t_s,gx,gy,gz,ax,ay,az\n2,0,0,0,0,0,0,0\n"),
+        "line 2, column 1 (mov): found \"2\", expected 0 or 1"
+    );
+}
+
+#[test]
+fn rows_of_another_length_than_the_header_are_refused() {
+    for (rows, message) in [
+        ("0,0,0,0,0,0\n", "line 2, column 7 (az): found 6 fields, expected 7 as in the header"),
+        ("0,0,0,0,0,0,0,0\n", "line 2, column 8: found 8 fields, expected 7 as in the header"),
+    ] {
+        assert_eq!(malformed(&with_header(rows)), message);
+    }
+}
+
+#[test]
+fn headers_that_do_not_say_what_is_needed_are_refused() {
+    for (header, message) in [
+        (
+            "t_s,gx,gy,gz,ax,ay,az,Mov",
+            "line 1, column 8: found \"Mov\", expected a known column; did you mean \"mov\"?",
+        ),
+        ("t_s,gxx,gy,gz,ax,ay,az", "line 1, column 2: found \"gxx\", expected a known column; did you mean \"gx\"?"),
+        (
+            "t_s,gx,gy,gz,ax,ay,az,baro",
+            "line 1, column 8: found \"baro\", expected one of \
+             t_s, gx, gy, gz, ax, ay, az, qw, qx, qy, qz, mov, mx, my, mz",
+        ),
+        ("t_s,gx,gy,gz,ax,ay,az,gx", "line 1, column 8 (gx): found the name again, expected it in column 2 only"),
+        ("t_s,gx,gy,ax,ay", "line 1: found no column gz, az, expected all of t_s, gx, gy, gz, ax, ay, az"),
+        ("t_s,gx,gy,gz,ax,ay,az,qw,qx", "line 1: found no column qy, qz, expected all of qw, qx, qy, qz"),
+    ] {
+        assert_eq!(malformed(header.as_bytes()), message);
+    }
+}
+
+#[test]
+fn files_without_rows_or_intervals_are_refused() {
+    for contents in [&b""[..], b"\n\r\n", &gzip(b"")] {
+        let message = "line 1: found the end of the file, expected the header line";
+        assert_eq!(malformed(contents), message);
+    }
+    assert_eq!(malformed(HEADER.as_bytes()), "line 2: found the end of the file, expected a row");
+    for (rows, count) in [("1,0,0,0,0,0,0\n", 1), ("1,0,0,0,0,0,0\n1.0,0,0,0,0,0,0\n", 2)] {
+        let message = format!(
+            "surveying the recording flight.csv: found no interval in {count} row(s), \
+             expected rows at increasing times (t_s)"
+        );
+        assert_eq!(error(&with_header(rows)), message);
+    }
+}
+
+#[test]
+fn a_gzip_stream_cut_anywhere_or_damaged_is_refused() {
+    let whole = gzip(PLAIN.as_bytes());
+    for length in 2..whole.len() {
+        let message = error(&whole[..length]);
+        assert!(message.contains("found the end of the file inside the gzip stream"), "{length}: {message}");
+    }
+    assert_eq!(
+        malformed(&whole[..whole.len() - 1]),
+        "line 5: found the end of the file inside the gzip stream, expected the rest of it; copy the file again"
+    );
+    let mut damaged = whole;
+    let checksum = damaged.len() - 8;
+    damaged[checksum] ^= 1;
+    assert_eq!(
+        malformed(&damaged),
+        "line 5: found corrupt gzip stream does not have a matching checksum, expected a readable line"
+    );
+}
+
+#[test]
+fn bytes_that_are_no_text_are_refused_even_where_nobody_reads_them() {
+    for (contents, message) in [
+        (&b"t_s,g\xff\n"[..], "line 1, column 2: found \"g\u{fffd}\", expected UTF-8 text"),
+        (
+            b"t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,9.\xff8,0,0\n",
+            "line 2, column 5 (ax): found \"9.\u{fffd}8\", expected UTF-8 text",
+        ),
+        (
+            b"t_s,gx,gy,gz,ax,ay,az,mx\n0,0,0,0,0,0,0,\xc3\n",
+            "line 2, column 8 (mx): found \"\u{fffd}\", expected UTF-8 text",
+        ),
+    ] {
+        assert_eq!(malformed(contents), message);
+    }
+}
+
+#[test]
+fn an_endless_line_is_refused_before_it_fills_the_memory() {
+    assert_eq!(
+        malformed(&[HEADER.as_bytes(), &vec![b'0'; 1 << 20]].concat()),
+        "line 2: found a line of more than 65536 bytes, expected a readable line"
+    );
+}
+
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("PLUMBLINE_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    println!("skipped: no data at {}", folder.display());
+    None
+}
+
+#[test]
+fn a_broad_trial_is_read_whole() {
+    let Some(data) = data() else { return };
+    let survey = survey(&data.join("broad/02_undisturbed_slow_rotation_B.csv.gz")).unwrap();
+    assert_eq!((survey.rows, survey.has_reference), (53_240, true));
+    assert!((survey.rate_hz - 1.0 / 0.0035).abs() < 1e-9, "{survey:?}");
+    assert!((survey.duration_s - 53_239.0 * 0.0035).abs() < 1e-9, "{survey:?}");
+}
+
+#[test]
+fn a_flight_is_read_whole() {
+    let Some(data) = data() else { return };
+    let survey = survey(&data.join("flights/apm_plane_log2_imu.csv.gz")).unwrap();
+    assert_eq!((survey.rows, survey.has_reference), (30_649, true));
+    assert!((survey.rate_hz - 50.0).abs() < 1e-9, "{survey:?}");
+}

@@ -1,0 +1,187 @@
+//! From readings to checked samples: every reading that can be placed in time becomes a tick.
+//!
+//! Input: readings as a sensor gives them. Output: samples with finite values, growing time and contiguous ticks, with flags for what
+//! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
+//!
+//! | reading | becomes | time to recover |
+//! | --- | --- | --- |
+//! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` | at once |
+//! | at the end of the range | as it is, flagged | at once |
+//! | \|f\| near zero | as it is, flagged; not used | at once |
+//! | the same vector for `stuck_s` | as it is, flagged | at once |
+//! | the same stamp and values again | refused | at once |
+//! | the same stamp, other values | a sample one usual interval later, flagged | at once |
+//! | an earlier stamp | refused; when the next goes on from there, the clock was set back: time continues, flagged | one sample |
+//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew | at once; the tilt settles in some 5 s |
+//! | a stamp later by more than 10 s | the clock leapt: time continues, flagged | at once |
+
+use launch::{GyroSamples, Limits};
+use messages::{Flags, Header, ImuSample};
+
+use crate::source::Reading;
+
+/// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
+const LEAP_NS: i64 = 10_000_000_000;
+/// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
+const PAST_MAX: i64 = 10;
+/// A value this many times beyond the range is not a measurement.
+const SENSE: f64 = 10.0;
+
+/// Checks readings and numbers them.
+#[derive(Debug, Clone)]
+pub struct Conditioner {
+    rate: Channel,
+    force: Channel,
+    gap_ns: i64,
+    kind: Flags,
+    tick: u64,
+    /// Ours less the sensor's.
+    offset_ns: i64,
+    usual_ns: i64,
+    last: Option<Last>,
+    /// The stamp of the refused reading before this one, and how many were refused in a row.
+    past: Option<(i64, i64)>,
+    refused: u64,
+    refused_before: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    t_end_ns: i64,
+    reading: Reading,
+}
+
+impl Conditioner {
+    /// For a sensor of this rate with these limits.
+    pub fn new(limits: &Limits, rate_hz: f64, kind: GyroSamples) -> Self {
+        let stuck_ns = (limits.stuck_s * 1e9) as i64;
+        let gap_ns = (limits.gap_s * 1e9) as i64;
+        Self {
+            rate: Channel {
+                limit: limits.rate_max_deg_s.to_radians(),
+                invalid: Flags::RATE_INVALID,
+                clipped: Flags::RATE_CLIPPED,
+                stuck: Flags::RATE_STUCK,
+                stuck_ns,
+                ..Channel::default()
+            },
+            force: Channel {
+                limit: limits.force_max_g * attitude::GRAVITY_M_S2,
+                invalid: Flags::FORCE_INVALID,
+                clipped: Flags::FORCE_CLIPPED,
+                stuck: Flags::FORCE_STUCK,
+                stuck_ns,
+                ..Channel::default()
+            },
+            gap_ns,
+            kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
+            tick: 0,
+            offset_ns: 0,
+            usual_ns: (1e9 / rate_hz) as i64,
+            last: None,
+            past: None,
+            refused: 0,
+            refused_before: false,
+        }
+    }
+
+    /// The sample of a reading; `None` when it is refused.
+    pub fn condition(&mut self, reading: &Reading) -> Option<ImuSample> {
+        let Some((t_start_ns, t_end_ns, time_flags)) = self.place(reading) else {
+            self.refused += 1;
+            self.refused_before = true;
+            return None;
+        };
+        let dt_ns = t_end_ns - t_start_ns;
+        let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, dt_ns);
+        let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
+        let dead = self.rate.invalid_ns > self.gap_ns;
+        let rate_rad_s = if dead { [0.0; 3] } else { rate_rad_s };
+        let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
+        let header = Header {
+            tick: self.tick,
+            t_start_ns,
+            t_end_ns,
+            flags: time_flags | rate_flags | force_flags | refused | self.kind,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        self.tick += 1;
+        self.last = Some(Last { t_end_ns, reading: *reading });
+        Some(ImuSample { header, rate_rad_s, force_m_s2 })
+    }
+
+    /// Ticks given so far.
+    pub fn ticks(&self) -> u64 {
+        self.tick
+    }
+
+    /// Readings refused so far.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// The interval of a reading, and what is to be said about it.
+    fn place(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
+        let Some(last) = self.last else {
+            return Some((reading.t_ns, reading.t_ns, Flags::NONE));
+        };
+        let dt_ns = reading.t_ns.saturating_add(self.offset_ns).saturating_sub(last.t_end_ns);
+        let (dt_ns, flags) = match dt_ns {
+            1..=LEAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
+            0 if reading.is_same_as(&last.reading) => return None,
+            0 => (self.usual_ns, Flags::CLOCK_LEAP),
+            ..0 => (self.set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
+            _ => (self.usual_ns, Flags::CLOCK_LEAP),
+        };
+        self.past = None;
+        if flags == Flags::NONE {
+            self.usual_ns += (dt_ns - self.usual_ns) / 16;
+        }
+        let t_end_ns = last.t_end_ns.checked_add(dt_ns)?;
+        if flags.any(Flags::CLOCK_LEAP) && reading.t_ns != last.reading.t_ns {
+            self.offset_ns = t_end_ns.saturating_sub(reading.t_ns);
+        }
+        Some((last.t_end_ns, t_end_ns, flags))
+    }
+
+    /// An earlier stamp: the interval to continue with when the clock was set back, as a second such stamp in order shows.
+    fn set_back(&mut self, t_ns: i64) -> Option<i64> {
+        match self.past {
+            Some((before_ns, count)) if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= PAST_MAX => {
+                Some(self.usual_ns.saturating_mul(count + 1))
+            }
+            past => {
+                self.past = Some((t_ns, past.map_or(1, |(_, count)| count + 1)));
+                None
+            }
+        }
+    }
+}
+
+/// One vector of the sensor.
+#[derive(Debug, Clone, Copy, Default)]
+struct Channel {
+    limit: f64,
+    invalid: Flags,
+    clipped: Flags,
+    stuck: Flags,
+    stuck_ns: i64,
+    good: [f64; 3],
+    repeated_ns: i64,
+    invalid_ns: i64,
+}
+
+impl Channel {
+    /// The value to go on with, and what is to be said about it.
+    fn check(&mut self, value: [f64; 3], dt_ns: i64) -> ([f64; 3], Flags) {
+        if !value.iter().all(|x| x.abs() < self.limit * SENSE) {
+            self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
+            return (self.good, self.invalid);
+        }
+        self.invalid_ns = 0;
+        self.repeated_ns = if value == self.good { self.repeated_ns.saturating_add(dt_ns) } else { 0 };
+        self.good = value;
+        let clipped = value.iter().any(|x| x.abs() >= self.limit);
+        (value, self.clipped.when(clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
+    }
+}

@@ -1,0 +1,120 @@
+//! All slots in this process, without the bus: the same slots, the same join, the same bytes.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+use ingest::source::{Readings, Truth};
+use launch::Service;
+use messages::{AttitudeOutput, Flags, ImuSample, Reference};
+use runtime::{
+    Pace, RuntimeError, Slot,
+    clock::{monotonic_ns, sleep_until_ns},
+};
+
+use crate::{
+    Plan, Report, UpError,
+    children::own_cpu_s,
+    collector::Collector,
+    report::{Account, ServiceReport},
+    view::View,
+};
+
+/// Longest sleep before looking for a signal.
+const SLEEP_LIMIT: Duration = Duration::from_millis(50);
+/// How often people see something new, ns.
+const VIEW_INTERVAL_NS: u64 = 100_000_000;
+
+/// The path from a sample to an attitude.
+pub struct Path {
+    gyro: runtime::EachTick<gyro::GyroWork>,
+    accel: runtime::EachTick<accel::AccelWork>,
+    fuser: fuser::FuserSlot,
+    course: runtime::EachTick<course::CourseWork>,
+}
+
+impl Path {
+    /// The slots with the stages that `plan` names.
+    pub fn new(plan: &Plan) -> Result<Self, RuntimeError> {
+        let orders = &plan.orders;
+        Ok(Self {
+            gyro: gyro::slot(orders)?,
+            accel: accel::slot(orders)?,
+            fuser: fuser::slot(orders)?,
+            course: course::slot(orders)?,
+        })
+    }
+
+    /// Hands every attitude that follows from `sample` to `publish`.
+    pub fn offer(&mut self, sample: ImuSample, publish: &mut dyn FnMut(AttitudeOutput)) {
+        let Self { gyro, accel, fuser, course } = self;
+        let mut fused = |state| course.offer(state, publish);
+        accel.offer(sample, &mut |point| fuser.offer(point.into(), &mut fused));
+        gyro.offer(sample, &mut |step| fuser.offer(step.into(), &mut fused));
+    }
+}
+
+/// Runs the plan in this process.
+pub fn run(plan: &Plan) -> Result<Report, UpError> {
+    let system = |cause| UpError::System { doing: "catching signals".into(), cause };
+    let ends = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, ends.clone()).map_err(system)?;
+    }
+    let mut collector = Collector::new(plan.out.as_deref())?;
+    let mut conditioner = ingest::conditioner(&plan.orders);
+    let mut path = Path::new(plan)?;
+    let mut view = View::new(plan);
+    let mut flags = Flags::NONE;
+    let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
+    let (mut first_ns, mut seen_ns) = (None, 0);
+    runtime::clock::wake_on_time();
+    for reading in Readings::open(&plan.orders.launch)? {
+        let reading = reading?;
+        if ends.load(Ordering::SeqCst) || plan.orders.ticks_max.is_some_and(|max| conditioner.ticks() >= max) {
+            break;
+        }
+        let Some(mut sample) = conditioner.condition(&reading) else { continue };
+        let since_first_ns = sample.header.t_end_ns - *first_ns.get_or_insert(sample.header.t_end_ns);
+        if let Pace::Speed(speed) = plan.orders.pace {
+            let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
+            while monotonic_ns() < due_ns && !ends.load(Ordering::SeqCst) {
+                sleep_until_ns(due_ns, SLEEP_LIMIT);
+            }
+        }
+        sample.header.t_born_ns = monotonic_ns();
+        sample.header.epoch = runtime::service::FIRST_EPOCH;
+        if let Some(Truth { quaternion, scored }) = reading.truth {
+            collector.reference(Reference { tick: sample.header.tick, scored: scored.into(), quaternion });
+        }
+        let mut taken = Ok(());
+        path.offer(sample, &mut |mut output| {
+            output.header.t_sent_ns = monotonic_ns();
+            flags |= output.header.flags;
+            if taken.is_ok() {
+                taken = collector.attitude(&output);
+            }
+        });
+        taken?;
+        if sample.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
+            seen_ns = sample.header.t_born_ns;
+            view.show(&collector, &[]);
+        }
+    }
+    collector.finish()?;
+    view.end();
+    let account = Account {
+        ticks_in: conditioner.ticks(),
+        refused: conditioner.refused(),
+        cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
+        flags: flags.to_string(),
+        services: Service::ALL
+            .map(|service| ServiceReport { name: service.name(), pid: std::process::id(), restarts: 0 })
+            .into(),
+    };
+    Ok(Report::new(&collector, account))
+}

@@ -1,0 +1,87 @@
+//! What is to run, checked before anything starts.
+
+use std::path::{Path, PathBuf};
+
+use launch::{Launch, Source};
+use runtime::{Orders, Pace};
+
+use crate::UpError;
+
+/// The launch file that is looked for where none is named.
+const LAUNCH_FILE: &str = "launch.toml";
+/// What runs where there is no launch file.
+const BUILT_IN: &str = include_str!("../../../launch.toml");
+
+/// What the command line asks for.
+#[derive(Debug, Clone, Default)]
+pub struct Request {
+    /// The launch file.
+    pub launch: Option<PathBuf>,
+    /// A recording that takes the place of the launch file's source.
+    pub replay: Option<PathBuf>,
+    /// How fast the source goes.
+    pub pace: Option<Pace>,
+    /// How much of the source's time to run, s.
+    pub duration_s: Option<f64>,
+    /// All slots in this process, without the bus.
+    pub in_process: bool,
+    /// Where to write the attitude of each tick.
+    pub out: Option<PathBuf>,
+}
+
+/// What is to run.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// What every service is told.
+    pub orders: Orders,
+    /// Ticks that the source will give, as far as it is known.
+    pub ticks: Option<u64>,
+    /// After how much of the clock's time a source without an end is stopped, s.
+    pub stop_after_s: Option<f64>,
+    /// Where to write the attitude of each tick.
+    pub out: Option<PathBuf>,
+}
+
+impl Plan {
+    /// The plan for a request.
+    pub fn new(request: &Request) -> Result<Self, UpError> {
+        let mut launch = launch(request.launch.as_deref())?;
+        if let Some(file) = &request.replay {
+            launch.ingest.source = Source::Replay;
+            launch.ingest.replay.file.clone_from(file);
+        }
+        let (rate_hz, rows) = match launch.ingest.source {
+            Source::Sim => (launch.ingest.sim.rate_hz, None),
+            Source::Bus => (launch.ingest.bus.rate_hz, None),
+            Source::Replay => {
+                let survey = recording::survey(&launch.ingest.replay.file)?;
+                (survey.rate_hz, Some(survey.rows))
+            }
+        };
+        let live = launch.ingest.source == Source::Bus;
+        let wanted = request.duration_s.map(|duration_s| (duration_s * rate_hz).ceil() as u64);
+        let ticks_max = wanted.filter(|_| !live);
+        let orders = Orders {
+            launch,
+            rate_hz,
+            pace: request.pace.unwrap_or(Pace::Speed(1.0)),
+            ticks_max,
+            incarnation: 0,
+            supervisor_pid: std::process::id(),
+        };
+        Ok(Self {
+            orders,
+            ticks: rows.into_iter().chain(ticks_max).min(),
+            stop_after_s: request.duration_s.filter(|_| live),
+            out: request.out.clone(),
+        })
+    }
+}
+
+fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
+    match named {
+        Some(path) => Ok(Launch::read(path)?),
+        None if Path::new(LAUNCH_FILE).exists() => Ok(Launch::read(Path::new(LAUNCH_FILE))?),
+        None => Ok(Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?),
+    }
+}

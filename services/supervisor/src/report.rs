@@ -1,0 +1,154 @@
+//! How a run went: one JSON object for scripts, a few lines for people.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::collector::Collector;
+
+/// How a run went.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Ticks that ingest numbered.
+    pub ticks_in: u64,
+    /// Ticks with an attitude.
+    pub ticks_out: u64,
+    /// Ticks without.
+    pub lost: u64,
+    /// Attitudes that came again.
+    pub duplicated: u64,
+    /// From birth at ingest to publication of the attitude.
+    pub latency_us: LatencyUs,
+    /// CPU time of all processes per second of the run.
+    pub cpu_s_per_s: f64,
+    /// Against the truth, where the source knows it.
+    pub error_deg: Option<ErrorDeg>,
+    /// The processes.
+    pub services: Vec<ServiceReport>,
+    /// Shared by runs whose attitudes are the same to the last bit.
+    #[serde(skip)]
+    pub digest: u64,
+    /// Readings refused at the source.
+    #[serde(skip)]
+    pub refused: u64,
+    /// The names of all flags seen.
+    #[serde(skip)]
+    pub flags: String,
+}
+
+/// Latency, µs.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct LatencyUs {
+    /// Median.
+    pub p50: f64,
+    /// 99 %.
+    pub p99: f64,
+    /// 99.9 %.
+    pub p999: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// Inclination error, degrees.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct ErrorDeg {
+    /// Root of the mean square.
+    pub inclination_rmse: f64,
+    /// Largest.
+    pub inclination_max: f64,
+}
+
+/// A process.
+#[derive(Debug, Clone, Serialize)]
+pub struct ServiceReport {
+    /// Its name.
+    pub name: &'static str,
+    /// Its process.
+    pub pid: u32,
+    /// Times it was started again.
+    pub restarts: u32,
+}
+
+/// What a run knows beside its attitudes.
+#[derive(Debug, Clone, Default)]
+pub struct Account {
+    /// Ticks that ingest numbered.
+    pub ticks_in: u64,
+    /// Readings refused at the source.
+    pub refused: u64,
+    /// CPU time of all processes per second of the run.
+    pub cpu_s_per_s: f64,
+    /// The names of all flags seen.
+    pub flags: String,
+    /// The processes.
+    pub services: Vec<ServiceReport>,
+}
+
+impl Report {
+    /// The report of a run.
+    pub fn new(collector: &Collector, account: Account) -> Self {
+        let sequence = collector.sequence();
+        let error = collector.error();
+        Self {
+            ticks_in: account.ticks_in,
+            ticks_out: sequence.ticks,
+            lost: account.ticks_in.saturating_sub(sequence.ticks),
+            duplicated: sequence.duplicated,
+            latency_us: LatencyUs::of(collector),
+            cpu_s_per_s: account.cpu_s_per_s,
+            error_deg: error.rmse_deg().map(|rmse_deg| ErrorDeg {
+                inclination_rmse: rmse_deg,
+                inclination_max: error.max_deg,
+            }),
+            services: account.services,
+            digest: collector.digest(),
+            refused: account.refused,
+            flags: account.flags,
+        }
+    }
+
+    /// The report for scripts: one object on one line.
+    pub fn json(&self) -> String {
+        // Numbers, strings and lists always serialise.
+        serde_json::to_string(self).unwrap_or_default()
+    }
+}
+
+impl LatencyUs {
+    pub(crate) fn of(collector: &Collector) -> Self {
+        let latency = collector.latency_ns();
+        let us = |ns: u64| ns as f64 / 1000.0;
+        Self {
+            p50: us(latency.value_at_quantile(0.5)),
+            p99: us(latency.value_at_quantile(0.99)),
+            p999: us(latency.value_at_quantile(0.999)),
+            max: us(latency.max()),
+        }
+    }
+}
+
+impl fmt::Display for LatencyUs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { p50, p99, p999, max } = self;
+        write!(f, "p50 {p50:.0} µs, p99 {p99:.0} µs, p99.9 {p999:.0} µs, max {max:.0} µs")
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { ticks_in, ticks_out, lost, duplicated, refused, .. } = self;
+        writeln!(f, "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} readings refused")?;
+        writeln!(f, "latency  {}", self.latency_us)?;
+        writeln!(f, "cpu      {:.3} s per s", self.cpu_s_per_s)?;
+        match self.error_deg {
+            Some(ErrorDeg { inclination_rmse, inclination_max }) => {
+                writeln!(f, "error    inclination {inclination_rmse:.3}° RMSE, {inclination_max:.3}° max")?;
+            }
+            None => writeln!(f, "error    unknown: the source has no reference attitude")?,
+        }
+        if !self.flags.is_empty() {
+            writeln!(f, "flags    {}", self.flags)?;
+        }
+        write!(f, "digest   {:016x}", self.digest)
+    }
+}

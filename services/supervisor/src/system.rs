@@ -1,0 +1,228 @@
+//! The services as processes on the bus, from the first to be started to the last to be reaped.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use bus::{Bus, Claim, Domain, Publisher, Subscriber, Waiter};
+use launch::Service;
+use messages::{AttitudeOutput, Credit, Flags, Health, Reference, State};
+use runtime::orders::{BUFFER_BESIDE, SUPERVISOR_WORD, word};
+
+use crate::{
+    Plan, Report, UpError,
+    children::{Children, own_cpu_s},
+    collector::Collector,
+    report::{Account, ServiceReport},
+    view::View,
+};
+
+/// From the start until every service must be ready.
+const READY_DEADLINE: Duration = Duration::from_secs(10);
+/// Longest wait before looking at services, signals and messages.
+const ROUND: Duration = Duration::from_millis(20);
+/// After the source's end, how long nothing may come before the rest is given up as lost.
+const DRAIN_LIMIT: Duration = Duration::from_secs(2);
+/// The same when a signal asked for the end.
+const DRAIN_LIMIT_ASKED: Duration = Duration::from_millis(300);
+/// How often people see something new.
+const VIEW_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Runs the plan as processes.
+pub fn run(plan: &Plan) -> Result<Report, UpError> {
+    let mut system = System::start(plan)?;
+    system.await_ready()?;
+    let report = system.operate(plan)?;
+    system.end();
+    Ok(report)
+}
+
+/// A running system. Its fields are dropped in this order: processes, ports, node, and last the name.
+struct System {
+    children: Children,
+    ports: Ports,
+    health: [Option<Health>; Service::ALL.len()],
+    view: View,
+    asked_to_end: Arc<AtomicBool>,
+    _claim: Claim,
+}
+
+struct Ports {
+    attitude: Subscriber<AttitudeOutput>,
+    reference: Subscriber<Reference>,
+    health: Subscriber<Health>,
+    credit: Publisher<Credit>,
+    waiter: Waiter,
+    buffer: usize,
+    _bus: Bus,
+}
+
+impl System {
+    fn start(plan: &Plan) -> Result<Self, UpError> {
+        let asked_to_end = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, asked_to_end.clone())
+                .map_err(|cause| UpError::System { doing: "catching signals".into(), cause })?;
+        }
+        let domain = Domain::new(&plan.orders.launch.name)?;
+        let claim = domain.claim()?;
+        let ports = Ports::open(plan, &domain)?;
+        let view = View::new(plan);
+        let children = Children::start(&plan.orders)?;
+        Ok(Self { children, ports, health: Default::default(), view, asked_to_end, _claim: claim })
+    }
+
+    /// Waits until every service has opened its topics: from then on nothing that is published is missed.
+    fn await_ready(&mut self) -> Result<(), UpError> {
+        let deadline = Instant::now() + READY_DEADLINE;
+        loop {
+            self.hear()?;
+            let Some(late) = Service::ALL.into_iter().find(|service| self.health[*service as usize].is_none()) else {
+                return Ok(());
+            };
+            if let Some(error) = self.children.ended(&[]) {
+                return Err(error);
+            }
+            if self.asked_to_end.load(Ordering::SeqCst) {
+                return Ok(());
+            }
+            if Instant::now() > deadline {
+                return Err(UpError::NotReady { service: late, deadline_s: READY_DEADLINE.as_secs() });
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn operate(&mut self, plan: &Plan) -> Result<Report, UpError> {
+        let mut collector = Collector::new(plan.out.as_deref())?;
+        let lockstep = plan.orders.lockstep();
+        let window = plan.orders.window_ticks();
+        let start = Instant::now();
+        let cpu_start_s = own_cpu_s() + self.children.cpu_s();
+        let mut granted = if lockstep { window } else { u64::MAX };
+        self.ports.grant(granted)?;
+        let (mut stopping, mut expected) = (false, Vec::new());
+        let (mut progress, mut shown) = (Instant::now(), Instant::now());
+        loop {
+            self.ports.wait(lockstep);
+            let before = collector.sequence().next_tick;
+            self.ports.collect(&mut collector)?;
+            self.hear()?;
+            let next_tick = collector.sequence().next_tick;
+            if next_tick != before {
+                progress = Instant::now();
+            }
+            if lockstep && next_tick + window >= granted + window / 4 {
+                granted = next_tick + window;
+                self.ports.grant(granted)?;
+            }
+            let asked = self.asked_to_end.load(Ordering::SeqCst);
+            let over = plan.stop_after_s.is_some_and(|limit_s| start.elapsed().as_secs_f64() > limit_s);
+            if (asked || over) && !stopping {
+                stopping = true;
+                expected.push(Service::Ingest);
+                self.children.ask_to_end(Service::Ingest);
+                progress = Instant::now();
+            }
+            let finished = self.health_of(Service::Ingest).filter(|health| health.state == State::FINISHED);
+            let limit = if asked { DRAIN_LIMIT_ASKED } else { DRAIN_LIMIT };
+            let given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
+            if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
+                break;
+            }
+            if let Some(error) = self.children.ended(&expected) {
+                return Err(error);
+            }
+            if shown.elapsed() > VIEW_INTERVAL {
+                shown = Instant::now();
+                self.view.show(&collector, &self.health);
+            }
+        }
+        let cpu_s_per_s = (own_cpu_s() + self.children.cpu_s() - cpu_start_s) / start.elapsed().as_secs_f64();
+        collector.finish()?;
+        Ok(Report::new(&collector, self.account(cpu_s_per_s)))
+    }
+
+    fn end(mut self) {
+        self.children.end();
+        self.view.end();
+    }
+
+    fn hear(&mut self) -> Result<(), UpError> {
+        for _ in 0..BUFFER_BESIDE * Service::ALL.len() {
+            let Some(health) = self.ports.health.receive()? else { break };
+            if let Some(place) = self.health.get_mut(health.service as usize) {
+                *place = Some(health);
+            }
+        }
+        Ok(())
+    }
+
+    fn health_of(&self, service: Service) -> Option<&Health> {
+        self.health[service as usize].as_ref()
+    }
+
+    fn account(&self, cpu_s_per_s: f64) -> Account {
+        let ingest = self.health_of(Service::Ingest);
+        let flags = self.health.iter().flatten().fold(Flags::NONE, |all, health| all | health.flags);
+        Account {
+            ticks_in: ingest.map_or(0, |health| health.ticks),
+            refused: ingest.map_or(0, |health| health.refused),
+            cpu_s_per_s,
+            flags: flags.to_string(),
+            services: self
+                .children
+                .iter()
+                .map(|running| ServiceReport { name: running.service.name(), pid: running.pid, restarts: 0 })
+                .collect(),
+        }
+    }
+}
+
+impl Ports {
+    fn open(plan: &Plan, domain: &Domain) -> Result<Self, UpError> {
+        let bus = Bus::join(domain, "supervisor")?;
+        let buffer = plan.orders.buffer_ticks();
+        Ok(Self {
+            attitude: bus.subscriber(buffer)?,
+            reference: bus.subscriber(buffer)?,
+            health: bus.subscriber(BUFFER_BESIDE)?,
+            credit: bus.publisher(BUFFER_BESIDE, &[word(Service::Ingest)])?,
+            waiter: bus.waiter(SUPERVISOR_WORD),
+            buffer,
+            _bus: bus,
+        })
+    }
+
+    fn grant(&self, ticks: u64) -> Result<(), UpError> {
+        self.credit.send(&Credit { ticks })?;
+        self.credit.wake();
+        Ok(())
+    }
+
+    /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time.
+    fn wait(&self, lockstep: bool) {
+        if lockstep {
+            self.waiter.wait(ROUND, || self.attitude.has_messages());
+        } else {
+            std::thread::sleep(ROUND);
+        }
+    }
+
+    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+        let mut outputs = Vec::new();
+        while let (true, Some(output)) = (outputs.len() < self.buffer, self.attitude.receive()?) {
+            outputs.push(output);
+        }
+        // A reference is published before its tick, so those of all these ticks are there.
+        for _ in 0..self.buffer {
+            let Some(reference) = self.reference.receive()? else { break };
+            collector.reference(reference);
+        }
+        outputs.iter().try_for_each(|output| collector.attitude(output))
+    }
+}
