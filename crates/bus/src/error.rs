@@ -45,7 +45,9 @@ pub enum BusError {
         cause: String,
     },
     /// Both sides of a topic were built from different sources.
-    #[error("opening the topic `{topic}`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only")]
+    #[error(
+        "opening the topic `{topic}`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only"
+    )]
     Layout {
         /// The topic.
         topic: &'static str,

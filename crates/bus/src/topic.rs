@@ -39,7 +39,8 @@ impl Bus {
     pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
         set_log_level(LogLevel::Fatal);
         let page = Arc::new(domain.page()?);
-        let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
+        let failed =
+            |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
         let config = domain.config();
         let node = NodeBuilder::new()
             .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)

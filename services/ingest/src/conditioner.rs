@@ -147,7 +147,9 @@ impl Conditioner {
     /// An earlier stamp: the interval to continue with when the clock was set back, as a second such stamp in order shows.
     fn set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.past {
-            Some((before_ns, count)) if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= PAST_MAX => {
+            Some((before_ns, count))
+                if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= PAST_MAX =>
+            {
                 Some(self.usual_ns.saturating_mul(count + 1))
             }
             past => {

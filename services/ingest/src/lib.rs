@@ -65,6 +65,7 @@ struct Ingest {
     reference: Publisher<Reference>,
     credit: Subscriber<Credit>,
     allowed_ticks: u64,
+    published_ticks: u64,
     flags: Flags,
 }
 
@@ -79,6 +80,7 @@ impl Ingest {
             credit: member.bus.subscriber(BUFFER_BESIDE)?,
             member,
             allowed_ticks: 0,
+            published_ticks: 0,
             flags: Flags::NONE,
         })
     }
@@ -134,7 +136,7 @@ impl Ingest {
                 }
             }
             self.imu.wake();
-            self.say(if self.conditioner.ticks() > 0 { State::RUNNING } else { State::READY })?;
+            self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
             let credit = &self.credit;
             self.member.wait(|| sensor.has_messages() || credit.has_messages());
         }
@@ -172,7 +174,9 @@ impl Ingest {
         self.flags |= sample.header.flags;
         self.member.stamp(&mut sample.header);
         sample.header.t_born_ns = sample.header.t_sent_ns;
-        Ok(self.imu.send(&sample)?)
+        self.imu.send(&sample)?;
+        self.published_ticks += 1;
+        Ok(())
     }
 
     fn drain_credit(&mut self) -> Result<(), IngestError> {
@@ -186,7 +190,7 @@ impl Ingest {
     }
 
     fn say(&mut self, state: State) -> Result<(), IngestError> {
-        let (ticks, refused, flags) = (self.conditioner.ticks(), self.conditioner.refused(), self.flags);
+        let (ticks, refused, flags) = (self.published_ticks, self.conditioner.refused(), self.flags);
         self.member.say(state, |health| {
             (health.ticks, health.refused, health.flags) = (ticks, refused, flags);
         })?;

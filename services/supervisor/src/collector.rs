@@ -17,6 +17,9 @@ use crate::UpError;
 /// References kept for attitudes that are still on the way.
 const PENDING_MAX: usize = 1 << 20;
 
+/// What is later than this is counted as this late, ns.
+const LATENCY_MAX_NS: u64 = 3_600_000_000_000;
+
 /// Takes the attitudes of a run.
 pub struct Collector {
     sequence: Sequence,
@@ -59,8 +62,7 @@ impl Collector {
         Ok(Self {
             sequence: Sequence::default(),
             pending: VecDeque::new(),
-            // Three digits from a nanosecond to whatever comes: the range grows by itself.
-            latency_ns: Histogram::new(3).map_err(|cause| UpError::System {
+            latency_ns: Histogram::new_with_max(LATENCY_MAX_NS, 3).map_err(|cause| UpError::System {
                 doing: "making a histogram".into(),
                 cause: std::io::Error::other(cause.to_string()),
             })?,

@@ -96,10 +96,9 @@ impl Report {
             duplicated: sequence.duplicated,
             latency_us: LatencyUs::of(collector),
             cpu_s_per_s: account.cpu_s_per_s,
-            error_deg: error.rmse_deg().map(|rmse_deg| ErrorDeg {
-                inclination_rmse: rmse_deg,
-                inclination_max: error.max_deg,
-            }),
+            error_deg: error
+                .rmse_deg()
+                .map(|rmse_deg| ErrorDeg { inclination_rmse: rmse_deg, inclination_max: error.max_deg }),
             services: account.services,
             digest: collector.digest(),
             refused: account.refused,
@@ -137,7 +136,10 @@ impl fmt::Display for LatencyUs {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { ticks_in, ticks_out, lost, duplicated, refused, .. } = self;
-        writeln!(f, "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} readings refused")?;
+        writeln!(
+            f,
+            "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} readings refused"
+        )?;
         writeln!(f, "latency  {}", self.latency_us)?;
         writeln!(f, "cpu      {:.3} s per s", self.cpu_s_per_s)?;
         match self.error_deg {

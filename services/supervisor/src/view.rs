@@ -60,7 +60,12 @@ impl View {
             (self.shown, self.shown_ticks) = (Instant::now(), ticks);
             if self.lines.is_none() {
                 let share = self.ticks.map_or(String::new(), |all| format!(" of {all}"));
-                eprintln!("tick {ticks}{share}: {}; {}; {}", attitude(collector), error(collector), self.flow(collector));
+                eprintln!(
+                    "tick {ticks}{share}: {}; {}; {}",
+                    attitude(collector),
+                    error(collector),
+                    self.flow(collector)
+                );
             }
         }
         let flow = self.flow(collector);
@@ -135,10 +140,9 @@ fn attitude(collector: &Collector) -> String {
 fn error(collector: &Collector) -> String {
     let error = collector.error();
     match error.rmse_deg() {
-        Some(rmse_deg) => format!(
-            "inclination error {:.3}° now, {rmse_deg:.3}° RMSE, {:.3}° max",
-            error.now_deg, error.max_deg
-        ),
+        Some(rmse_deg) => {
+            format!("inclination error {:.3}° now, {rmse_deg:.3}° RMSE, {:.3}° max", error.now_deg, error.max_deg)
+        }
         None => "no reference yet".into(),
     }
 }

@@ -1,0 +1,231 @@
+//! Systems for tests: real processes, each under a name of its own, so that tests run in parallel and never meet.
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    sync::atomic::{AtomicU32, Ordering},
+    time::{Duration, Instant},
+};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A system of a test: its name, its folder, its launch file.
+pub struct System {
+    pub name: String,
+    pub folder: TempDir,
+}
+
+/// How a run ended.
+pub struct Run {
+    pub code: Option<i32>,
+    pub json: Value,
+    pub people: String,
+}
+
+impl System {
+    /// A system whose launch file is `text` with a name that nobody else has.
+    pub fn new(text: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("launch.toml"), format!("name = \"{name}\"\n{text}")).unwrap();
+        Self { name, folder }
+    }
+
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.folder.path().join(file)
+    }
+
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = plumb(&["up"]);
+        command.arg(self.path("launch.toml")).args(arguments).arg("--json");
+        command
+    }
+
+    /// Starts `plumb up` and does not wait for it.
+    pub fn start(&self, arguments: &[&str]) -> Running {
+        let child = self.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Running { child: Some(child) }
+    }
+
+    /// Runs `plumb up` to its end.
+    pub fn run(&self, arguments: &[&str]) -> Run {
+        let run = Run::of(self.command(arguments).output().unwrap());
+        assert_eq!(self.remains(), Vec::<String>::new(), "left behind: {}", run.people);
+        run
+    }
+
+    /// Shared memory and files that carry the system's name.
+    pub fn remains(&self) -> Vec<String> {
+        let dotted = format!("plumbline.{}.", self.name);
+        let folder = format!("plumbline.{}", self.name);
+        let names = |path: &str| -> Vec<String> {
+            fs::read_dir(path)
+                .unwrap()
+                .flatten()
+                .map(|entry| entry.file_name().to_string_lossy().into_owned())
+                .collect()
+        };
+        let mut remains = names("/dev/shm");
+        remains.extend(names("/tmp"));
+        remains.retain(|name| name.starts_with(&dotted) || *name == folder);
+        remains
+    }
+}
+
+/// A system that runs. It ends with the test.
+pub struct Running {
+    child: Option<Child>,
+}
+
+impl Running {
+    pub fn pid(&self) -> u32 {
+        self.child.as_ref().unwrap().id()
+    }
+
+    /// The processes of the services, by name.
+    pub fn services(&self) -> Vec<(String, u32)> {
+        children_of(self.pid())
+            .into_iter()
+            .filter_map(|pid| {
+                let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+                let words: Vec<_> = line.split(|byte| *byte == 0).map(String::from_utf8_lossy).collect();
+                (words.get(1)? == "service").then(|| (words[2].to_string(), pid))
+            })
+            .collect()
+    }
+
+    pub fn service(&self, name: &str) -> u32 {
+        let wait = || self.services().into_iter().find(|(service, _)| service == name);
+        until("the service to start", || wait().is_some());
+        wait().unwrap().1
+    }
+
+    /// As Ctrl-C does.
+    pub fn interrupt(&self) {
+        signal(self.pid(), Signal::INT);
+    }
+
+    pub fn wait(mut self) -> Run {
+        Run::of(self.child.take().unwrap().wait_with_output().unwrap())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            signal(child.id(), Signal::TERM);
+            child.wait().unwrap();
+        }
+    }
+}
+
+impl Run {
+    pub fn of(output: Output) -> Self {
+        let scripts = String::from_utf8(output.stdout).unwrap();
+        let json = scripts.lines().last().map_or(Value::Null, |line| serde_json::from_str(line).unwrap());
+        Self { code: output.status.code(), json, people: String::from_utf8(output.stderr).unwrap() }
+    }
+
+    pub fn number(&self, pointer: &str) -> f64 {
+        let value = self.json.pointer(pointer).and_then(Value::as_f64);
+        value.unwrap_or_else(|| panic!("no {pointer} in {}\n{}", self.json, self.people))
+    }
+
+    /// Everything came out once.
+    pub fn assert_whole(&self) {
+        assert_eq!(self.code, Some(0), "{}", self.people);
+        assert_eq!((self.number("/lost"), self.number("/duplicated")), (0.0, 0.0), "{}", self.people);
+        assert_eq!(self.number("/ticks_in"), self.number("/ticks_out"));
+    }
+
+    /// The line of the report that starts with `word`.
+    pub fn line(&self, word: &str) -> &str {
+        self.people.lines().find(|line| line.starts_with(word)).unwrap_or_else(|| panic!("no {word}: {}", self.people))
+    }
+}
+
+pub fn plumb(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
+    command.args(arguments).stdin(Stdio::null());
+    command
+}
+
+pub fn signal(pid: u32, signal: Signal) {
+    // A process that is no more needs no signal.
+    let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), signal);
+}
+
+/// The process is there and not a zombie.
+pub fn lives(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
+}
+
+fn children_of(pid: u32) -> Vec<u32> {
+    let text = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
+    text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
+}
+
+/// Waits for something that must come; the limit is only there to end a failed test.
+pub fn until(what: &str, mut done: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !done() {
+        assert!(Instant::now() < deadline, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// The folder of recordings; says that the test is skipped where there is none.
+pub fn data() -> Option<PathBuf> {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../shared/data"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    assert!(std::env::var_os("CI").is_none(), "no recordings at {}", folder.display());
+    eprintln!("skipped: no recordings at {} (PLUMBLINE_DATA names another place)", folder.display());
+    None
+}
+
+/// `t_s` and quaternion of each line of an `--out` file.
+pub fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
+    let text = fs::read_to_string(path).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("t_s,qw,qx,qy,qz"));
+    lines
+        .map(|line| {
+            let n: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+            (n[0], [n[1], n[2], n[3], n[4]])
+        })
+        .collect()
+}
+
+/// Whatever went in: finite, of unit length, time growing.
+pub fn assert_sound(attitudes: &[(f64, [f64; 4])]) {
+    for pair in attitudes.windows(2) {
+        assert!(pair[1].0 > pair[0].0, "time does not grow: {pair:?}");
+    }
+    for (t_s, q) in attitudes {
+        let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+        assert!((norm - 1.0).abs() < 1e-12, "at {t_s} s the quaternion has the length {norm}");
+    }
+}
+
+/// Angle between the up vectors of two attitudes, degrees.
+pub fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
+    let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
+    let (a, b) = (up(a), up(b));
+    let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
+    let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    cross.iter().map(|x| x * x).sum::<f64>().sqrt().atan2(dot).to_degrees()
+}
+
+pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
+    (sum / count).sqrt()
+}
