@@ -3,9 +3,7 @@
 //! Input: an attitude. Output: angles of the sequence ψ about ζ, ϑ about ξ, γ about η. Time: none.
 //! Failure: none; at ϑ = ±90° yaw and roll are not unique and only their sum or difference means something.
 
-use core::f64::consts::{PI, TAU};
-
-use crate::state::Attitude;
+use crate::{Vector3, state::Attitude, turn::Turn};
 
 /// Yaw ψ counter-clockwise from above, pitch ϑ nose up, roll γ right side down — Matveev 2025, (22).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -19,6 +17,17 @@ pub struct Angles {
 }
 
 impl Attitude {
+    /// From yaw, pitch and roll — Matveev 2025, (22), (26).
+    pub fn of_angles(angles: Angles) -> Self {
+        let about = |x: f64, y: f64, z: f64| Turn::of_rotation_vector(Vector3::new(x, y, z));
+        let turn = about(0.0, 0.0, angles.yaw_rad).then(about(angles.pitch_rad, 0.0, 0.0)).then(about(
+            0.0,
+            angles.roll_rad,
+            0.0,
+        ));
+        Self::of_quaternion(turn.quaternion())
+    }
+
     /// Matveev 2025, (23)–(25), with the two-argument arctangent; pitch by the arctangent too, exact up to the vertical.
     pub fn angles(self) -> Angles {
         let (u, v) = (self.up.w.re, self.up.w.im);
@@ -32,13 +41,4 @@ impl Attitude {
             roll_rad: libm::atan2(-2.0 * u, sign * (1.0 - rho)),
         }
     }
-}
-
-/// The same angle in (−π, π].
-pub fn wrapped_rad(angle_rad: f64) -> f64 {
-    if angle_rad > -PI && angle_rad <= PI {
-        return angle_rad;
-    }
-    let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
-    if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }

@@ -3,9 +3,10 @@
 //! Input: turns of the body, corrections of the level. Output: an attitude bounded in its chart, |w| ≤ 1.2. Time: none.
 //! Failure: none; every attitude has a chart in which it is far from the pole.
 
+use core::f64::consts::{PI, TAU};
+
 use crate::{
     Complex, J, Matrix3, Quaternion, Vector3,
-    angles::{Angles, wrapped_rad},
     point::{Chart, Point},
     turn::Turn,
 };
@@ -61,17 +62,6 @@ impl Attitude {
             Chart::Inverted => (second, -first),
         };
         Quaternion::new(alpha.re, beta.re, beta.im, alpha.im)
-    }
-
-    /// From yaw, pitch and roll — Matveev 2025, (22), (26).
-    pub fn of_angles(angles: Angles) -> Self {
-        let about = |x: f64, y: f64, z: f64| Turn::of_rotation_vector(Vector3::new(x, y, z));
-        let turn = about(0.0, 0.0, angles.yaw_rad).then(about(angles.pitch_rad, 0.0, 0.0)).then(about(
-            0.0,
-            angles.roll_rad,
-            0.0,
-        ));
-        Self::of_quaternion(turn.quaternion())
     }
 
     /// Direction cosines reference → body, v_body = A v_ref — Matveev 2025, (14), (15).
@@ -154,6 +144,15 @@ impl Turn {
     pub fn between(from: Attitude, to: Attitude) -> Self {
         Self::of_quaternion(from.quaternion().conjugate() * to.quaternion())
     }
+}
+
+/// The same angle in (−π, π].
+pub fn wrapped_rad(angle_rad: f64) -> f64 {
+    if angle_rad > -PI && angle_rad <= PI {
+        return angle_rad;
+    }
+    let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
+    if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 
 /// 2 arg m, rad, (−2π, 2π]: by its series for the small turns of a sample.

@@ -5,11 +5,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use attitude::{
     Complex, Matrix3, Quaternion, Vector3,
     accel::Projector,
-    angles::{Angles, wrapped_rad},
+    angles::Angles,
     kinematics,
     point::{Chart, Point},
     stage::Stage,
-    state::Attitude,
+    state::{Attitude, wrapped_rad},
     turn::Turn,
 };
 use nalgebra::Normed;
@@ -153,6 +153,15 @@ proptest! {
         let up_before = before.horizontal(moved.attitude.up.direction());
         let size = 2.0 / (1.0 + lean.norm_sqr());
         prop_assert!((up_before - lean * size).norm() < 1e-14);
+    }
+
+    #[test]
+    fn realigning_brings_up_to_the_top_and_keeps_heading(q in quaternion(), up in quaternion()) {
+        let (before, up) = (Attitude::of_quaternion(q), Attitude::of_quaternion(up).up);
+        let moved = before.realigned(up);
+        prop_assert!((moved.attitude.up.direction() - up.direction()).amax() < 1e-6);
+        let change = moved.attitude.quaternion() * before.quaternion().conjugate();
+        prop_assert!(change.k.abs() < 1e-9);
     }
 
     #[test]

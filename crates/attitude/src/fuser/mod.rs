@@ -10,8 +10,6 @@
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T | 0.16° |
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published | 0.21° |
 
-mod bias;
-mod rest;
 pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;

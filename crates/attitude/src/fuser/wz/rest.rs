@@ -1,7 +1,6 @@
 //! Rest: the gyro and the accelerometer have not moved from their own mean for a while.
 
-use super::low_pass_gain;
-use crate::{Vector3, stage::Numbers};
+use crate::{Vector3, fuser::low_pass_gain, stage::Numbers};
 
 /// Time constant of the mean that samples are held against, s.
 const MEAN_S: f64 = 0.5;

@@ -8,7 +8,7 @@
 //!
 //! C_u the response to the bias already taken off, ε0 the unknown error of the first level and C_0 the response to it.
 
-use super::wz::{T1_S, T2_S};
+use super::{T1_S, T2_S};
 use crate::{Complex, J, Vector3, stage::Numbers, state::Attitude};
 use nalgebra::{SMatrix, SVector};
 

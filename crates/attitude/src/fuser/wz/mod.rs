@@ -10,18 +10,22 @@
 //! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
 //! second order, with its "+" replaced by a Möbius map and its low-pass moved to the level frame.
 
-use super::{Corrections, Fused, FuserInput, bias::BiasFilter, innovation_rad, rest::Rest};
+mod bias;
+mod rest;
+
+use super::{Corrections, Fused, FuserInput, innovation_rad};
 use crate::{
     Complex, GRAVITY_M_S2, Vector3,
     stage::{Numbers, Stage},
     state::{Attitude, Moved},
     turn::Turn,
 };
+use {bias::BiasFilter, rest::Rest};
 
 /// Memory of the leaky velocity, s.
-pub(super) const T1_S: f64 = 3.0;
+const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
-pub(super) const T2_S: f64 = 2.0;
+const T2_S: f64 = 2.0;
 
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -1,0 +1,197 @@
+//! Instructions of the stages and of the filters that others use, counted by callgrind: `cargo bench -p kernels`.
+//!
+//! Input: 1000 samples of S1's scenario at 100 Hz, made before anything is counted. Output: the instructions (`Ir`) of 1000 calls
+//! on them, with loop and stores, without allocation. Time: none; a count is the same on a busy machine. Failure: without valgrind
+//! and gungraun-runner 0.20 nothing is counted.
+//!
+//! | group | what one call is |
+//! | --- | --- |
+//! | `gyros` | one step of an integrator |
+//! | `fusers` | one step of a fuser on motions of `mobius` and inclinations of `projector`, both made before |
+//! | `filters` | from rate and force to the attitude: `mobius`, `projector` and the fuser; for the others their update by both |
+//!
+//! All run with their own defaults and in f64, but for imu-fusion, which knows f32 only.
+
+use std::hint::black_box;
+
+use ahrs::{Ahrs, Madgwick, Mahony};
+use attitude::{
+    GRAVITY_M_S2, Vector3,
+    accel::Projector,
+    fuser::{Fuser, FuserInput},
+    gyro::{Gyro, RateKind, RateSample},
+    stage::Stage,
+    state::Attitude,
+};
+use gungraun::prelude::*;
+use imu_fusion::{FusionAhrs, FusionVector};
+use nalgebra_of_ahrs::Vector3 as AhrsVector3;
+use scenario::{Errors, Motion, Sensors};
+use vqf_rs::VQF;
+
+const CALLS: usize = 1000;
+const DT_S: f64 = 0.01;
+/// The gains of ahrs's own defaults, whose rate is another.
+const MADGWICK_BETA: f64 = 0.1;
+const MAHONY_KP: f64 = 0.5;
+const MAHONY_KI: f64 = 0.0;
+
+#[library_benchmark(setup = integrator)]
+#[bench::mobius("mobius")]
+#[bench::rk4("rk4")]
+#[bench::euler("euler")]
+fn gyro((mut stage, samples): (Gyro, Vec<RateSample>)) -> (Gyro, Vec<RateSample>) {
+    for sample in &samples {
+        black_box(stage.step(sample));
+    }
+    (stage, samples)
+}
+
+#[library_benchmark(setup = fuser_alone)]
+#[bench::wz("wz")]
+#[bench::wz_closed("wz-closed")]
+#[bench::wz_open("wz-open")]
+fn fuser((mut stage, inputs): (Fuser, Vec<FuserInput>)) -> (Fuser, Vec<FuserInput>) {
+    for input in &inputs {
+        black_box(stage.step(input));
+    }
+    (stage, inputs)
+}
+
+#[library_benchmark(setup = chain)]
+#[bench::wz("wz")]
+#[bench::wz_closed("wz-closed")]
+#[bench::wz_open("wz-open")]
+fn plumbline((mut chain, samples): (Chain, Vec<Sample>)) -> (Chain, Vec<Sample>) {
+    for sample in &samples {
+        let input = chain.input(sample);
+        black_box(chain.fuser.step(&input));
+    }
+    (chain, samples)
+}
+
+#[library_benchmark]
+#[bench::update_6d(of_vqf())]
+fn vqf((mut filter, samples): (VQF, Vec<[[f64; 3]; 2]>)) -> (VQF, Vec<[[f64; 3]; 2]>) {
+    for [rate_rad_s, force_m_s2] in &samples {
+        filter.update(*rate_rad_s, *force_m_s2, None);
+        black_box(filter.quat_6d());
+    }
+    (filter, samples)
+}
+
+#[library_benchmark]
+#[bench::update_6d(of_ahrs(Madgwick::new(DT_S, MADGWICK_BETA)))]
+fn madgwick(input: AhrsInput<Madgwick<f64>>) -> AhrsInput<Madgwick<f64>> {
+    updated(input)
+}
+
+#[library_benchmark]
+#[bench::update_6d(of_ahrs(Mahony::new(DT_S, MAHONY_KP, MAHONY_KI)))]
+fn mahony(input: AhrsInput<Mahony<f64>>) -> AhrsInput<Mahony<f64>> {
+    updated(input)
+}
+
+#[library_benchmark]
+#[bench::update_6d_f32(of_imu_fusion())]
+fn fusion((mut filter, samples): (FusionAhrs, Vec<[FusionVector; 2]>)) -> (FusionAhrs, Vec<[FusionVector; 2]>) {
+    for [rate_deg_s, force_g] in &samples {
+        filter.update_no_mag(*rate_deg_s, *force_g, DT_S as f32);
+        black_box(filter.quaternion);
+    }
+    (filter, samples)
+}
+
+library_benchmark_group!(name = gyros, benchmarks = [gyro]);
+library_benchmark_group!(name = fusers, benchmarks = [fuser]);
+library_benchmark_group!(
+    name = filters,
+    benchmarks = [plumbline, vqf, madgwick, mahony, fusion]
+);
+main!(library_benchmark_groups = [gyros, fusers, filters]);
+
+/// What the sensors say at a tick.
+#[derive(Clone, Copy)]
+struct Sample {
+    rate: RateSample,
+    force_m_s2: Vector3<f64>,
+}
+
+/// The stages from a sample to the fuser, and the fuser.
+struct Chain {
+    gyro: Gyro,
+    accel: Projector,
+    fuser: Fuser,
+}
+
+impl Chain {
+    fn new(gyro: &str, fuser: &str, first: &Sample) -> Self {
+        let (gyro, fuser) = (Gyro::named(gyro), Fuser::named(fuser));
+        let (mut gyro, fuser) = gyro.zip(fuser).expect("stages of their slots");
+        let mut accel = Projector::default();
+        gyro.align(Attitude::levelled(accel.step(&first.force_m_s2).up));
+        Self { gyro, accel, fuser }
+    }
+
+    fn input(&mut self, sample: &Sample) -> FuserInput {
+        let motion = Some(self.gyro.step(&sample.rate));
+        let inclination = Some(self.accel.step(&sample.force_m_s2));
+        FuserInput { motion, inclination, rest_credible: true }
+    }
+}
+
+fn samples() -> Vec<Sample> {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let sample = |tick: usize| {
+        let reading = sensors.read(tick as f64 * DT_S);
+        let dt_s = if tick == 0 { 0.0 } else { DT_S };
+        let rate = RateSample { rate_rad_s: reading.rate_rad_s, dt_s, kind: RateKind::Instant };
+        Sample { rate, force_m_s2: reading.force_m_s2 }
+    };
+    (0..CALLS).map(sample).collect()
+}
+
+fn integrator(name: &str) -> (Gyro, Vec<RateSample>) {
+    let samples = samples();
+    (Chain::new(name, "wz", &samples[0]).gyro, samples.iter().map(|sample| sample.rate).collect())
+}
+
+fn fuser_alone(name: &str) -> (Fuser, Vec<FuserInput>) {
+    let (mut chain, samples) = chain(name);
+    let inputs = samples.iter().map(|sample| chain.input(sample)).collect();
+    (chain.fuser, inputs)
+}
+
+fn chain(fuser: &str) -> (Chain, Vec<Sample>) {
+    let samples = samples();
+    (Chain::new("mobius", fuser, &samples[0]), samples)
+}
+
+fn of_vqf() -> (VQF, Vec<[[f64; 3]; 2]>) {
+    let pair = |sample: Sample| [sample.rate.rate_rad_s.into(), sample.force_m_s2.into()];
+    (VQF::new(DT_S, None, None, None), samples().into_iter().map(pair).collect())
+}
+
+type AhrsInput<F> = (F, Vec<[AhrsVector3<f64>; 2]>);
+
+fn of_ahrs<F: Ahrs<f64>>(filter: F) -> AhrsInput<F> {
+    let vector = |v: Vector3<f64>| AhrsVector3::new(v.x, v.y, v.z);
+    let pair = |sample: Sample| [vector(sample.rate.rate_rad_s), vector(sample.force_m_s2)];
+    (filter, samples().into_iter().map(pair).collect())
+}
+
+#[inline(always)]
+fn updated<F: Ahrs<f64>>((mut filter, samples): AhrsInput<F>) -> AhrsInput<F> {
+    for [rate_rad_s, force_m_s2] in &samples {
+        black_box(filter.update_imu(rate_rad_s, force_m_s2).expect("a force with a direction"));
+    }
+    (filter, samples)
+}
+
+fn of_imu_fusion() -> (FusionAhrs, Vec<[FusionVector; 2]>) {
+    let vector = |v: Vector3<f64>| FusionVector::new(v.x as f32, v.y as f32, v.z as f32);
+    let pair = |sample: Sample| {
+        [vector(sample.rate.rate_rad_s.map(f64::to_degrees)), vector(sample.force_m_s2 / GRAVITY_M_S2)]
+    };
+    (FusionAhrs::new(), samples().into_iter().map(pair).collect())
+}
