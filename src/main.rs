@@ -1,7 +1,12 @@
 //! `plumb`: one executable with every service and the supervisor that runs them.
 #![forbid(unsafe_code)]
 
-use std::{fmt::Display, path::PathBuf, process::ExitCode};
+use std::{
+    fmt::Display,
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
 
 use clap::{Args, Parser, Subcommand};
 use launch::{Launch, Service};
@@ -75,7 +80,7 @@ fn main() -> ExitCode {
         Command::Up(up) => run(up),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
-                eprintln!("{} is valid", file.display());
+                supervisor::tell(format_args!("{} is valid", file.display()));
                 ExitCode::SUCCESS
             }
             Err(error) => fail(&error, 3),
@@ -97,9 +102,9 @@ fn run(up: Up) -> ExitCode {
     let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
     match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
         Ok(report) => {
-            eprintln!("{report}");
-            if json {
-                println!("{}", report.json());
+            supervisor::tell(&report);
+            if json && writeln!(io::stdout(), "{}", report.json()).is_err() {
+                return fail(&"printing the report: standard output is closed", 1);
             }
             ExitCode::SUCCESS
         }
@@ -108,7 +113,7 @@ fn run(up: Up) -> ExitCode {
 }
 
 fn fail(error: &dyn Display, code: u8) -> ExitCode {
-    eprintln!("{error}");
+    supervisor::tell(error);
     ExitCode::from(code)
 }
 

@@ -104,10 +104,7 @@ fn fusion((mut filter, samples): (FusionAhrs, Vec<[FusionVector; 2]>)) -> (Fusio
 
 library_benchmark_group!(name = gyros, benchmarks = [gyro]);
 library_benchmark_group!(name = fusers, benchmarks = [fuser]);
-library_benchmark_group!(
-    name = filters,
-    benchmarks = [plumbline, vqf, madgwick, mahony, fusion]
-);
+library_benchmark_group!(name = filters, benchmarks = [plumbline, vqf, madgwick, mahony, fusion]);
 main!(library_benchmark_groups = [gyros, fusers, filters]);
 
 /// What the sensors say at a tick.

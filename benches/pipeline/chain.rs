@@ -82,14 +82,8 @@ pub(crate) trait Outlet {
 pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let ticks = |seconds: f64| (seconds * f64::from(rate_hz)).ceil() as u64;
     let warm_ticks = ticks(WARM_S);
-    let part = |place| Part {
-        variant,
-        place,
-        share: share.into(),
-        rate_hz,
-        warm_ticks,
-        ticks: warm_ticks + ticks(seconds),
-    };
+    let part =
+        |place| Part { variant, place, share: share.into(), rate_hz, warm_ticks, ticks: warm_ticks + ticks(seconds) };
     let mut processes = Vec::new();
     for place in (0..PLACES).rev() {
         let part = serde_json::to_string(&part(place))?;
@@ -183,7 +177,9 @@ fn drain<I: Inlet>(
     let mut idle_ns = monotonic_ns();
     loop {
         samples.clear();
-        while let (true, Some(sample)) = (samples.len() < LINK_SAMPLES, inlet.receive()?) {
+        while samples.len() < LINK_SAMPLES
+            && let Some(sample) = inlet.receive()?
+        {
             samples.push(sample);
         }
         match samples.last() {

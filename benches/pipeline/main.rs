@@ -113,8 +113,8 @@ fn be(part: &Part) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    if !(0.1..=3600.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
-        return Err("expected 0.1 to 3600 seconds and 1 to 1000 rounds".into());
+    if !(0.1..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
+        return Err("expected 0.1 to 60 seconds and 1 to 1000 rounds".into());
     }
     let mut table = Table::new(cli.rounds, cli.seconds);
     for round in 0..cli.rounds {

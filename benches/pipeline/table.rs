@@ -75,7 +75,8 @@ impl Table {
     fn row(&self, place: Place) -> Row {
         let (costs, limits) = (self.costs(place), self.costs(Place { variant: Variant::Raw, ..place }));
         let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
-        let ratio = |pick: fn(&Cost) -> f64| median(costs.iter().zip(&limits).map(|(cost, raw)| pick(cost) / pick(raw)));
+        let ratio =
+            |pick: fn(&Cost) -> f64| median(costs.iter().zip(&limits).map(|(cost, raw)| pick(cost) / pick(raw)));
         Row {
             place,
             cost: Cost {

@@ -11,7 +11,6 @@ use attitude::{
     stage::{RestoreError, Stage},
     state::Attitude,
 };
-use nalgebra::Normed;
 use scenario::{Errors, Motion, Sensors};
 
 /// The three stages on one body, fed tick by tick.
@@ -50,7 +49,8 @@ impl Chain {
 fn inclination_error_deg(estimate: Attitude, truth: Attitude) -> f64 {
     estimate
         .horizontal(truth.up.direction())
-        .norm()
+        .norm_sqr()
+        .sqrt()
         .atan2(estimate.up.direction().dot(&truth.up.direction()))
         .to_degrees()
 }

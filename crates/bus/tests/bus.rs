@@ -113,12 +113,13 @@ fn a_reader_that_comes_late_begins_with_the_next_message() {
 
 #[test]
 fn a_waiter_is_woken_by_what_was_sent() {
-    let Pair { here, there, .. } = &pair();
+    let Pair { there, domain, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = here.publisher::<ImuSample>(BUFFER, &[WORD]).unwrap();
     let waiter = there.waiter(WORD);
     std::thread::scope(|scope| {
         scope.spawn(|| {
+            let here = Bus::join(domain, "thread").unwrap();
+            let publisher = here.publisher::<ImuSample>(BUFFER, &[WORD]).unwrap();
             for tick in 0..500 {
                 std::thread::sleep(Duration::from_micros(tick % 7 * 50));
                 send(&publisher, tick..tick + 1);

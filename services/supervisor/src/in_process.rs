@@ -1,12 +1,6 @@
 //! All slots in this process, without the bus: the same slots, the same join, the same bytes.
 
-use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    time::Duration,
-};
+use std::{sync::atomic::Ordering, time::Duration};
 
 use ingest::source::{Readings, Truth};
 use launch::Service;
@@ -60,11 +54,7 @@ impl Path {
 
 /// Runs the plan in this process.
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
-    let system = |cause| UpError::System { doing: "catching signals".into(), cause };
-    let ends = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, ends.clone()).map_err(system)?;
-    }
+    let ends = crate::asked_to_end()?;
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut conditioner = ingest::conditioner(&plan.orders);
     let mut path = Path::new(plan)?;

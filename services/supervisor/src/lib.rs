@@ -21,7 +21,11 @@ pub mod report;
 pub mod system;
 mod view;
 
-use std::{io, path::PathBuf};
+use std::{
+    io::{self, Write},
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use bus::BusError;
 use ingest::source::SourceError;
@@ -36,6 +40,21 @@ pub use report::Report;
 pub fn up(request: &Request) -> Result<Report, UpError> {
     let plan = Plan::new(request)?;
     if request.in_process { in_process::run(&plan) } else { system::run(&plan) }
+}
+
+/// Prints a line for people. One that nobody reads any more does not stop a system.
+pub fn tell(line: impl std::fmt::Display) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// Becomes true when a person or the system asks for the end.
+fn asked_to_end() -> Result<Arc<AtomicBool>, UpError> {
+    let asked = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT, signal_hook::consts::SIGHUP] {
+        signal_hook::flag::register(signal, asked.clone())
+            .map_err(|cause| UpError::System { doing: "catching signals".into(), cause })?;
+    }
+    Ok(asked)
 }
 
 /// Why a system did not run, or did not run to its end.

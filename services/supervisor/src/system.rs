@@ -63,11 +63,7 @@ struct Ports {
 
 impl System {
     fn start(plan: &Plan) -> Result<Self, UpError> {
-        let asked_to_end = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            signal_hook::flag::register(signal, asked_to_end.clone())
-                .map_err(|cause| UpError::System { doing: "catching signals".into(), cause })?;
-        }
+        let asked_to_end = crate::asked_to_end()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;

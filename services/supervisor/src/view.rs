@@ -10,7 +10,7 @@ use launch::{Service, Source};
 use messages::{Flags, Health, State};
 use runtime::Pace;
 
-use crate::{Plan, collector::Collector, report::LatencyUs};
+use crate::{Plan, collector::Collector, report::LatencyUs, tell};
 
 /// Terminal frames per second at most.
 const FRAMES_HZ: u8 = 10;
@@ -40,7 +40,7 @@ impl View {
     pub(crate) fn new(plan: &Plan) -> Self {
         let lines = std::io::stderr().is_terminal().then(|| Lines::new(plan));
         if lines.is_none() {
-            eprintln!("{}", head(plan));
+            tell(head(plan));
         }
         Self {
             lines,
