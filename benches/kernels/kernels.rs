@@ -11,6 +11,7 @@
 //! | `filters` | from rate and force to the attitude: `mobius`, `projector` and the fuser; for the others their update by both |
 //!
 //! All run with their own defaults and in f64, but for imu-fusion, which knows f32 only.
+#![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
 
 use std::hint::black_box;
 

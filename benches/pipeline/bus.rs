@@ -1,7 +1,6 @@
 //! The bus alone: processes that pass the header of each message on, over the topics `imu`, `gyro` and `fused`.
 
 use bus::{Bus, Domain, Publisher, Subscriber, Waiter};
-use bytemuck::Zeroable;
 use messages::{FusedState, GyroStep, ImuSample, Message, Ticked};
 
 use crate::{

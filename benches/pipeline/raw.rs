@@ -6,12 +6,9 @@ use std::{
     fs::{File, OpenOptions},
     io,
     ptr::NonNull,
-    sync::{
-        Arc,
-        atomic::{
-            AtomicU32, AtomicU64,
-            Ordering::{Acquire, Relaxed, Release, SeqCst},
-        },
+    sync::atomic::{
+        AtomicU32, AtomicU64,
+        Ordering::{Acquire, Relaxed, Release, SeqCst},
     },
 };
 
@@ -68,11 +65,12 @@ impl Mapping {
         NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mapped at zero"))
     }
 
-    fn ring(&self, hop: usize) -> &Ring {
+    fn rings(&self) -> &Rings {
         #[allow(unsafe_code)]
         // SAFETY: mapped in `of` with this layout, unmapped only in `drop`.
-        let rings = unsafe { self.0.as_ref() };
-        &rings[hop]
+        unsafe {
+            self.0.as_ref()
+        }
     }
 }
 
@@ -85,35 +83,22 @@ impl Drop for Mapping {
     }
 }
 
-/// An end of a hop.
-struct End {
-    rings: Arc<Mapping>,
-    hop: usize,
-}
-
-impl End {
-    fn ring(&self) -> &Ring {
-        self.rings.ring(self.hop)
-    }
-}
-
-impl Outlet for End {
+impl Outlet for &Ring {
     type Sample = Sample;
 
     fn send(&mut self, sample: &Sample) -> Result<(), Failure> {
-        let ring = self.ring();
-        let sent = ring.sent.0.load(Relaxed);
-        if sent - ring.received.0.load(Acquire) < LINK_SAMPLES as u64 {
+        let sent = self.sent.0.load(Relaxed);
+        if sent - self.received.0.load(Acquire) < LINK_SAMPLES as u64 {
             let words: [u64; SAMPLE_WORDS] = bytemuck::cast(*sample);
-            let slot = &ring.slots[sent as usize % LINK_SAMPLES].0;
+            let slot = &self.slots[sent as usize % LINK_SAMPLES].0;
             slot.iter().zip(words).for_each(|(place, word)| place.store(word, Relaxed));
-            ring.sent.0.store(sent + 1, Release);
+            self.sent.0.store(sent + 1, Release);
         }
         Ok(())
     }
 
     fn wake(&mut self) {
-        let Wake { wakes, waiting } = &self.ring().wake.0;
+        let Wake { wakes, waiting } = &self.wake.0;
         wakes.fetch_add(1, SeqCst);
         if waiting.load(SeqCst) != 0 {
             // It can only fail when nobody waits any more.
@@ -122,27 +107,25 @@ impl Outlet for End {
     }
 }
 
-impl Inlet for End {
+impl Inlet for &Ring {
     type Sample = Sample;
 
     fn receive(&mut self) -> Result<Option<Sample>, Failure> {
-        let ring = self.ring();
-        let received = ring.received.0.load(Relaxed);
-        if received == ring.sent.0.load(Acquire) {
+        let received = self.received.0.load(Relaxed);
+        if received == self.sent.0.load(Acquire) {
             return Ok(None);
         }
-        let slot = &ring.slots[received as usize % LINK_SAMPLES].0;
+        let slot = &self.slots[received as usize % LINK_SAMPLES].0;
         let words: [u64; SAMPLE_WORDS] = std::array::from_fn(|i| slot[i].load(Relaxed));
-        ring.received.0.store(received + 1, Release);
+        self.received.0.store(received + 1, Release);
         Ok(Some(bytemuck::cast(words)))
     }
 
     fn wait(&mut self) {
-        let ring = self.ring();
-        let Wake { wakes, waiting } = &ring.wake.0;
+        let Wake { wakes, waiting } = &self.wake.0;
         let seen = wakes.load(SeqCst);
         waiting.fetch_add(1, SeqCst);
-        if ring.received.0.load(SeqCst) == ring.sent.0.load(SeqCst) {
+        if self.received.0.load(SeqCst) == self.sent.0.load(SeqCst) {
             let limit = Timespec { tv_sec: 0, tv_nsec: WAIT_LIMIT.as_nanos() as i64 };
             // Woken, timed out or too late to sleep: the caller looks for samples again.
             let _ = futex::wait(wakes, futex::Flags::empty(), seen, Some(&limit));
@@ -162,11 +145,11 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
 /// One process of the variant.
 pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     chain::end_with_parent()?;
-    let rings = Arc::new(Mapping::of(&OpenOptions::new().read(true).write(true).open(&part.share)?)?);
-    let end = |hop| End { rings: rings.clone(), hop };
+    let mapping = Mapping::of(&OpenOptions::new().read(true).write(true).open(&part.share)?)?;
+    let rings = mapping.rings();
     match part.place {
-        0 => chain::source(part, end(0)),
-        place if place + 1 < PLACES => chain::relay(part, end(place - 1), end(place), |sample| *sample),
-        place => chain::sink(part, end(place - 1)),
+        0 => chain::source(part, &rings[0]),
+        place if place + 1 < PLACES => chain::relay(part, &rings[place - 1], &rings[place], |sample| *sample),
+        place => chain::sink(part, &rings[place - 1]),
     }
 }

@@ -4,6 +4,7 @@
 
 use std::{
     fs,
+    os::unix::process::CommandExt,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
     sync::atomic::{AtomicU32, Ordering},
@@ -49,8 +50,14 @@ impl System {
 
     /// Starts `plumb up` and does not wait for it.
     pub fn start(&self, arguments: &[&str]) -> Running {
-        let child = self.command(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        Running { child: Some(child) }
+        Running::of(self.command(arguments))
+    }
+
+    /// Starts `plumb up` as a shell does: in a process group of its own, which Ctrl-C goes to.
+    pub fn start_as_a_shell_does(&self, arguments: &[&str]) -> Running {
+        let mut command = self.command(arguments);
+        command.process_group(0);
+        Running::of(command)
     }
 
     /// Runs `plumb up` to its end.
@@ -84,6 +91,10 @@ pub struct Running {
 }
 
 impl Running {
+    pub fn of(mut command: Command) -> Self {
+        Self { child: Some(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()) }
+    }
+
     pub fn pid(&self) -> u32 {
         self.child.as_ref().unwrap().id()
     }
@@ -111,8 +122,18 @@ impl Running {
         signal(self.pid(), Signal::INT);
     }
 
-    pub fn wait(mut self) -> Run {
-        Run::of(self.child.take().unwrap().wait_with_output().unwrap())
+    /// The processes of the services, once all are there.
+    pub fn all_services(&self) -> Vec<(String, u32)> {
+        until("five services", || self.services().len() == 5);
+        self.services()
+    }
+
+    pub fn wait(self) -> Run {
+        Run::of(self.output())
+    }
+
+    pub fn output(mut self) -> Output {
+        self.child.take().unwrap().wait_with_output().unwrap()
     }
 }
 

@@ -68,7 +68,7 @@ impl Bus {
         Ok(Publisher { port, waker: Waker::new(self.page.clone(), readers) })
     }
 
-    /// Reads `M`, from the oldest message the publishers still hold.
+    /// Reads `M`, from the next message that is published.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
         let service = self.topic::<M>(buffer)?;
         let port = service

@@ -12,7 +12,8 @@ const SCORED: &str = "mov";
 const KNOWN: [&str; 15] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az", "qw", "qx", "qy", "qz", SCORED, "mx", "my", "mz"];
 /// What some spreadsheets put before the text, in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-/// Jaro-Winkler similarity from which a name is another one misspelt: so are `gxx`, `ts`, `q_w`, but not `rx`.
+/// Jaro-Winkler similarity from which a name is another one misspelt, underscores aside: so are `gxx`, `ts`, `q_w`, but not
+/// `rx`.
 const NEAR: f64 = 0.8;
 
 /// The header: indices of fields, from 0.
@@ -53,10 +54,11 @@ fn known(field: &[u8]) -> Result<&'static str, Fault> {
     if let Some(known) = KNOWN.into_iter().find(|&known| known == name) {
         return Ok(known);
     }
-    let lower = name.to_lowercase();
+    let plain = |name: &str| name.to_lowercase().replace('_', "");
+    let found = plain(name);
     let near = KNOWN
         .into_iter()
-        .map(|known| (strsim::jaro_winkler(&lower, known), known))
+        .map(|known| (strsim::jaro_winkler(&found, &plain(known)), known))
         .filter(|&(similarity, _)| similarity >= NEAR)
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, known)| known);

@@ -9,7 +9,7 @@ use std::{
 
 use attitude::Quaternion;
 use hdrhistogram::Histogram;
-use messages::{AttitudeOutput, HASH_START, Reference, Ticked, hash};
+use messages::{AttitudeOutput, Flags, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
 use crate::UpError;
@@ -27,6 +27,7 @@ pub struct Collector {
     latency_ns: Histogram<u64>,
     error: InclinationError,
     digest: u64,
+    flags: Flags,
     last: Option<AttitudeOutput>,
     out: Option<Csv>,
 }
@@ -68,6 +69,7 @@ impl Collector {
             })?,
             error: InclinationError::default(),
             digest: HASH_START,
+            flags: Flags::NONE,
             last: None,
             out: out.map(Csv::create).transpose()?,
         })
@@ -87,6 +89,7 @@ impl Collector {
             return Ok(());
         }
         self.latency_ns.saturating_record(header.t_sent_ns.saturating_sub(header.t_born_ns));
+        self.flags |= header.flags;
         self.digest = hash(self.digest, bytemuck::bytes_of(&output.canonical()));
         while self.pending.front().is_some_and(|reference| reference.tick < header.tick) {
             self.pending.pop_front();
@@ -125,6 +128,11 @@ impl Collector {
     /// A number that two runs share when every attitude was the same to the last bit.
     pub fn digest(&self) -> u64 {
         self.digest
+    }
+
+    /// Every flag of any attitude.
+    pub fn flags(&self) -> Flags {
+        self.flags
     }
 
     /// The newest attitude.

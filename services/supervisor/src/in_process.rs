@@ -4,7 +4,7 @@ use std::{sync::atomic::Ordering, time::Duration};
 
 use ingest::source::{Readings, Truth};
 use launch::Service;
-use messages::{AttitudeOutput, Flags, ImuSample, Reference};
+use messages::{AttitudeOutput, ImuSample, Reference};
 use runtime::{
     Pace, RuntimeError, Slot,
     clock::{monotonic_ns, sleep_until_ns},
@@ -59,7 +59,6 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
     let mut conditioner = ingest::conditioner(&plan.orders);
     let mut path = Path::new(plan)?;
     let mut view = View::new(plan);
-    let mut flags = Flags::NONE;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
     let (mut first_ns, mut seen_ns) = (None, 0);
     runtime::clock::wake_on_time();
@@ -84,7 +83,6 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         let mut taken = Ok(());
         path.offer(sample, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
-            flags |= output.header.flags;
             if taken.is_ok() {
                 taken = collector.attitude(&output);
             }
@@ -101,7 +99,6 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         ticks_in: conditioner.ticks(),
         refused: conditioner.refused(),
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
-        flags: flags.to_string(),
         services: Service::ALL
             .map(|service| ServiceReport { name: service.name(), pid: std::process::id(), restarts: 0 })
             .into(),

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use messages::Flags;
 use serde::Serialize;
 
 use crate::collector::Collector;
@@ -31,9 +32,9 @@ pub struct Report {
     /// Readings refused at the source.
     #[serde(skip)]
     pub refused: u64,
-    /// The names of all flags seen.
+    /// Every flag of any attitude.
     #[serde(skip)]
-    pub flags: String,
+    pub flags: Flags,
 }
 
 /// Latency, µs.
@@ -78,8 +79,6 @@ pub struct Account {
     pub refused: u64,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
-    /// The names of all flags seen.
-    pub flags: String,
     /// The processes.
     pub services: Vec<ServiceReport>,
 }
@@ -102,7 +101,7 @@ impl Report {
             services: account.services,
             digest: collector.digest(),
             refused: account.refused,
-            flags: account.flags,
+            flags: collector.flags(),
         }
     }
 
@@ -148,7 +147,7 @@ impl fmt::Display for Report {
             }
             None => writeln!(f, "error    unknown: the source has no reference attitude")?,
         }
-        if !self.flags.is_empty() {
+        if self.flags != Flags::NONE {
             writeln!(f, "flags    {}", self.flags)?;
         }
         write!(f, "digest   {:016x}", self.digest)

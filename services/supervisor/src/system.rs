@@ -10,7 +10,7 @@ use std::{
 
 use bus::{Bus, Claim, Domain, Publisher, Subscriber, Waiter};
 use launch::Service;
-use messages::{AttitudeOutput, Credit, Flags, Health, Reference, State};
+use messages::{AttitudeOutput, Credit, Health, Reference, State};
 use runtime::orders::{BUFFER_BESIDE, SUPERVISOR_WORD, word};
 
 use crate::{
@@ -103,7 +103,8 @@ impl System {
         self.ports.grant(granted)?;
         let (mut stopping, mut expected) = (false, Vec::new());
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
-        loop {
+        // Asked to end before it was ready, it has nothing to give out.
+        while self.is_ready() {
             self.ports.wait(lockstep);
             let before = collector.sequence().next_tick;
             self.ports.collect(&mut collector)?;
@@ -158,18 +159,20 @@ impl System {
         Ok(())
     }
 
+    fn is_ready(&self) -> bool {
+        self.health.iter().all(Option::is_some)
+    }
+
     fn health_of(&self, service: Service) -> Option<&Health> {
         self.health[service as usize].as_ref()
     }
 
     fn account(&self, cpu_s_per_s: f64) -> Account {
         let ingest = self.health_of(Service::Ingest);
-        let flags = self.health.iter().flatten().fold(Flags::NONE, |all, health| all | health.flags);
         Account {
             ticks_in: ingest.map_or(0, |health| health.ticks),
             refused: ingest.map_or(0, |health| health.refused),
             cpu_s_per_s,
-            flags: flags.to_string(),
             services: self
                 .children
                 .iter()
