@@ -11,7 +11,7 @@ use launch::Service;
 use messages::{AttitudeOutput, Flags, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
-    orders::{BUFFER_BESIDE, word},
+    orders::BUFFER_BESIDE,
 };
 use scenario::{Errors, Motion, Sensors};
 
@@ -42,7 +42,7 @@ impl Bench {
         let bus = joined.unwrap();
         let health: Subscriber<Health> = bus.subscriber(BUFFER_BESIDE).unwrap();
         let attitude = bus.subscriber(BUFFER).unwrap();
-        let sensor = bus.publisher(BUFFER, &[word(Service::Ingest)]).unwrap();
+        let sensor = bus.publisher(BUFFER).unwrap();
         let mut ready = [false; Service::ALL.len()];
         until("every service", || {
             while let Some(said) = health.receive().unwrap() {

@@ -1,6 +1,6 @@
 //! The bus alone: processes that pass the header of each message on, over the topics `imu`, `gyro` and `fused`.
 
-use bus::{Bus, Domain, Publisher, Subscriber, Waiter};
+use bus::{Bus, Domain, Publisher, Subscriber};
 use messages::{FusedState, GyroStep, ImuSample, Message, Ticked};
 
 use crate::{
@@ -8,20 +8,17 @@ use crate::{
     chain::{self, Inlet, LINK_SAMPLES, Outlet, Part, WAIT_LIMIT},
 };
 
-struct In<M: Message> {
-    subscriber: Subscriber<M>,
-    waiter: Waiter,
-}
+struct In<M: Message>(Subscriber<M>);
 
 impl<M: Ticked> Inlet for In<M> {
     type Sample = M;
 
     fn receive(&mut self) -> Result<Option<M>, Failure> {
-        Ok(self.subscriber.receive()?)
+        Ok(self.0.receive()?)
     }
 
     fn wait(&mut self) {
-        self.waiter.wait(WAIT_LIMIT, || self.subscriber.has_messages());
+        self.0.wait(WAIT_LIMIT);
     }
 }
 
@@ -46,7 +43,7 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     chain::run(Variant::Bus, &name, rate_hz, seconds)
 }
 
-/// One process of the variant; its place is its wake word.
+/// One process of the variant.
 pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     chain::end_with_parent()?;
     let member = Member { bus: Bus::join(&Domain::new(&part.share)?, &format!("place-{}", part.place))?, part };
@@ -65,11 +62,11 @@ struct Member<'a> {
 
 impl Member<'_> {
     fn inlet<M: Message>(&self) -> Result<In<M>, Failure> {
-        Ok(In { subscriber: self.bus.subscriber(LINK_SAMPLES)?, waiter: self.bus.waiter(self.part.place) })
+        Ok(In(self.bus.subscriber(LINK_SAMPLES)?))
     }
 
     fn outlet<M: Message>(&self) -> Result<Out<M>, Failure> {
-        Ok(Out(self.bus.publisher(LINK_SAMPLES, &[self.part.place + 1])?))
+        Ok(Out(self.bus.publisher(LINK_SAMPLES)?))
     }
 
     fn relay<A: Ticked, B: Ticked>(&self) -> Result<(), Failure> {

@@ -4,8 +4,8 @@
 //! limit; nothing else looks at a clock. Failure: a publisher never blocks on a reader; what a reader is too slow for is overwritten,
 //! oldest first, and shows as a gap in the ticks.
 //!
-//! Data goes through iceoryx2, which no other crate names. Its events cost as much as a hop and can lose a wake-up, so each service
-//! has one futex word in a page of our own instead ([`Waiter`], [`Waker`]).
+//! Data goes through iceoryx2, which no other crate names. Its events cost as much as a hop and can lose a wake-up, so each topic
+//! has one futex word in a page of our own instead.
 
 mod domain;
 mod error;
@@ -15,4 +15,4 @@ mod wake;
 pub use domain::{Claim, Domain};
 pub use error::BusError;
 pub use topic::{Bus, Publisher, Subscriber};
-pub use wake::{WORDS, Waiter, Waker, Woken};
+pub use wake::Woken;

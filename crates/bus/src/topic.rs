@@ -1,6 +1,6 @@
 //! Topics: typed streams in shared memory.
 
-use std::{fmt, sync::Arc};
+use std::{cell::Cell, fmt, sync::Arc, time::Duration};
 
 use iceoryx2::{
     node::{Node, NodeBuilder},
@@ -13,7 +13,10 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{BusError, Domain, Waiter, Waker, wake::Page};
+use crate::{
+    BusError, Domain, Woken,
+    wake::{Page, TopicWord},
+};
 
 /// Active, candidate and injector, and one that was killed and is not yet cleaned up.
 const PUBLISHERS: usize = 4;
@@ -56,16 +59,15 @@ impl Bus {
         &self.domain
     }
 
-    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten. `readers` are the words
-    /// of the services to wake.
-    pub fn publisher<M: Message>(&self, buffer: usize, readers: &[usize]) -> Result<Publisher<M>, BusError> {
+    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten.
+    pub fn publisher<M: Message>(&self, buffer: usize) -> Result<Publisher<M>, BusError> {
         let service = self.topic::<M>(buffer)?;
         let port = service
             .publisher_builder()
             .max_loaned_samples(1)
             .create()
             .map_err(|cause| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") })?;
-        Ok(Publisher { port, waker: Waker::new(self.page.clone(), readers) })
+        Ok(Publisher { port, word: self.word::<M>() })
     }
 
     /// Reads `M`, from the next message that is published.
@@ -76,12 +78,12 @@ impl Bus {
             .buffer_size(buffer)
             .create()
             .map_err(|cause| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") })?;
-        Ok(Subscriber { port })
+        let word = self.word::<M>();
+        Ok(Subscriber { port, seen: Cell::new(word.look()), word })
     }
 
-    /// Waits on the word of one service.
-    pub fn waiter(&self, word: usize) -> Waiter {
-        Waiter::new(self.page.clone(), word)
+    fn word<M: Message>(&self) -> TopicWord {
+        TopicWord::new(self.page.clone(), M::TOPIC)
     }
 
     fn topic<M: Message>(&self, buffer: usize) -> Result<PortFactory<ipc::Service, Sample<M>, ()>, BusError> {
@@ -146,7 +148,7 @@ unsafe impl<M: Message> ZeroCopySend for Sample<M> {
 #[derive(Debug)]
 pub struct Publisher<M: Message> {
     port: IoxPublisher<ipc::Service, Sample<M>, ()>,
-    waker: Waker,
+    word: TopicWord,
 }
 
 impl<M: Message> Publisher<M> {
@@ -160,7 +162,7 @@ impl<M: Message> Publisher<M> {
 
     /// Wakes the readers, once after all that was sent.
     pub fn wake(&self) {
-        self.waker.wake();
+        self.word.wake();
     }
 }
 
@@ -168,6 +170,8 @@ impl<M: Message> Publisher<M> {
 #[derive(Debug)]
 pub struct Subscriber<M: Message> {
     port: IoxSubscriber<ipc::Service, Sample<M>, ()>,
+    word: TopicWord,
+    seen: Cell<u32>,
 }
 
 impl<M: Message> Subscriber<M> {
@@ -179,8 +183,24 @@ impl<M: Message> Subscriber<M> {
         }
     }
 
-    /// There is a message to read; true as well when only reading can tell what is wrong.
-    pub fn has_messages(&self) -> bool {
-        self.port.has_samples().unwrap_or(true)
+    /// Hands what is there to `take`, oldest first, at most `limit` messages.
+    pub fn drain(&self, limit: usize, mut take: impl FnMut(M)) -> Result<(), BusError> {
+        self.seen.set(self.word.look());
+        for _ in 0..limit {
+            match self.receive()? {
+                Some(message) => take(message),
+                None => return Ok(()),
+            }
+        }
+        // There may be more: the next wait is none.
+        self.seen.set(self.seen.get().wrapping_sub(1));
+        Ok(())
+    }
+
+    /// Sleeps until something was published since the last [`drain`](Self::drain) or wait began, no longer than `limit`.
+    pub fn wait(&self, limit: Duration) -> Woken {
+        let woken = self.word.wait(self.seen.get(), limit);
+        self.seen.set(self.word.look());
+        woken
     }
 }

@@ -1,8 +1,8 @@
-//! Waking a service: one futex word each, in a page of shared memory.
+//! Waking the readers of a topic: one futex word each, in a page of shared memory.
 //!
-//! A waker adds one to the word and calls the kernel only when somebody waits. A waiter announces itself, looks once more for
-//! work, and sleeps only while the word has not changed: a wake-up cannot be lost. A count of waiters that a killed process left
-//! behind costs one needless call per wake, never a wake-up.
+//! A waker adds one to the word and calls the kernel only when somebody has said that he waits. A reader looks at the word, reads
+//! what is there, says that he waits, and sleeps only while the word is as he saw it: a wake-up cannot be lost. What a killed reader
+//! said costs one needless call.
 
 use std::{
     fs::File,
@@ -21,11 +21,11 @@ use rustix::{
     thread::futex,
 };
 
-/// Words in the page: the most services a system can have.
-pub const WORDS: usize = 63;
+/// Words in the page: more than there are topics.
+const WORDS: usize = 63;
 pub(crate) const PAGE_BYTES: usize = size_of::<Layout>();
 
-/// One service's word, alone on its cache line.
+/// One topic's word, alone on its cache line.
 #[repr(C, align(64))]
 struct Word {
     wakes: AtomicU32,
@@ -88,69 +88,61 @@ unsafe impl Send for Page {}
 // SAFETY: as above.
 unsafe impl Sync for Page {}
 
-/// Wakes the services that read a topic.
-#[derive(Debug, Clone)]
-pub struct Waker {
+/// The word of one topic.
+#[derive(Debug)]
+pub(crate) struct TopicWord {
     page: Arc<Page>,
-    words: Vec<usize>,
-}
-
-impl Waker {
-    pub(crate) fn new(page: Arc<Page>, words: &[usize]) -> Self {
-        Self { page, words: words.iter().copied().filter(|word| *word < WORDS).collect() }
-    }
-
-    /// Tells every reader that there is work.
-    pub fn wake(&self) {
-        for &index in &self.words {
-            let word = &self.page.layout().words[index];
-            word.wakes.fetch_add(1, SeqCst);
-            if word.waiting.load(SeqCst) != 0 {
-                // It can only fail when nobody waits any more.
-                let _ = futex::wake(&word.wakes, futex::Flags::empty(), i32::MAX as u32);
-            }
-        }
-    }
+    index: usize,
 }
 
 /// How a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Woken {
-    /// There is work.
+    /// Something was published since the last look.
     Work,
-    /// There is work, but nobody said so within the limit: a wake-up was lost.
+    /// The same, but the limit had to pass: a wake-up was lost.
     Late,
-    /// The limit passed and there is none.
+    /// Nothing was published within the limit.
     Idle,
 }
 
-/// Waits for work of one service.
-#[derive(Debug)]
-pub struct Waiter {
-    page: Arc<Page>,
-    word: usize,
-}
-
-impl Waiter {
-    pub(crate) fn new(page: Arc<Page>, word: usize) -> Self {
-        Self { page, word: word.min(WORDS - 1) }
+impl TopicWord {
+    /// The word of a topic; topics that are not of this system's own share the last.
+    pub(crate) fn new(page: Arc<Page>, topic: &str) -> Self {
+        let index = messages::TOPICS.iter().position(|known| *known == topic).unwrap_or(WORDS - 1);
+        Self { page, index }
     }
 
-    /// Sleeps until there is work or `limit` has passed.
-    pub fn wait(&self, limit: Duration, mut has_work: impl FnMut() -> bool) -> Woken {
-        let word = &self.page.layout().words[self.word];
-        let seen = word.wakes.load(SeqCst);
+    /// Wakes every reader that waits.
+    pub(crate) fn wake(&self) {
+        let word = self.word();
+        word.wakes.fetch_add(1, SeqCst);
+        if word.waiting.load(SeqCst) != 0 && word.waiting.swap(0, SeqCst) != 0 {
+            // It can only fail when nobody waits any more.
+            let _ = futex::wake(&word.wakes, futex::Flags::empty(), i32::MAX as u32);
+        }
+    }
+
+    /// What the word is now: to be asked before reading.
+    pub(crate) fn look(&self) -> u32 {
+        self.word().wakes.load(SeqCst)
+    }
+
+    /// Sleeps while the word is as it was `seen`, no longer than `limit`.
+    pub(crate) fn wait(&self, seen: u32, limit: Duration) -> Woken {
+        let word = self.word();
         word.waiting.store(1, SeqCst);
-        let ready = has_work();
-        let timed_out = !ready && {
-            let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
-            futex::wait(&word.wakes, futex::Flags::empty(), seen, Some(&limit)) == Err(rustix::io::Errno::TIMEDOUT)
-        };
-        word.waiting.store(0, SeqCst);
-        match (ready || has_work(), timed_out) {
+        let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+        let timed_out =
+            futex::wait(&word.wakes, futex::Flags::empty(), seen, Some(&limit)) == Err(rustix::io::Errno::TIMEDOUT);
+        match (self.look() != seen, timed_out) {
             (true, false) => Woken::Work,
             (true, true) => Woken::Late,
             (false, _) => Woken::Idle,
         }
+    }
+
+    fn word(&self) -> &Word {
+        &self.page.layout().words[self.index]
     }
 }

@@ -4,7 +4,6 @@
 use std::{
     fs,
     path::PathBuf,
-    process::Command,
     sync::atomic::{AtomicU32, Ordering},
     time::Duration,
 };
@@ -14,7 +13,6 @@ use bytemuck::Zeroable;
 use messages::{Field, ImuSample, Layout, Message, Reference};
 
 const BUFFER: usize = 64;
-const WORD: usize = 7;
 /// Nothing that is waited for takes so long; it ends a test that failed.
 const HANG: Duration = Duration::from_secs(60);
 
@@ -66,20 +64,18 @@ fn ticks(subscriber: &Subscriber<ImuSample>) -> Vec<u64> {
 fn messages_arrive_whole_and_in_order() {
     let Pair { here, there, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = here.publisher::<ImuSample>(BUFFER, &[]).unwrap();
-    assert!(!subscriber.has_messages());
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     for count in 0..1000u32 {
         let mut sample = ImuSample::zeroed();
         bytemuck::bytes_of_mut(&mut sample).iter_mut().zip(count..).for_each(|(byte, n)| *byte = n as u8);
         publisher.send(&sample).unwrap();
         if count % 40 == 39 {
-            assert!(subscriber.has_messages());
             let first = count - 39;
             for expected in first..=count {
                 let sample = subscriber.receive().unwrap().unwrap();
                 assert!(bytemuck::bytes_of(&sample).iter().zip(expected..).all(|(byte, n)| *byte == n as u8));
             }
-            assert!(!subscriber.has_messages());
+            assert!(subscriber.receive().unwrap().is_none());
         }
     }
 }
@@ -89,7 +85,7 @@ fn a_slow_reader_loses_the_oldest_and_a_quick_one_nothing() {
     let Pair { here, there, .. } = &pair();
     let slow = there.subscriber::<ImuSample>(BUFFER).unwrap();
     let quick = here.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = here.publisher::<ImuSample>(BUFFER, &[]).unwrap();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     let mut seen = Vec::new();
     for tick in 0..100 {
         send(&publisher, tick..tick + 1);
@@ -104,7 +100,7 @@ fn a_slow_reader_loses_the_oldest_and_a_quick_one_nothing() {
 #[test]
 fn a_reader_that_comes_late_begins_with_the_next_message() {
     let Pair { here, there, .. } = &pair();
-    let publisher = here.publisher::<ImuSample>(BUFFER, &[]).unwrap();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..10);
     let late = there.subscriber::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 10..13);
@@ -115,11 +111,10 @@ fn a_reader_that_comes_late_begins_with_the_next_message() {
 fn a_waiter_is_woken_by_what_was_sent() {
     let Pair { there, domain, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
-    let waiter = there.waiter(WORD);
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let here = Bus::join(domain, "thread").unwrap();
-            let publisher = here.publisher::<ImuSample>(BUFFER, &[WORD]).unwrap();
+            let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
             for tick in 0..500 {
                 std::thread::sleep(Duration::from_micros(tick % 7 * 50));
                 send(&publisher, tick..tick + 1);
@@ -128,28 +123,56 @@ fn a_waiter_is_woken_by_what_was_sent() {
         });
         let mut seen = Vec::new();
         while seen.len() < 500 {
-            assert_eq!(waiter.wait(HANG, || subscriber.has_messages()), Woken::Work, "after {}", seen.len());
-            seen.extend(ticks(&subscriber));
+            assert_eq!(subscriber.wait(HANG), Woken::Work, "after {}", seen.len());
+            subscriber.drain(BUFFER, |sample| seen.push(sample.header.tick)).unwrap();
         }
         assert_eq!(seen, (0..500).collect::<Vec<_>>());
     });
 }
 
 #[test]
-fn a_wait_without_work_is_idle_and_work_that_nobody_told_of_is_late() {
+fn every_reader_of_a_topic_is_woken_by_one_call() {
+    let Pair { here, domain, .. } = &pair();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    std::thread::scope(|scope| {
+        let readers: Vec<_> = (0..4)
+            .map(|n| {
+                scope.spawn(move || {
+                    let there = Bus::join(domain, &format!("reader-{n}")).unwrap();
+                    let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
+                    let mut last = None;
+                    while last != Some(999) {
+                        assert_ne!(subscriber.wait(HANG), Woken::Idle);
+                        subscriber.drain(BUFFER, |sample| last = Some(sample.header.tick)).unwrap();
+                    }
+                })
+            })
+            .collect();
+        for tick in 0.. {
+            // The last tick again and again, for readers that were not there before.
+            send(&publisher, tick.min(999)..tick.min(999) + 1);
+            publisher.wake();
+            std::thread::sleep(Duration::from_micros(50));
+            if readers.iter().all(|reader| reader.is_finished()) {
+                break;
+            }
+        }
+    });
+}
+
+#[test]
+fn a_wait_is_idle_without_work_and_none_with_it() {
     let Pair { here, there, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = here.publisher::<ImuSample>(BUFFER, &[WORD]).unwrap();
-    let waiter = there.waiter(WORD);
-    assert_eq!(waiter.wait(Duration::from_millis(5), || subscriber.has_messages()), Woken::Idle);
-    send(&publisher, 0..1);
-    let mut looks = 0;
-    let has_work = || {
-        looks += 1;
-        looks > 1 && subscriber.has_messages()
-    };
-    assert_eq!(waiter.wait(Duration::from_millis(5), has_work), Woken::Late);
-    assert_eq!(waiter.wait(HANG, || subscriber.has_messages()), Woken::Work, "it is there already");
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle);
+    send(&publisher, 0..BUFFER as u64);
+    publisher.wake();
+    assert_eq!(subscriber.wait(HANG), Woken::Work, "it is there already");
+    subscriber.drain(BUFFER / 2, |_| ()).unwrap();
+    assert_eq!(subscriber.wait(HANG), Woken::Work, "there may be more than was taken");
+    subscriber.drain(BUFFER, |_| ()).unwrap();
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle);
 }
 
 /// `Reference` as another build of this program might define it: same name, same size, two fields the other way round.
@@ -200,10 +223,10 @@ fn assert_names_both_layouts(error: &BusError, here: &Layout, there: &Layout) {
 #[test]
 fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
     let Pair { here, there, .. } = &pair();
-    let _publisher = here.publisher::<Reference>(BUFFER, &[]).unwrap();
+    let _publisher = here.publisher::<Reference>(BUFFER).unwrap();
     let error = there.subscriber::<Swapped>(BUFFER).unwrap_err();
     assert_names_both_layouts(&error, &Swapped::layout(), &Reference::layout());
-    let error = there.publisher::<Swapped>(BUFFER, &[]).unwrap_err();
+    let error = there.publisher::<Swapped>(BUFFER).unwrap_err();
     assert_names_both_layouts(&error, &Swapped::layout(), &Reference::layout());
     let error = there.subscriber::<Later>(BUFFER).unwrap_err();
     assert_names_both_layouts(&error, &Later::layout(), &Reference::layout());
@@ -244,45 +267,27 @@ fn nothing_of_the_name_remains_at_the_end() {
     let pair = pair();
     let domain = pair.domain.clone();
     let subscriber = pair.there.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = pair.here.publisher::<ImuSample>(BUFFER, &[]).unwrap();
+    let publisher = pair.here.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..3);
     assert!(remains(&domain).len() > 1);
     drop((subscriber, publisher, pair));
     assert_eq!(remains(&domain), Vec::<String>::new());
 }
 
-const OWNER: &str = "PLUMBLINE_TEST_OWNER";
-
-/// Not a test but a process: it claims the name it is told, uses the bus, and dies without a word.
-#[test]
-#[ignore = "run by what_a_dead_owner_left_is_removed_by_the_next"]
-fn an_owner_that_is_killed() {
-    let Ok(name) = std::env::var(OWNER) else { return };
-    let domain = Domain::new(&name).unwrap();
-    let _claim = domain.claim().unwrap();
-    let bus = Bus::join(&domain, "doomed").unwrap();
-    let publisher = bus.publisher::<ImuSample>(BUFFER, &[]).unwrap();
-    let _subscriber = bus.subscriber::<ImuSample>(BUFFER).unwrap();
-    send(&publisher, 0..3);
-    rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL).unwrap();
-}
-
-fn let_an_owner_die(domain: &Domain) {
-    let mut owner = Command::new(std::env::current_exe().unwrap());
-    owner.args(["--exact", "an_owner_that_is_killed", "--ignored"]).env(OWNER, domain.name());
-    assert_eq!(owner.output().unwrap().status.code(), None, "it was to be killed");
-}
-
+/// A real owner is killed in the tests of the command line.
 #[test]
 fn what_a_dead_owner_left_is_removed_by_the_next() {
     let domain = domain();
-    let_an_owner_die(&domain);
-    assert!(remains(&domain).len() > 2, "{:?}", remains(&domain));
+    let prefix = format!("/dev/shm/plumbline.{}.", domain.name());
+    for file in ["wake", "0123.service", "4567.publisher"] {
+        fs::write(prefix.clone() + file, "old").unwrap();
+    }
+    fs::create_dir_all(format!("/tmp/plumbline.{}/services", domain.name())).unwrap();
     let claim = domain.claim().unwrap();
     assert_eq!(remains(&domain), [format!("plumbline.{}.wake", domain.name())]);
     let bus = Bus::join(&domain, "heir").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(2 * BUFFER).unwrap();
-    let publisher = bus.publisher::<ImuSample>(2 * BUFFER, &[]).unwrap();
+    let publisher = bus.publisher::<ImuSample>(2 * BUFFER).unwrap();
     send(&publisher, 5..8);
     assert_eq!(ticks(&subscriber), [5, 6, 7]);
     drop((subscriber, publisher, bus, claim));
@@ -296,7 +301,7 @@ fn a_name_that_begins_another_does_not_touch_it() {
     let long_claim = long.claim().unwrap();
     let bus = Bus::join(&long, "test").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(BUFFER).unwrap();
-    let publisher = bus.publisher::<ImuSample>(BUFFER, &[]).unwrap();
+    let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
     let before = remains(&long);
     drop(short.claim().unwrap());
     assert_eq!(remains(&long), before);

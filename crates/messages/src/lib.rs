@@ -29,6 +29,19 @@ pub use topics::{
     Reference, SensorReading, State,
 };
 
+/// Every topic, in the order of the table above.
+pub const TOPICS: [&str; 9] = [
+    SensorReading::TOPIC,
+    ImuSample::TOPIC,
+    Reference::TOPIC,
+    GyroStep::TOPIC,
+    AccelPoint::TOPIC,
+    FusedState::TOPIC,
+    AttitudeOutput::TOPIC,
+    Credit::TOPIC,
+    Health::TOPIC,
+];
+
 /// A payload of a topic.
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
     /// The topic's name.

@@ -1,6 +1,6 @@
 //! What a service is told when it starts.
 
-use launch::{GyroSamples, Launch, Service, Source};
+use launch::{GyroSamples, Launch, Source};
 use serde::{Deserialize, Serialize};
 
 /// How fast the source goes.
@@ -68,23 +68,3 @@ const BUFFER_MAX: usize = 65_536;
 
 /// Messages of the topics beside the path that a reader holds.
 pub const BUFFER_BESIDE: usize = 64;
-
-/// The wake word of a service.
-pub fn word(service: Service) -> usize {
-    service as usize
-}
-
-/// The wake word of the supervisor.
-pub const SUPERVISOR_WORD: usize = bus::WORDS - 1;
-
-/// The words of the services that read what `service` publishes on the path.
-pub fn readers_of(service: Service, orders: &Orders) -> Vec<usize> {
-    match service {
-        // The accelerometer's point is the shorter way: woken first, it is there when the gyro's step is.
-        Service::Ingest => vec![word(Service::Accel), word(Service::Gyro)],
-        Service::Gyro | Service::Accel => vec![word(Service::Fuser)],
-        Service::Fuser => vec![word(Service::Course)],
-        Service::Course if orders.lockstep() => vec![SUPERVISOR_WORD],
-        Service::Course => vec![],
-    }
-}

@@ -9,13 +9,13 @@ use std::{
     time::Duration,
 };
 
-use bus::{Bus, BusError, Domain, Publisher, Subscriber, Waiter, Woken};
+use bus::{Bus, BusError, Domain, Publisher, Subscriber, Woken};
 use launch::Service;
 use messages::{Flags, Header, Health, Message, State, Ticked};
 
 use crate::{
     clock::monotonic_ns,
-    orders::{BUFFER_BESIDE, Orders, readers_of, word},
+    orders::{BUFFER_BESIDE, Orders},
     slot::{Sequence, Slot},
 };
 
@@ -65,8 +65,6 @@ pub struct Member {
     pub orders: Orders,
     /// Its place on the bus.
     pub bus: Bus,
-    /// Wakes it.
-    pub waiter: Waiter,
     ends: Arc<AtomicBool>,
     health: Publisher<Health>,
     said: Health,
@@ -92,19 +90,19 @@ impl Member {
             ends.store(true, Ordering::SeqCst);
         }
         let bus = Bus::join(&Domain::new(&orders.launch.name)?, service.name())?;
-        let health = bus.publisher(BUFFER_BESIDE, &[])?;
+        let health = bus.publisher(BUFFER_BESIDE)?;
         let said = Health {
             service: service as u32,
             incarnation: orders.incarnation,
             pid: std::process::id(),
             ..bytemuck::Zeroable::zeroed()
         };
-        Ok(Self { service, waiter: bus.waiter(word(service)), orders, bus, ends, health, said, said_at_ns: 0 })
+        Ok(Self { service, orders, bus, ends, health, said, said_at_ns: 0 })
     }
 
     /// A publisher on the path.
     pub fn publisher<M: Ticked>(&self) -> Result<Publisher<M>, RuntimeError> {
-        Ok(self.bus.publisher(self.orders.buffer_ticks(), &readers_of(self.service, &self.orders))?)
+        Ok(self.bus.publisher(self.orders.buffer_ticks())?)
     }
 
     /// A reader on the path.
@@ -129,9 +127,9 @@ impl Member {
         Ok(self.health.send(&self.said)?)
     }
 
-    /// Sleeps until `has_work` or the limit, and keeps count of wake-ups that were lost.
-    pub fn wait(&mut self, has_work: impl FnMut() -> bool) {
-        if self.waiter.wait(WAIT_LIMIT, has_work) == Woken::Late {
+    /// Sleeps until something comes on a topic or the limit has passed, and keeps count of wake-ups that were lost.
+    pub fn wait<I>(&mut self, topic: &dyn Input<I>) {
+        if topic.wait(WAIT_LIMIT) == Woken::Late {
             self.said.late_wakes += 1;
         }
     }
@@ -151,29 +149,23 @@ const ORDERS_BYTES_MAX: u64 = 1 << 20;
 
 /// A topic that a slot reads.
 pub trait Input<I> {
-    /// There is a message.
-    fn has_messages(&self) -> bool;
-    /// Hands what is there to `take`, at most as many as the topic holds.
+    /// Hands what is there to `take`, at most `limit` messages.
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
+    /// Sleeps until something is published, no longer than `limit`.
+    fn wait(&self, limit: Duration) -> Woken;
 }
 
 impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
-    fn has_messages(&self) -> bool {
-        Subscriber::has_messages(self)
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
+        Subscriber::drain(self, limit, |message| take(message.into()))
     }
 
-    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
-        for _ in 0..limit {
-            match self.receive()? {
-                Some(message) => take(message.into()),
-                None => break,
-            }
-        }
-        Ok(())
+    fn wait(&self, limit: Duration) -> Woken {
+        Subscriber::wait(self, limit)
     }
 }
 
-/// Runs a slot until the service is to end.
+/// Runs a slot until the service is to end. `inputs` are in the slot's own order.
 pub fn serve<S: Slot>(mut member: Member, mut slot: S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
     let output = member.publisher::<S::Output>()?;
     let limit = member.orders.buffer_ticks();
@@ -204,7 +196,9 @@ pub fn serve<S: Slot>(mut member: Member, mut slot: S, inputs: &[&dyn Input<S::I
         member.say(state, |health| {
             *health = Health { ticks, lost, duplicated, flags, ..*health };
         })?;
-        member.wait(|| inputs.iter().any(|input| input.has_messages()));
+        if let Some(lacking) = inputs.get(slot.lacks()) {
+            member.wait(*lacking);
+        }
     }
     Ok(())
 }

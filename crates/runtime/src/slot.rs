@@ -16,6 +16,11 @@ pub trait Slot {
 
     /// The stream it gives out, so far.
     fn sequence(&self) -> &Sequence;
+
+    /// Which of its inputs the next output waits for: the one to sleep for.
+    fn lacks(&self) -> usize {
+        0
+    }
 }
 
 /// The work of a slot with one input: one message out for each message in.
@@ -146,6 +151,11 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
             first: self.first.pop_front_if(|message| message.header().tick == tick),
             second: self.second.pop_front_if(|message| message.header().tick == tick),
         })
+    }
+
+    /// Which input the next tick waits for: 1 for the second while only the first is there, else 0.
+    pub fn lacks(&self) -> usize {
+        usize::from(!self.first.is_empty() && self.second.is_empty())
     }
 
     /// The joined stream, so far.

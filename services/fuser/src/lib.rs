@@ -16,6 +16,11 @@ use launch::Service;
 use messages::{AccelPoint, Flags, FusedState, GyroStep, Header, Ticked, finite, pair};
 use runtime::{BRIDGE_S, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve};
 
+/// A time without a rate after which the attitude may be anywhere, s.
+const BLIND_S: f64 = 0.2;
+/// A distance between the accelerometer's up and the attitude's that noise and manoeuvres of a vehicle do not make, rad: 5°.
+const ASTRAY_RAD: f64 = 0.087;
+
 /// What the slot reads.
 #[derive(Debug, Clone, Copy)]
 pub enum FuserMessage {
@@ -46,6 +51,9 @@ pub struct FuserSlot {
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
+    /// For how long the rate was not one, s.
+    blind_s: f64,
+    innovation_rad: f64,
 }
 
 /// The slot with the stage that `orders` name.
@@ -58,6 +66,8 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
         gyro_before: None,
         aligned: false,
         reset_counter: 0,
+        blind_s: 0.0,
+        innovation_rad: 0.0,
     })
 }
 
@@ -66,7 +76,7 @@ pub fn run() -> Result<(), RuntimeError> {
     let member = Member::join(Service::Fuser)?;
     let slot = slot(&member.orders)?;
     let (gyro, accel) = (member.subscriber::<GyroStep>()?, member.subscriber::<AccelPoint>()?);
-    serve(member, slot, &[&accel, &gyro])
+    serve(member, slot, &[&gyro, &accel])
 }
 
 impl Slot for FuserSlot {
@@ -88,6 +98,10 @@ impl Slot for FuserSlot {
     fn sequence(&self) -> &Sequence {
         self.join.sequence()
     }
+
+    fn lacks(&self) -> usize {
+        self.join.lacks()
+    }
 }
 
 impl FuserSlot {
@@ -100,7 +114,8 @@ impl FuserSlot {
         let motion = tick.first.as_ref().and_then(|gyro| self.motion(gyro));
         let inclination = tick.second.as_ref().and_then(|accel| inclination(accel, header.flags));
         header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(tick.second.is_none());
-        if header.flags.any(Flags::GAP) && motion.is_some_and(|motion| motion.dt_s == 0.0) {
+        let over_gap = header.flags.any(Flags::GAP) && motion.is_some_and(|motion| motion.dt_s == 0.0);
+        if over_gap || self.sees_again(&header) {
             self.stage.realign();
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
@@ -119,6 +134,15 @@ impl FuserSlot {
         })
     }
 
+    /// The gyro is back after a time without a rate, in which the body turned away from what the attitude followed.
+    fn sees_again(&mut self, header: &Header) -> bool {
+        if header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK) {
+            self.blind_s += header.dt_s();
+            return false;
+        }
+        std::mem::take(&mut self.blind_s) > BLIND_S && self.innovation_rad > ASTRAY_RAD
+    }
+
     /// One step of the stage. A stage that leaves the finite numbers is replaced by a fresh one.
     fn step(&mut self, input: &FuserInput, header: &mut Header) -> Fused {
         let mut fused = self.stage.step(input);
@@ -127,6 +151,7 @@ impl FuserSlot {
             self.stage = Fuser::named(&self.name).unwrap_or_else(|| self.stage.clone());
             fused = self.stage.step(input);
         }
+        self.innovation_rad = fused.innovation_rad;
         let aligned_now = fused.corrections.aligned;
         self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
         self.aligned |= aligned_now;

@@ -76,7 +76,7 @@ impl Ingest {
         Ok(Self {
             conditioner: conditioner(&member.orders),
             imu: member.publisher()?,
-            reference: member.bus.publisher(member.orders.buffer_ticks(), &[])?,
+            reference: member.bus.publisher(member.orders.buffer_ticks())?,
             credit: member.bus.subscriber(BUFFER_BESIDE)?,
             member,
             allowed_ticks: 0,
@@ -94,8 +94,7 @@ impl Ingest {
         while let (false, Some((sample, _))) = (self.member.ends(), &next) {
             self.drain_credit()?;
             if sample.header.tick >= self.allowed_ticks {
-                let credit = &self.credit;
-                self.member.wait(|| credit.has_messages());
+                self.member.wait::<Credit>(&self.credit);
                 continue;
             }
             let t_end_ns = sample.header.t_end_ns;
@@ -111,13 +110,19 @@ impl Ingest {
             }
             let batch = if self.member.orders.pace == Pace::Max { BATCH } else { 1 };
             for _ in 0..batch {
-                match next.take_if(|(sample, _)| sample.header.tick < self.allowed_ticks) {
-                    Some((sample, truth)) => self.publish(sample, truth)?,
-                    None => break,
+                let Some((sample, truth)) = next.take_if(|(sample, _)| sample.header.tick < self.allowed_ticks) else {
+                    break;
+                };
+                self.publish(sample, truth)?;
+                if batch == 1 {
+                    // Before the next reading is made: that one is due later.
+                    self.imu.wake();
                 }
                 next = self.read(&mut readings)?;
             }
-            self.imu.wake();
+            if batch > 1 {
+                self.imu.wake();
+            }
             self.say(State::RUNNING)?;
         }
         Ok(())
@@ -129,16 +134,20 @@ impl Ingest {
         self.say(State::READY)?;
         while !self.member.ends() && self.conditioner.ticks() < self.ticks_max() {
             self.drain_credit()?;
-            for _ in 0..BATCH {
-                let Some(reading) = sensor.receive()? else { break };
-                if let Some(sample) = self.conditioner.condition(&reading.into()) {
-                    self.publish(sample, None)?;
-                }
-            }
-            self.imu.wake();
             self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
-            let credit = &self.credit;
-            self.member.wait(|| sensor.has_messages() || credit.has_messages());
+            if self.published_ticks >= self.allowed_ticks {
+                self.member.wait::<Credit>(&self.credit);
+                continue;
+            }
+            let mut published = Ok(());
+            sensor.drain(BATCH, |reading| {
+                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading.into())) {
+                    published = self.publish(sample, None);
+                }
+            })?;
+            published?;
+            self.imu.wake();
+            self.member.wait::<SensorReading>(&sensor);
         }
         Ok(())
     }
@@ -147,7 +156,7 @@ impl Ingest {
     fn finish(&mut self) -> Result<(), IngestError> {
         while !self.member.ends() {
             self.say(State::FINISHED)?;
-            self.member.wait(|| false);
+            self.member.wait::<Credit>(&self.credit);
         }
         self.say(State::FINISHED)
     }
@@ -180,13 +189,8 @@ impl Ingest {
     }
 
     fn drain_credit(&mut self) -> Result<(), IngestError> {
-        for _ in 0..BUFFER_BESIDE {
-            match self.credit.receive()? {
-                Some(credit) => self.allowed_ticks = self.allowed_ticks.max(credit.ticks),
-                None => break,
-            }
-        }
-        Ok(())
+        let allowed_ticks = &mut self.allowed_ticks;
+        Ok(self.credit.drain(BUFFER_BESIDE, |credit| *allowed_ticks = credit.ticks.max(*allowed_ticks))?)
     }
 
     fn say(&mut self, state: State) -> Result<(), IngestError> {

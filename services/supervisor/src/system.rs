@@ -8,10 +8,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Claim, Domain, Publisher, Subscriber, Waiter};
+use bus::{Bus, Claim, Domain, Publisher, Subscriber};
 use launch::Service;
 use messages::{AttitudeOutput, Credit, Health, Reference, State};
-use runtime::orders::{BUFFER_BESIDE, SUPERVISOR_WORD, word};
+use runtime::orders::BUFFER_BESIDE;
 
 use crate::{
     Plan, Report, UpError,
@@ -56,7 +56,6 @@ struct Ports {
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
     credit: Publisher<Credit>,
-    waiter: Waiter,
     buffer: usize,
     _bus: Bus,
 }
@@ -150,12 +149,11 @@ impl System {
     }
 
     fn hear(&mut self) -> Result<(), UpError> {
-        for _ in 0..BUFFER_BESIDE * Service::ALL.len() {
-            let Some(health) = self.ports.health.receive()? else { break };
+        self.ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| {
             if let Some(place) = self.health.get_mut(health.service as usize) {
                 *place = Some(health);
             }
-        }
+        })?;
         Ok(())
     }
 
@@ -190,8 +188,7 @@ impl Ports {
             attitude: bus.subscriber(buffer)?,
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
-            credit: bus.publisher(BUFFER_BESIDE, &[word(Service::Ingest)])?,
-            waiter: bus.waiter(SUPERVISOR_WORD),
+            credit: bus.publisher(BUFFER_BESIDE)?,
             buffer,
             _bus: bus,
         })
@@ -206,7 +203,7 @@ impl Ports {
     /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time.
     fn wait(&self, lockstep: bool) {
         if lockstep {
-            self.waiter.wait(ROUND, || self.attitude.has_messages());
+            self.attitude.wait(ROUND);
         } else {
             std::thread::sleep(ROUND);
         }
@@ -214,14 +211,9 @@ impl Ports {
 
     fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
         let mut outputs = Vec::new();
-        while let (true, Some(output)) = (outputs.len() < self.buffer, self.attitude.receive()?) {
-            outputs.push(output);
-        }
+        self.attitude.drain(self.buffer, |output| outputs.push(output))?;
         // A reference is published before its tick, so those of all these ticks are there.
-        for _ in 0..self.buffer {
-            let Some(reference) = self.reference.receive()? else { break };
-            collector.reference(reference);
-        }
+        self.reference.drain(self.buffer, |reference| collector.reference(reference))?;
         outputs.iter().try_for_each(|output| collector.attitude(output))
     }
 }
