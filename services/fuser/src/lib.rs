@@ -6,7 +6,7 @@
 
 use attitude::{
     accel::Inclination,
-    fuser::{Fused, Fuser, FuserInput},
+    fuser::{Fused, Fuser, FuserInput, innovation_rad},
     gyro::Motion,
     stage::Stage,
     state::Attitude,
@@ -53,7 +53,7 @@ pub struct FuserSlot {
     reset_counter: u64,
     /// For how long the rate was not one, s.
     blind_s: f64,
-    innovation_rad: f64,
+    attitude: Attitude,
 }
 
 /// The slot with the stage that `orders` name.
@@ -67,7 +67,7 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
         aligned: false,
         reset_counter: 0,
         blind_s: 0.0,
-        innovation_rad: 0.0,
+        attitude: Attitude::default(),
     })
 }
 
@@ -115,7 +115,7 @@ impl FuserSlot {
         let inclination = tick.second.as_ref().and_then(|accel| inclination(accel, header.flags));
         header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(tick.second.is_none());
         let over_gap = header.flags.any(Flags::GAP) && motion.is_some_and(|motion| motion.dt_s == 0.0);
-        if over_gap || self.sees_again(&header) {
+        if over_gap || self.is_astray(&header, inclination.as_ref()) {
             self.stage.realign();
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
@@ -134,13 +134,15 @@ impl FuserSlot {
         })
     }
 
-    /// The gyro is back after a time without a rate, in which the body turned away from what the attitude followed.
-    fn sees_again(&mut self, header: &Header) -> bool {
+    /// The gyro is back after a time without a rate, and the body has turned away from what the attitude followed.
+    fn is_astray(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
         if header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK) {
             self.blind_s += header.dt_s();
             return false;
         }
-        std::mem::take(&mut self.blind_s) > BLIND_S && self.innovation_rad > ASTRAY_RAD
+        inclination.is_some_and(|inclination| {
+            std::mem::take(&mut self.blind_s) > BLIND_S && innovation_rad(inclination, self.attitude) > ASTRAY_RAD
+        })
     }
 
     /// One step of the stage. A stage that leaves the finite numbers is replaced by a fresh one.
@@ -151,7 +153,7 @@ impl FuserSlot {
             self.stage = Fuser::named(&self.name).unwrap_or_else(|| self.stage.clone());
             fused = self.stage.step(input);
         }
-        self.innovation_rad = fused.innovation_rad;
+        self.attitude = fused.attitude;
         let aligned_now = fused.corrections.aligned;
         self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
         self.aligned |= aligned_now;

@@ -125,7 +125,7 @@ impl Stage for Fuser {
 }
 
 /// Angle between the accelerometer's up and the attitude's, rad.
-fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
+pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
     let up = inclination.up.direction();
     libm::atan2(libm::sqrt(attitude.horizontal(up).norm_sqr()), up.dot(&attitude.up.direction()))
 }
