@@ -3,17 +3,17 @@
 //! Input: readings as a sensor gives them. Output: samples with finite values, growing time and contiguous ticks, with flags for what
 //! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
 //!
-//! | reading | becomes | time to recover |
-//! | --- | --- | --- |
-//! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` | at once; from 15° after 2 s without a rate in motion, 28 s |
-//! | at the end of the range | as it is, flagged | at once; the tilt settles in some 40 s |
-//! | \|f\| near zero | as it is, flagged; not used | at once |
-//! | the same vector for `stuck_s` | as it is, flagged | in motion, after 3 s: rate 28 s, force 13 s |
-//! | the same stamp and values again | refused | at once |
-//! | the same stamp, other values | a sample one usual interval later, flagged | at once |
-//! | an earlier stamp | refused; when the next goes on from there, the clock was set back: time continues, flagged | one sample |
-//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew | at once; the tilt settles in some 5 s |
-//! | a stamp later by more than 10 s | the clock leapt: time continues, flagged | at once |
+//! | reading | becomes |
+//! | --- | --- |
+//! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` |
+//! | at the end of the range | as it is, flagged |
+//! | \|f\| near zero | as it is, flagged by accel; not used |
+//! | the same vector for `stuck_s` | as it is, flagged; a force that is stuck while the rate lives is not used |
+//! | the same stamp and values again | refused |
+//! | the same stamp, other values | a sample one usual interval later, flagged |
+//! | an earlier stamp | refused; when the next goes on from there, the clock was set back: time continues, flagged |
+//! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew |
+//! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
 use launch::{GyroSamples, Limits};
 use messages::{Flags, Header, ImuSample};
