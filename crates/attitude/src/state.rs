@@ -119,6 +119,13 @@ impl Attitude {
         plane - w * (2.0 / (1.0 + w.norm_sqr()) * (f.z + w.re * plane.re + w.im * plane.im))
     }
 
+    /// Horizontal parts of the body axes in the level frame.
+    pub(crate) fn horizontal_axes(self) -> [Complex<f64>; 3] {
+        let (w, sign) = (self.up.w, self.up.chart.sign());
+        let tilt = w * (2.0 / (1.0 + w.norm_sqr()));
+        [Complex::new(1.0, 0.0) - tilt * w.re, (J - tilt * w.im) * sign, -tilt * sign]
+    }
+
     /// The image of a Möbius map given as numerator and m, in the chart where it is far from the pole.
     fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
         let size2 = m.norm_sqr();
@@ -155,12 +162,16 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 
-/// 2 arg m, rad, (−2π, 2π]: by its series for the small turns of a sample.
 fn double_arg(m: Complex<f64>) -> f64 {
+    2.0 * arg(m)
+}
+
+/// arg m, rad, (−π, π]: by its series for the small angles of a sample.
+pub(crate) fn arg(m: Complex<f64>) -> f64 {
     if m.re > 0.0 && m.im.abs() < 0.03 * m.re {
         let t = m.im / m.re;
         let t2 = t * t;
-        return 2.0 * t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0 - t2 / 11.0)))));
+        return t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0 - t2 / 11.0)))));
     }
-    2.0 * libm::atan2(m.im, m.re)
+    libm::atan2(m.im, m.re)
 }

@@ -1,7 +1,7 @@
 //! The service `ingest`: from a source to `imu`, checked and numbered.
 //!
 //! Input: a simulation, a recording, or readings from the bus. Output: one [`ImuSample`] per tick, and the true attitude where it is
-//! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`conditioner`].
+//! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`mod@conditioner`].
 #![forbid(unsafe_code)]
 
 pub mod conditioner;

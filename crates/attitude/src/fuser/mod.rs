@@ -14,7 +14,13 @@ pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;
 
-use crate::{Vector3, accel::Inclination, gyro::Motion, stage::Stage, state::Attitude};
+use crate::{
+    Complex, Vector3,
+    accel::Inclination,
+    gyro::Motion,
+    stage::Stage,
+    state::{Attitude, arg},
+};
 use {wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
 
 /// What a fuser is offered at a tick.
@@ -127,7 +133,7 @@ impl Stage for Fuser {
 /// Angle between the accelerometer's up and the attitude's, rad.
 pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
     let up = inclination.up.direction();
-    libm::atan2(libm::sqrt(attitude.horizontal(up).norm_sqr()), up.dot(&attitude.up.direction()))
+    arg(Complex::new(up.dot(&attitude.up.direction()), libm::sqrt(attitude.horizontal(up).norm_sqr())))
 }
 
 /// The gain of a first-order low-pass over one step, exact for an input that holds still: 1 − e^{−dt/T}.

@@ -98,9 +98,8 @@ impl BiasFilter {
 
     /// What a bias did to the level over one interval: ε' = −j h(b).
     pub(super) fn drift(&mut self, attitude: Attitude, dt_s: f64) {
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        for (i, axis) in axes.into_iter().enumerate() {
-            let drift_rad = -J * attitude.horizontal(axis) * dt_s;
+        for (i, axis) in attitude.horizontal_axes().into_iter().enumerate() {
+            let drift_rad = -J * axis * dt_s;
             self.unit[i].tilt += drift_rad;
             self.taken_off.tilt += drift_rad * self.state[i];
         }

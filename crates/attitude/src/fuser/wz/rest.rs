@@ -1,6 +1,6 @@
 //! Rest: the gyro and the accelerometer have not moved from their own mean for a while.
 
-use crate::{Vector3, fuser::low_pass_gain, stage::Numbers};
+use crate::{Vector3, stage::Numbers};
 
 /// Time constant of the mean that samples are held against, s.
 const MEAN_S: f64 = 0.5;
@@ -31,7 +31,7 @@ impl Rest {
         if !self.started {
             (self.rate_mean_rad_s, self.force_mean_m_s2, self.started) = (rate, force, true);
         }
-        let gain = low_pass_gain(dt_s, MEAN_S);
+        let gain = (dt_s / MEAN_S).min(1.0);
         self.rate_mean_rad_s += (rate - self.rate_mean_rad_s) * gain;
         self.force_mean_m_s2 += (force - self.force_mean_m_s2) * gain;
         let quiet = (rate - self.rate_mean_rad_s).norm() < RATE_SPREAD_RAD_S
