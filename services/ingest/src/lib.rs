@@ -19,7 +19,7 @@ use runtime::{
 };
 
 use conditioner::Conditioner;
-use source::{Reading, Readings, SourceError, Truth};
+use source::{Reading, Readings, SourceError, Truth, reading_of};
 
 /// Samples sent at most before the readers are woken.
 const BATCH: usize = 64;
@@ -141,7 +141,7 @@ impl Ingest {
             }
             let mut published = Ok(());
             sensor.drain(BATCH, |reading| {
-                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading.into())) {
+                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading_of(reading))) {
                     published = self.publish(sample, None);
                 }
             })?;
@@ -169,7 +169,7 @@ impl Ingest {
         for reading in readings {
             let reading: Reading = reading?;
             if let Some(sample) = self.conditioner.condition(&reading) {
-                return Ok(Some((sample, reading.truth)));
+                return Ok(Some((sample, reading.reference)));
             }
         }
         Ok(None)

@@ -8,40 +8,12 @@ use recording::{Reader, RecordingError};
 use scenario::{Errors, Motion, Sensors};
 
 /// A reading as its source gives it; any value may be NaN.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
-    /// The source's time stamp, ns.
-    pub t_ns: i64,
-    /// Body rate, rad/s.
-    pub rate_rad_s: [f64; 3],
-    /// Specific force, m/s².
-    pub force_m_s2: [f64; 3],
-    /// The true attitude, where the source knows it.
-    pub truth: Option<Truth>,
-}
+pub use recording::{Reference as Truth, Row as Reading};
 
-/// The true attitude at a reading.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Truth {
-    /// Body → reference, w x y z, unit.
-    pub quaternion: [f64; 4],
-    /// An estimate is to be judged by it.
-    pub scored: bool,
-}
-
-impl Reading {
-    /// The sensor said the same again.
-    pub fn is_same_as(&self, other: &Self) -> bool {
-        let bits = |reading: &Self| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
-        bits(self) == bits(other)
-    }
-}
-
-impl From<SensorReading> for Reading {
-    fn from(reading: SensorReading) -> Self {
-        let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2 } = reading;
-        Self { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, truth: None }
-    }
+/// A reading from the bus, where nobody knows the truth.
+pub fn reading_of(reading: SensorReading) -> Reading {
+    let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2 } = reading;
+    Reading { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, reference: None }
 }
 
 /// Readings that are there before they are asked for.
@@ -92,14 +64,10 @@ impl Iterator for Readings {
                     t_ns: (t_s * 1e9).round() as i64,
                     rate_rad_s: reading.rate_rad_s.into(),
                     force_m_s2: reading.force_m_s2.into(),
-                    truth: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
+                    reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }
-            Self::Replay(reader) => reader.next().map(|row| {
-                let row = row?;
-                let truth = row.reference.map(|r| Truth { quaternion: r.quaternion, scored: r.scored });
-                Ok(Reading { t_ns: row.t_ns, rate_rad_s: row.rate_rad_s, force_m_s2: row.force_m_s2, truth })
-            }),
+            Self::Replay(reader) => Some(reader.next()?.map_err(SourceError::from)),
         }
     }
 }

@@ -77,7 +77,7 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         }
         sample.header.t_born_ns = monotonic_ns();
         sample.header.epoch = runtime::service::FIRST_EPOCH;
-        if let Some(Truth { quaternion, scored }) = reading.truth {
+        if let Some(Truth { quaternion, scored }) = reading.reference {
             collector.reference(Reference { tick: sample.header.tick, scored: scored.into(), quaternion });
         }
         let mut taken = Ok(());
