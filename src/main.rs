@@ -106,7 +106,11 @@ fn run(up: Up) -> ExitCode {
             if json && writeln!(io::stdout(), "{}", report.json()).is_err() {
                 return fail(&"printing the report: standard output is closed", 1);
             }
-            ExitCode::SUCCESS
+            if report.whole {
+                ExitCode::SUCCESS
+            } else {
+                fail(&"the last ticks never came out: a service does not answer", 1)
+            }
         }
         Err(error) => fail(&error, error.exit_code()),
     }

@@ -254,6 +254,26 @@ fn an_accelerometer_that_is_stuck_for_3_s() {
     bad.recovers("the accelerometer stuck for 3 s", "force-stuck", 15.0);
 }
 
+/// 0.01 g per step, and less noise than that: at rest the force repeats itself for as long as one likes.
+#[test]
+fn a_coarse_accelerometer_at_rest_is_believed() {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 5);
+    let mut bad = Recording::clean();
+    let force_m_s2 = Motion::S1.at(0.0).force_m_s2.map(|x| (x / 0.1).round() * 0.1).into();
+    for row in &mut bad.rows {
+        let reading = sensors.read(0.0);
+        let noise = (reading.force_m_s2 - reading.truth.force_m_s2) * 1e-3;
+        row.rate_rad_s = noise.add_scalar(Errors::S1.gyro_bias_rad_s).into();
+        row.force_m_s2 = force_m_s2;
+        row.at_s = 0.0;
+    }
+    let (run, errors) = bad.run(&[]);
+    assert!(run.line("flags").contains("force-stuck"), "{}", run.people);
+    let worst_deg = errors.iter().fold(0.0, |worst: f64, (_, error_deg)| worst.max(*error_deg));
+    println!("a coarse accelerometer at rest for 120 s: largest error {worst_deg:.2}°");
+    assert!(worst_deg < 1.0, "{worst_deg}°");
+}
+
 #[test]
 fn nothing_but_garbage_gives_sound_attitudes() {
     let mut bits = 1u64;

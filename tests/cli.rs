@@ -11,7 +11,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{Running, System, lives, plumb, signal, until};
+use common::{Run, Running, System, lives, plumb, signal, until};
 use flate2::{Compression, write::GzEncoder};
 use rustix::process::{Pid, Signal, kill_process_group};
 
@@ -418,4 +418,82 @@ fn services_do_not_outlive_a_supervisor_that_is_killed_and_the_next_start_is_cle
     let run = system.run(&["--for", "1s", "--speed", "max"]);
     run.assert_whole();
     assert_eq!(run.number("/ticks_out"), 1000.0);
+}
+
+#[test]
+fn a_start_right_after_the_supervisor_was_killed_is_whole() {
+    let system = System::new("");
+    for _ in 0..5 {
+        let first = system.start(&[]);
+        first.service("course");
+        signal(first.pid(), Signal::KILL);
+        let run = Run::of(system.command(&["--for", "200ms"]).output().unwrap());
+        run.assert_whole();
+        assert_eq!(run.number("/ticks_out"), 200.0);
+        drop(first);
+    }
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn a_gyro_that_sleeps_for_seconds_costs_its_ticks_and_no_more() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--for", "9s", "--out", out.to_str().unwrap()]);
+    let gyro = running.service("gyro");
+    std::thread::sleep(Duration::from_secs(2));
+    signal(gyro, Signal::STOP);
+    std::thread::sleep(Duration::from_secs(3));
+    signal(gyro, Signal::CONT);
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.people);
+    let attitudes = common::attitudes(&out);
+    common::assert_sound(&attitudes);
+    let late = attitudes.iter().filter(|(t_s, _)| *t_s > 7.5);
+    let errors = late.map(|(t_s, q)| {
+        let truth = scenario::Motion::S1.at(*t_s).attitude.quaternion();
+        common::inclination_deg(*q, [truth.w, truth.i, truth.j, truth.k])
+    });
+    let rmse_deg = common::rms(errors);
+    println!("a gyro stopped for 3 s: {rmse_deg:.2}° in the last 1.5 s, {} lost", run.number("/lost"));
+    assert!(rmse_deg < 1.0, "{rmse_deg}°");
+}
+
+#[test]
+fn the_attitude_is_not_written_over_the_recording() {
+    let system = System::new("");
+    let file = system.path("rec.csv");
+    let text = "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n";
+    fs::write(&file, text).unwrap();
+    let name = file.to_str().unwrap();
+    let run = Run::of(system.command(&["--replay", name, "--out", name]).output().unwrap());
+    assert_eq!(run.code, Some(2), "{}", run.people);
+    assert_eq!(fs::read_to_string(&file).unwrap(), text);
+}
+
+#[test]
+fn a_system_that_nobody_listens_to_runs_to_its_end() {
+    let system = System::new("");
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let output = system.command(&["--for", "1500ms"]).stderr(full).output().unwrap();
+    Run::of(output).assert_whole();
+}
+
+#[test]
+fn a_pipe_is_refused_as_the_file_of_attitudes() {
+    let system = System::new("");
+    let pipe = system.path("pipe");
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let run = Run::of(system.command(&["--out", pipe.to_str().unwrap()]).output().unwrap());
+    assert_eq!(run.code, Some(1), "{}", run.people);
+    assert!(run.people.contains("it is a pipe"), "{}", run.people);
+}
+
+#[test]
+fn a_duration_of_whole_ticks_gives_that_many() {
+    let system = System::new("");
+    for (time, ticks) in [("700ms", 700.0), ("1ms", 1.0), ("2.3s", 2300.0)] {
+        let run = system.run(&["--for", time, "--speed", "max", "--in-process"]);
+        assert_eq!(run.number("/ticks_out"), ticks);
+    }
 }

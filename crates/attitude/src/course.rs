@@ -52,7 +52,9 @@ impl Stage for Course {
         let q = attitude.quaternion();
         let quaternion = if q.dot(&self.before) < 0.0 { -q } else { q };
         self.before = quaternion;
-        let course_rad = if angles.yaw_rad > 0.0 { TAU - angles.yaw_rad } else { -angles.yaw_rad };
+        let course_rad = if angles.yaw_rad > 0.0 { TAU - angles.yaw_rad } else { 0.0 - angles.yaw_rad };
+        // A yaw too small to be seen beside 2π.
+        let course_rad = if course_rad < TAU { course_rad } else { 0.0 };
         Reading { angles, course_rad, quaternion, near_gimbal: libm::fabs(angles.pitch_rad) > GIMBAL_RAD }
     }
 

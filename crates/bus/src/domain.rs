@@ -5,6 +5,7 @@ use std::{
     io,
     os::unix::fs::{MetadataExt, OpenOptionsExt},
     path::{Path, PathBuf},
+    time::{Duration, Instant},
 };
 
 use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
@@ -16,6 +17,10 @@ use crate::{
 };
 
 const SHARED_MEMORY: &str = "/dev/shm";
+/// How long the services of an earlier owner may take to end.
+const MEMBERS_LIMIT: Duration = Duration::from_secs(5);
+/// How long an owner may take to write down who it is.
+const OWNER_LIMIT: Duration = Duration::from_millis(100);
 
 /// The name of a system: prefix of its shared memory, name of its folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,8 +51,7 @@ impl Domain {
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
                 Err(rustix::io::Errno::WOULDBLOCK) => {
-                    let pid = Page::map(&file).map_or(0, |page| page.owner_pid());
-                    return Err(BusError::Taken { name: self.name.clone(), pid });
+                    return Err(BusError::Taken { name: self.name.clone(), owner: owner(&file) });
                 }
                 Err(cause) => return Err(self.page_error("locking", cause.into())),
             }
@@ -59,7 +63,9 @@ impl Domain {
             file.set_len(PAGE_BYTES as u64).map_err(|cause| self.page_error("sizing", cause))?;
             let page = Page::map(&file).map_err(|cause| self.page_error("mapping", cause))?;
             page.set_owner_pid(std::process::id());
+            let alone = self.await_members()?;
             self.remove_remains();
+            drop(alone);
             return Ok(Claim { domain: self.clone(), _lock: file });
         }
         Err(self.page_error("locking", io::Error::other("it kept disappearing")))
@@ -73,6 +79,28 @@ impl Domain {
             other => other?,
         };
         Page::map(&file).map_err(|cause| self.page_error("mapping", cause))
+    }
+
+    /// Takes part in the system: while the file is held, no later owner of the name clears it.
+    pub(crate) fn take_part(&self) -> Result<File, BusError> {
+        let file = self.open_file(&self.members_path(), true)?;
+        match flock(&file, FlockOperation::LockShared) {
+            Ok(()) => Ok(file),
+            Err(cause) => Err(BusError::File { doing: "locking", path: self.members_path(), cause: cause.into() }),
+        }
+    }
+
+    /// Waits until the services of an earlier owner have ended: they would remove what is made anew under their names.
+    fn await_members(&self) -> Result<File, BusError> {
+        let file = self.open_file(&self.members_path(), true)?;
+        let deadline = Instant::now() + MEMBERS_LIMIT;
+        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if Instant::now() > deadline {
+                return Err(BusError::Lingering { name: self.name.clone() });
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        Ok(file)
     }
 
     pub(crate) fn config(&self) -> Config {
@@ -99,26 +127,34 @@ impl Domain {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }
 
+    fn members_path(&self) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(self.prefix() + "members")
+    }
+
     fn page_error(&self, doing: &'static str, cause: io::Error) -> BusError {
         BusError::File { doing, path: self.page_path(), cause }
     }
 
     fn open_page(&self, create: bool) -> Result<File, BusError> {
+        self.open_file(&self.page_path(), create)
+    }
+
+    fn open_file(&self, path: &Path, create: bool) -> Result<File, BusError> {
         OpenOptions::new()
             .read(true)
             .write(true)
             .create(create)
             .truncate(false)
             .mode(0o600)
-            .open(self.page_path())
-            .map_err(|cause| self.page_error("opening", cause))
+            .open(path)
+            .map_err(|cause| BusError::File { doing: "opening", path: path.into(), cause })
     }
 
-    /// Removes every file that carries the name but the page. Only the owner of the name may, when no service of it lives.
+    /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.
     fn remove_remains(&self) {
-        let (prefix, page) = (self.prefix(), self.page_path());
+        let (prefix, locks) = (self.prefix(), [self.page_path(), self.members_path()]);
         for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) && entry.path() != page {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) && !locks.contains(&entry.path()) {
                 // What cannot be removed belongs to somebody else; creating it anew will say so.
                 let _ = fs::remove_file(entry.path());
             }
@@ -137,6 +173,19 @@ pub struct Claim {
 impl Drop for Claim {
     fn drop(&mut self) {
         self.domain.remove_remains();
+        let _ = fs::remove_file(self.domain.members_path());
         let _ = fs::remove_file(self.domain.page_path());
+    }
+}
+
+/// Who holds the page, as far as it has said so.
+fn owner(page: &File) -> String {
+    let deadline = Instant::now() + OWNER_LIMIT;
+    loop {
+        match Page::map(page).map(|page| page.owner_pid()) {
+            Ok(pid) if pid != 0 => return format!(" (process {pid}); stop it (kill {pid})"),
+            _ if Instant::now() > deadline => return "; stop it".into(),
+            _ => std::thread::sleep(Duration::from_millis(5)),
+        }
     }
 }

@@ -10,15 +10,20 @@ pub enum BusError {
         name: String,
     },
     /// Another supervisor holds the name.
-    #[error(
-        "starting the system {name:?}: one of that name already runs (process {pid}); stop it (kill {pid}), or set another `name` in \
-         launch.toml"
-    )]
+    #[error("starting the system {name:?}: one of that name already runs{owner}, or set another `name` in launch.toml")]
     Taken {
         /// The name asked for.
         name: String,
-        /// Who holds it.
-        pid: u32,
+        /// Who holds it, and how to stop it.
+        owner: String,
+    },
+    /// Services of an earlier run still live.
+    #[error(
+        "starting the system {name:?}: services of an earlier run still live; end them (pkill -KILL -f 'plumb service')"
+    )]
+    Lingering {
+        /// The name asked for.
+        name: String,
     },
     /// The page of wake words, or the folder of the bus.
     #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is space")]

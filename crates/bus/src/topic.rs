@@ -1,6 +1,6 @@
 //! Topics: typed streams in shared memory.
 
-use std::{cell::Cell, fmt, sync::Arc, time::Duration};
+use std::{cell::Cell, fmt, fs::File, sync::Arc, time::Duration};
 
 use iceoryx2::{
     node::{Node, NodeBuilder},
@@ -35,6 +35,7 @@ pub struct Bus {
     config: Config,
     node: Node<ipc::Service>,
     page: Arc<Page>,
+    _member: File,
 }
 
 impl Bus {
@@ -42,6 +43,7 @@ impl Bus {
     pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
         set_log_level(LogLevel::Fatal);
         let page = Arc::new(domain.page()?);
+        let member = domain.take_part()?;
         let failed =
             |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
         let config = domain.config();
@@ -51,7 +53,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|cause| failed(&cause))?;
-        Ok(Self { domain: domain.clone(), config, node, page })
+        Ok(Self { domain: domain.clone(), config, node, page, _member: member })
     }
 
     /// The system this is the bus of.

@@ -36,7 +36,7 @@ flags! {
     GAP = 7 "gap",
     /// The sensor's clock leapt or ran backward; time was continued by the usual interval.
     CLOCK_LEAP = 8 "clock-leap",
-    /// Samples before this one repeated a time stamp and were refused.
+    /// Readings before this one came again, or belonged to the past, and were refused.
     REFUSED_BEFORE = 9 "refused-before",
     /// The rate is a value at the interval's end, not the interval's mean.
     RATE_INSTANT = 10 "rate-instant",

@@ -24,6 +24,10 @@ pub(crate) struct Lines {
 impl Lines {
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let mut file = File::open(path)?;
+        let kind = file.metadata()?.file_type();
+        if !kind.is_file() && !kind.is_dir() {
+            return Err(io::Error::new(io::ErrorKind::NotSeekable, "it is a pipe or a device, and is read twice"));
+        }
         let mut start = Vec::new();
         file.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut start)?;
         let gzip = start == GZIP_MAGIC;

@@ -87,7 +87,7 @@ impl Member {
             .map_err(|cause| system("tying the service to its supervisor")(cause.into()))?;
         // The supervisor may have died before that took hold.
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(orders.supervisor_pid) {
-            ends.store(true, Ordering::SeqCst);
+            return Err(wrong("the supervisor that wrote them has ended".into()));
         }
         let bus = Bus::join(&Domain::new(&orders.launch.name)?, service.name())?;
         let health = bus.publisher(BUFFER_BESIDE)?;

@@ -21,6 +21,9 @@ const BLIND_S: f64 = 0.2;
 /// A distance between the accelerometer's up and the attitude's that noise and manoeuvres of a vehicle do not make, rad: 5°.
 const ASTRAY_RAD: f64 = 0.087;
 
+/// A rate that no bias of a gyro is, rad/s: 2 °/s.
+const TURN_RAD_S: f64 = 0.035;
+
 /// What the slot reads.
 #[derive(Debug, Clone, Copy)]
 pub enum FuserMessage {
@@ -54,6 +57,9 @@ pub struct FuserSlot {
     /// For how long the rate was not one, s.
     blind_s: f64,
     attitude: Attitude,
+    force_m_s2: [f64; 3],
+    /// The body has turned since the force last changed.
+    turned: bool,
 }
 
 /// The slot with the stage that `orders` name.
@@ -68,6 +74,8 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
         reset_counter: 0,
         blind_s: 0.0,
         attitude: Attitude::default(),
+        force_m_s2: [0.0; 3],
+        turned: false,
     })
 }
 
@@ -112,9 +120,10 @@ impl FuserSlot {
             header.flags |= accel.header.flags;
         }
         let motion = tick.first.as_ref().and_then(|gyro| self.motion(gyro));
-        let inclination = tick.second.as_ref().and_then(|accel| inclination(accel, header.flags));
+        let inclination = tick.second.as_ref().and_then(|accel| self.inclination(accel, motion.as_ref(), header.flags));
         header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(tick.second.is_none());
-        let over_gap = header.flags.any(Flags::GAP) && motion.is_some_and(|motion| motion.dt_s == 0.0);
+        let over_gap =
+            header.flags.any(Flags::GAP | Flags::LOST_BEFORE) && motion.is_some_and(|motion| motion.dt_s == 0.0);
         if over_gap || self.is_astray(&header, inclination.as_ref()) {
             self.stage.realign();
         }
@@ -134,9 +143,23 @@ impl FuserSlot {
         })
     }
 
+    /// The inclination of a point, unless its flags say that it is not one.
+    fn inclination(&mut self, accel: &AccelPoint, motion: Option<&Motion>, flags: Flags) -> Option<Inclination> {
+        // A body at rest repeats its force; one that turns and repeats it has a dead accelerometer.
+        let turns = motion.is_some_and(|motion| motion.rate_rad_s.norm() > TURN_RAD_S);
+        self.turned = turns || (self.turned && accel.force_m_s2 == self.force_m_s2);
+        self.force_m_s2 = accel.force_m_s2;
+        let dead = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK) && self.turned;
+        if dead || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
+            return None;
+        }
+        let force_m_s2 = finite(accel.force_m_s2)?;
+        Some(Inclination { up: accel.point()?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
+    }
+
     /// The gyro is back after a time without a rate, and the body has turned away from what the attitude followed.
     fn is_astray(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
-        if header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK) {
+        if header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING) {
             self.blind_s += header.dt_s();
             return false;
         }
@@ -179,17 +202,6 @@ impl FuserSlot {
         }
         Some(motion)
     }
-}
-
-/// The inclination of a point, unless its flags say that it is not one.
-fn inclination(accel: &AccelPoint, flags: Flags) -> Option<Inclination> {
-    // A frozen accelerometer is told from a body at rest by a gyro that still lives.
-    let frozen = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK);
-    if frozen || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
-        return None;
-    }
-    let force_m_s2 = finite(accel.force_m_s2)?;
-    Some(Inclination { up: accel.point()?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
 }
 
 fn is_finite(fused: &Fused) -> bool {

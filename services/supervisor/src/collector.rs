@@ -2,8 +2,9 @@
 
 use std::{
     collections::VecDeque,
-    fs::File,
-    io::{BufWriter, Write},
+    fs::{self, File},
+    io::{self, BufWriter, Write},
+    os::unix::fs::FileTypeExt,
     path::{Path, PathBuf},
 };
 
@@ -157,6 +158,10 @@ struct Csv {
 impl Csv {
     fn create(path: &Path) -> Result<Self, UpError> {
         let failed = |cause| UpError::Out { path: path.into(), cause };
+        // A pipe would hold up the run for as long as its reader pleases.
+        if fs::metadata(path).is_ok_and(|at_path| at_path.file_type().is_fifo()) {
+            return Err(failed(io::Error::other("it is a pipe; name a file")));
+        }
         let mut file = BufWriter::new(File::create(path).map_err(failed)?);
         writeln!(file, "t_s,qw,qx,qy,qz").map_err(failed)?;
         Ok(Self { path: path.into(), file })

@@ -95,6 +95,22 @@ pub enum UpError {
         /// How long it was waited for.
         deadline_s: u64,
     },
+    /// A service says nothing any more, and the source waits for it.
+    #[error(
+        "the service {service} has said nothing for {limit_s} s and everything waits for it; the system was stopped"
+    )]
+    Silent {
+        /// Which one.
+        service: Service,
+        /// How long it was waited for.
+        limit_s: u64,
+    },
+    /// The attitude would be written over the recording.
+    #[error("writing {path}: that is the recording itself; give --out another name")]
+    OutIsReplay {
+        /// The file.
+        path: PathBuf,
+    },
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -114,10 +130,11 @@ pub enum UpError {
 }
 
 impl UpError {
-    /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, else 1.
+    /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
+            Self::OutIsReplay { .. } => 2,
             _ => 1,
         }
     }

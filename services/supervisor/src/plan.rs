@@ -1,6 +1,10 @@
 //! What is to run, checked before anything starts.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+};
 
 use launch::{Launch, Source};
 use runtime::{Orders, Pace};
@@ -11,6 +15,9 @@ use crate::UpError;
 const LAUNCH_FILE: &str = "launch.toml";
 /// What runs where there is no launch file.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
+
+/// A duration of a whole number of ticks may come out larger by its rounding, ticks.
+const ROUNDING: f64 = 1e-6;
 
 /// What the command line asks for.
 #[derive(Debug, Clone, Default)]
@@ -38,6 +45,8 @@ pub struct Plan {
     pub ticks: Option<u64>,
     /// After how much of the clock's time a source without an end is stopped, s.
     pub stop_after_s: Option<f64>,
+    /// The source knows the true attitude, at least now and then.
+    pub has_reference: bool,
     /// Where to write the attitude of each tick.
     pub out: Option<PathBuf>,
 }
@@ -50,16 +59,20 @@ impl Plan {
             launch.ingest.source = Source::Replay;
             launch.ingest.replay.file.clone_from(file);
         }
-        let (rate_hz, rows) = match launch.ingest.source {
-            Source::Sim => (launch.ingest.sim.rate_hz, None),
-            Source::Bus => (launch.ingest.bus.rate_hz, None),
+        let (rate_hz, rows, has_reference) = match launch.ingest.source {
+            Source::Sim => (launch.ingest.sim.rate_hz, None, true),
+            Source::Bus => (launch.ingest.bus.rate_hz, None, false),
             Source::Replay => {
-                let survey = recording::survey(&launch.ingest.replay.file)?;
-                (survey.rate_hz, Some(survey.rows))
+                let file = &launch.ingest.replay.file;
+                if let Some(path) = request.out.as_ref().filter(|out| is_same_file(out, file)) {
+                    return Err(UpError::OutIsReplay { path: path.clone() });
+                }
+                let survey = recording::survey(file)?;
+                (survey.rate_hz, Some(survey.rows), survey.has_reference)
             }
         };
         let live = launch.ingest.source == Source::Bus;
-        let wanted = request.duration_s.map(|duration_s| (duration_s * rate_hz).ceil() as u64);
+        let wanted = request.duration_s.map(|duration_s| ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1));
         let ticks_max = wanted.filter(|_| !live);
         let orders = Orders {
             launch,
@@ -73,6 +86,7 @@ impl Plan {
             orders,
             ticks: rows.into_iter().chain(ticks_max).min(),
             stop_after_s: request.duration_s.filter(|_| live),
+            has_reference,
             out: request.out.clone(),
         })
     }
@@ -84,4 +98,9 @@ fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
         None if Path::new(LAUNCH_FILE).exists() => Ok(Launch::read(Path::new(LAUNCH_FILE))?),
         None => Ok(Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?),
     }
+}
+
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
+    identity(one).is_some_and(|one| Some(one) == identity(other))
 }

@@ -32,6 +32,9 @@ pub struct Report {
     /// Readings refused at the source.
     #[serde(skip)]
     pub refused: u64,
+    /// Every tick had its time to come out.
+    #[serde(skip)]
+    pub whole: bool,
     /// Every flag of any attitude.
     #[serde(skip)]
     pub flags: Flags,
@@ -88,10 +91,12 @@ impl Report {
     pub fn new(collector: &Collector, account: Account) -> Self {
         let sequence = collector.sequence();
         let error = collector.error();
+        // What ingest said last may be older than what came out.
+        let ticks_in = account.ticks_in.max(sequence.next_tick);
         Self {
-            ticks_in: account.ticks_in,
+            ticks_in,
             ticks_out: sequence.ticks,
-            lost: account.ticks_in.saturating_sub(sequence.ticks),
+            lost: ticks_in.saturating_sub(sequence.ticks),
             duplicated: sequence.duplicated,
             latency_us: LatencyUs::of(collector),
             cpu_s_per_s: account.cpu_s_per_s,
@@ -101,6 +106,7 @@ impl Report {
             services: account.services,
             digest: collector.digest(),
             refused: account.refused,
+            whole: true,
             flags: collector.flags(),
         }
     }

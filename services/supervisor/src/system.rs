@@ -29,14 +29,17 @@ const ROUND: Duration = Duration::from_millis(20);
 const DRAIN_LIMIT: Duration = Duration::from_secs(2);
 /// The same when a signal asked for the end.
 const DRAIN_LIMIT_ASKED: Duration = Duration::from_millis(300);
+/// How long a service may say nothing while the source waits for it.
+const SILENCE_LIMIT: Duration = Duration::from_secs(10);
 /// How often people see something new.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Runs the plan as processes.
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
+    let collector = Collector::new(plan.out.as_deref())?;
     let mut system = System::start(plan)?;
     system.await_ready()?;
-    let report = system.operate(plan)?;
+    let report = system.operate(plan, collector)?;
     system.end();
     Ok(report)
 }
@@ -45,10 +48,17 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
 struct System {
     children: Children,
     ports: Ports,
-    health: [Option<Health>; Service::ALL.len()],
+    heard: [Option<Heard>; Service::ALL.len()],
     view: View,
     asked_to_end: Arc<AtomicBool>,
     _claim: Claim,
+}
+
+/// What a service said last.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Heard {
+    pub(crate) health: Health,
+    pub(crate) at: Instant,
 }
 
 struct Ports {
@@ -68,7 +78,7 @@ impl System {
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
         let children = Children::start(&plan.orders)?;
-        Ok(Self { children, ports, health: Default::default(), view, asked_to_end, _claim: claim })
+        Ok(Self { children, ports, heard: Default::default(), view, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
@@ -76,7 +86,7 @@ impl System {
         let deadline = Instant::now() + READY_DEADLINE;
         loop {
             self.hear()?;
-            let Some(late) = Service::ALL.into_iter().find(|service| self.health[*service as usize].is_none()) else {
+            let Some(late) = Service::ALL.into_iter().find(|service| self.heard[*service as usize].is_none()) else {
                 return Ok(());
             };
             if let Some(error) = self.children.ended(&[]) {
@@ -92,15 +102,15 @@ impl System {
         }
     }
 
-    fn operate(&mut self, plan: &Plan) -> Result<Report, UpError> {
-        let mut collector = Collector::new(plan.out.as_deref())?;
+    fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
         let lockstep = plan.orders.lockstep();
         let window = plan.orders.window_ticks();
         let start = Instant::now();
         let cpu_start_s = own_cpu_s() + self.children.cpu_s();
         let mut granted = if lockstep { window } else { u64::MAX };
         self.ports.grant(granted)?;
-        let (mut stopping, mut expected) = (false, Vec::new());
+        let (mut stopping, mut expected, mut given_up) = (false, Vec::new(), false);
+        let mut cpu_s_per_s = None;
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         while self.is_ready() {
@@ -120,27 +130,45 @@ impl System {
             let over = plan.stop_after_s.is_some_and(|limit_s| start.elapsed().as_secs_f64() > limit_s);
             if (asked || over) && !stopping {
                 stopping = true;
+                // Before the first process is reaped, and its time with it.
+                cpu_s_per_s = Some(self.cpu_s_per_s(cpu_start_s, start));
                 expected.push(Service::Ingest);
                 self.children.ask_to_end(Service::Ingest);
                 progress = Instant::now();
             }
             let finished = self.health_of(Service::Ingest).filter(|health| health.state == State::FINISHED);
             let limit = if asked { DRAIN_LIMIT_ASKED } else { DRAIN_LIMIT };
-            let given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
+            given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
             if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
                 break;
             }
             if let Some(error) = self.children.ended(&expected) {
                 return Err(error);
             }
+            if lockstep && let Some(silent) = self.silent() {
+                return Err(silent);
+            }
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
-                self.view.show(&collector, &self.health);
+                self.view.show(&collector, &self.heard);
             }
         }
-        let cpu_s_per_s = (own_cpu_s() + self.children.cpu_s() - cpu_start_s) / start.elapsed().as_secs_f64();
+        let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
         collector.finish()?;
-        Ok(Report::new(&collector, self.account(cpu_s_per_s)))
+        let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
+        Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s)) })
+    }
+
+    fn cpu_s_per_s(&self, at_start_s: f64, start: Instant) -> f64 {
+        (own_cpu_s() + self.children.cpu_s() - at_start_s) / start.elapsed().as_secs_f64()
+    }
+
+    /// A service that has said nothing for too long, while the source waits for it.
+    fn silent(&self) -> Option<UpError> {
+        let late = |heard: &Heard| heard.at.elapsed() > SILENCE_LIMIT;
+        let service =
+            Service::ALL.into_iter().find(|service| self.heard[*service as usize].as_ref().is_some_and(late))?;
+        Some(UpError::Silent { service, limit_s: SILENCE_LIMIT.as_secs() })
     }
 
     fn end(mut self) {
@@ -150,19 +178,19 @@ impl System {
 
     fn hear(&mut self) -> Result<(), UpError> {
         self.ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| {
-            if let Some(place) = self.health.get_mut(health.service as usize) {
-                *place = Some(health);
+            if let Some(place) = self.heard.get_mut(health.service as usize) {
+                *place = Some(Heard { health, at: Instant::now() });
             }
         })?;
         Ok(())
     }
 
     fn is_ready(&self) -> bool {
-        self.health.iter().all(Option::is_some)
+        self.heard.iter().all(Option::is_some)
     }
 
     fn health_of(&self, service: Service) -> Option<&Health> {
-        self.health[service as usize].as_ref()
+        self.heard[service as usize].as_ref().map(|heard| &heard.health)
     }
 
     fn account(&self, cpu_s_per_s: f64) -> Account {

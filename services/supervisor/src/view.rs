@@ -10,10 +10,12 @@ use launch::{Service, Source};
 use messages::{Flags, Health, State};
 use runtime::Pace;
 
-use crate::{Plan, collector::Collector, report::LatencyUs, tell};
+use crate::{Plan, collector::Collector, report::LatencyUs, system::Heard, tell};
 
 /// Terminal frames per second at most.
 const FRAMES_HZ: u8 = 10;
+/// A service that has said nothing for so long is shown as silent.
+const SILENT: Duration = Duration::from_millis(500);
 /// Between two lines of a log.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -21,6 +23,7 @@ pub(crate) struct View {
     lines: Option<Lines>,
     ticks: Option<u64>,
     rate_hz: f64,
+    has_reference: bool,
     shown: Instant,
     shown_ticks: u64,
     ticks_per_s: f64,
@@ -46,13 +49,14 @@ impl View {
             lines,
             ticks: plan.ticks,
             rate_hz: plan.orders.rate_hz,
+            has_reference: plan.has_reference,
             shown: Instant::now(),
             shown_ticks: 0,
             ticks_per_s: 0.0,
         }
     }
 
-    pub(crate) fn show(&mut self, collector: &Collector, health: &[Option<Health>]) {
+    pub(crate) fn show(&mut self, collector: &Collector, heard: &[Option<Heard>]) {
         let elapsed_s = self.shown.elapsed().as_secs_f64();
         let ticks = collector.sequence().ticks;
         if self.shown.elapsed() >= LINE_INTERVAL {
@@ -60,21 +64,17 @@ impl View {
             (self.shown, self.shown_ticks) = (Instant::now(), ticks);
             if self.lines.is_none() {
                 let share = self.ticks.map_or(String::new(), |all| format!(" of {all}"));
-                eprintln!(
-                    "tick {ticks}{share}: {}; {}; {}",
-                    attitude(collector),
-                    error(collector),
-                    self.flow(collector)
-                );
+                let (attitude, error, flow) = (attitude(collector), self.error(collector), self.flow(collector));
+                tell(format_args!("tick {ticks}{share}: {attitude}; {error}; {flow}"));
             }
         }
         let flow = self.flow(collector);
         let Some(lines) = &self.lines else { return };
         lines.text[1].set_message(attitude(collector));
-        lines.text[2].set_message(error(collector));
+        lines.text[2].set_message(self.error(collector));
         lines.text[3].set_message(flow);
-        for (line, (service, health)) in lines.text[HEAD_LINES..].iter().zip(Service::ALL.iter().zip(health)) {
-            line.set_message(service_line(*service, health.as_ref()));
+        for (line, (service, heard)) in lines.text[HEAD_LINES..].iter().zip(Service::ALL.iter().zip(heard)) {
+            line.set_message(service_line(*service, heard.as_ref()));
         }
         if let Some(progress) = &lines.progress {
             progress.set_position(ticks);
@@ -86,6 +86,18 @@ impl View {
     pub(crate) fn end(&mut self) {
         if let Some(lines) = &self.lines {
             lines.text.iter().chain(&lines.progress).for_each(ProgressBar::abandon);
+        }
+    }
+
+    fn error(&self, collector: &Collector) -> String {
+        let error = collector.error();
+        match error.rmse_deg() {
+            Some(rmse_deg) => {
+                let (now_deg, max_deg) = (error.now_deg, error.max_deg);
+                format!("inclination error {now_deg:.3}° now, {rmse_deg:.3}° RMSE, {max_deg:.3}° max")
+            }
+            None if self.has_reference => "no reference yet".into(),
+            None => "the source has no reference attitude".into(),
         }
     }
 
@@ -137,20 +149,14 @@ fn attitude(collector: &Collector) -> String {
     format!("yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° (arbitrary)")
 }
 
-fn error(collector: &Collector) -> String {
-    let error = collector.error();
-    match error.rmse_deg() {
-        Some(rmse_deg) => {
-            format!("inclination error {:.3}° now, {rmse_deg:.3}° RMSE, {:.3}° max", error.now_deg, error.max_deg)
-        }
-        None => "no reference yet".into(),
-    }
-}
-
-fn service_line(service: Service, health: Option<&Health>) -> String {
-    let Some(health) = health else { return format!("  {service:<7} starting") };
-    let Health { ticks, lost, pid, .. } = health;
+fn service_line(service: Service, heard: Option<&Heard>) -> String {
+    let Some(Heard { health, at }) = heard else { return format!("  {service:<7} starting") };
+    let Health { ticks, lost, pid, late_wakes, .. } = health;
     let notable = Flags(health.flags.0 & !(Flags::RATE_INSTANT.0 | Flags::ALIGNED.0 | Flags::AT_REST.0));
-    let state = State::name(health.state);
-    format!("  {service:<7} {state:<9} pid {pid:<7} {ticks:>9} ticks  lost {lost}  {notable}")
+    let state = match at.elapsed() {
+        silent if silent > SILENT => format!("silent {} s", silent.as_secs()),
+        _ => State::name(health.state).into(),
+    };
+    let late = if *late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
+    format!("  {service:<7} {state:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{late}  {notable}")
 }

@@ -42,7 +42,7 @@ impl Rest {
             return None;
         }
         self.quiet_s += dt_s;
-        self.bias_rad_s += (rate - self.bias_rad_s) * (dt_s / self.quiet_s.clamp(dt_s, BIAS_MEMORY_S)).min(1.0);
+        self.bias_rad_s += (rate - self.bias_rad_s) * (dt_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
         (self.quiet_s >= QUIET_S).then_some(self.bias_rad_s)
     }
 
