@@ -16,5 +16,7 @@ mod problem;
 mod schema;
 mod walk;
 
-pub use model::{BusSource, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source, Stage};
+pub use model::{
+    BusSource, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source, Stage, TOPIC_MESSAGES_MAX,
+};
 pub use problem::{LaunchError, Problems};

@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 use std::{fmt, path::PathBuf};
 
+/// Messages that a topic holds for a reader at most: 13 MB of the largest.
+pub const TOPIC_MESSAGES_MAX: usize = 65_536;
+
 /// One running system.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Launch {

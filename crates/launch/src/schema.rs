@@ -2,7 +2,7 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, Problems, Service, Source,
-    model::{Ingest, Stage},
+    model::{Ingest, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
     walk::{self, Section},
 };
@@ -50,6 +50,9 @@ impl Launch {
             section.report(lateness_problem(self, section));
         }
         section.section("ingest", |section| ingest(section, &mut self.ingest));
+        if buffer_taken && let Some(problem) = buffer_problem(self, section) {
+            section.report(problem);
+        }
         stage(section, "gyro", Gyro::NAMES, &mut self.gyro);
         stage(section, "accel", Projector::NAMES, &mut self.accel);
         stage(section, "fuser", Fuser::NAMES, &mut self.fuser);
@@ -100,6 +103,22 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
         }
     };
     Problem { note: Some("a join can wait only for what the topics still hold".into()), ..problem }
+}
+
+/// A recording's rate is not known here; its buffers are cut to the limit.
+fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
+    let rate_hz = match launch.ingest.source {
+        Source::Sim => launch.ingest.sim.rate_hz,
+        Source::Bus => launch.ingest.bus.rate_hz,
+        Source::Replay => return None,
+    };
+    let most_s = TOPIC_MESSAGES_MAX as f64 / rate_hz;
+    (launch.buffer_s > most_s).then(|| {
+        let title = format!("buffer_s = {} at {rate_hz} Hz is more than a topic can hold", launch.buffer_s);
+        let place = section.span("buffer_s").unwrap_or_default();
+        let note = format!("a topic holds {TOPIC_MESSAGES_MAX} messages at most");
+        Problem { note: Some(note), ..Problem::new(place, title, format!("expected at most {most_s:.1}")) }
+    })
 }
 
 fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
@@ -349,5 +368,14 @@ launch.toml: 2 problems"#;
         assert!(matches!(error, LaunchError::Unreadable { .. }));
         assert!(error.to_string().starts_with("reading the launch file /nowhere/launch.toml: "), "{error}");
         assert!(error.to_string().contains("check that it exists"), "{error}");
+    }
+
+    #[test]
+    fn a_buffer_that_no_topic_can_hold_is_refused() {
+        let text = "buffer_s = 60.0\n[ingest.sim]\nrate_hz = 10000\n";
+        let shown = Launch::parse("launch.toml", text).unwrap_err().to_string();
+        for said in ["launch.toml:1:12", "expected at most 6.6", "65536 messages"] {
+            assert!(shown.contains(said), "{said}: {shown}");
+        }
     }
 }

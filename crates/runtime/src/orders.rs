@@ -1,6 +1,6 @@
 //! What a service is told when it starts.
 
-use launch::{GyroSamples, Launch, Source};
+use launch::{GyroSamples, Launch, Source, TOPIC_MESSAGES_MAX};
 use serde::{Deserialize, Serialize};
 
 /// How fast the source goes.
@@ -33,12 +33,12 @@ impl Orders {
     /// Messages that each topic of the path holds.
     pub fn buffer_ticks(&self) -> usize {
         let rate_hz = self.rate_hz * if let Pace::Speed(speed) = self.pace { speed.max(1.0) } else { 1.0 };
-        ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(BUFFER_MIN, BUFFER_MAX)
+        ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(BUFFER_MIN, TOPIC_MESSAGES_MAX)
     }
 
     /// How many ticks another input must be ahead before a missing one is left out.
     pub fn lateness_ticks(&self) -> u64 {
-        ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, BUFFER_MAX as u64)
+        ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, TOPIC_MESSAGES_MAX as u64)
     }
 
     /// The source waits for the slowest reader: nothing is dropped, whatever the speed.
@@ -63,8 +63,6 @@ impl Orders {
 
 /// Small enough for a slow sensor, large enough for the burst after a stall.
 const BUFFER_MIN: usize = 256;
-/// What a topic may hold at most: 13 MB of the largest message per reader.
-const BUFFER_MAX: usize = 65_536;
 
 /// Messages of the topics beside the path that a reader holds.
 pub const BUFFER_BESIDE: usize = 64;

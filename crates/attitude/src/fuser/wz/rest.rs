@@ -1,4 +1,7 @@
 //! Rest: the gyro and the accelerometer have not moved from their own mean for a while.
+//!
+//! A steady turn about the vertical, slower than 2 °/s and with no other motion, looks the same and is taken for a bias: the
+//! tilt does not suffer, heading does.
 
 use crate::{Vector3, stage::Numbers};
 
