@@ -31,7 +31,6 @@ const LAYOUT_CHUNK: usize = 250;
 /// A process's place on the bus of a system.
 #[derive(Debug)]
 pub struct Bus {
-    domain: Domain,
     config: Config,
     node: Node<ipc::Service>,
     page: Arc<Page>,
@@ -53,12 +52,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|cause| failed(&cause))?;
-        Ok(Self { domain: domain.clone(), config, node, page, _member: member })
-    }
-
-    /// The system this is the bus of.
-    pub fn domain(&self) -> &Domain {
-        &self.domain
+        Ok(Self { config, node, page, _member: member })
     }
 
     /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten.

@@ -13,8 +13,6 @@ pub struct Survey {
     pub rows: u64,
     /// Sampling rate, Hz: the inverse of the median of the first 100,000 intervals above zero.
     pub rate_hz: f64,
-    /// From the earliest to the latest time, s.
-    pub duration_s: f64,
     /// Whether any row has a reference attitude.
     pub has_reference: bool,
 }
@@ -22,15 +20,12 @@ pub struct Survey {
 /// Reads a recording from end to end, so that whatever is malformed in it is found now.
 pub fn survey(path: &Path) -> Result<Survey, RecordingError> {
     let (mut rows, mut has_reference) = (0, false);
-    let (mut earliest_ns, mut latest_ns) = (i64::MAX, i64::MIN);
     let mut intervals_ns = Vec::new();
     let mut previous_ns = None;
     for row in Reader::open(path)? {
         let row = row?;
         rows += 1;
         has_reference |= row.reference.is_some();
-        earliest_ns = earliest_ns.min(row.t_ns);
-        latest_ns = latest_ns.max(row.t_ns);
         if let Some(previous_ns) = previous_ns.replace(row.t_ns)
             && row.t_ns > previous_ns
             && intervals_ns.len() < INTERVALS_MAX
@@ -43,6 +38,5 @@ pub fn survey(path: &Path) -> Result<Survey, RecordingError> {
     }
     let middle = intervals_ns.len() / 2;
     let (_, &mut median_ns, _) = intervals_ns.select_nth_unstable(middle);
-    let duration_s = latest_ns.abs_diff(earliest_ns) as f64 / 1e9;
-    Ok(Survey { rows, rate_hz: 1e9 / median_ns as f64, duration_s, has_reference })
+    Ok(Survey { rows, rate_hz: 1e9 / median_ns as f64, has_reference })
 }
