@@ -6,7 +6,8 @@
 use crate::{
     GRAVITY_M_S2, Vector3,
     point::Point,
-    stage::{Numbers, Stage},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    state::Attitude,
 };
 
 /// Below this the direction of the force is noise, m/s²: free fall.
@@ -45,6 +46,8 @@ impl Projector {
 impl Stage for Projector {
     type Input = Vector3<f64>;
     type Output = Inclination;
+    /// Where up seemed to be last.
+    type Common = Point;
 
     fn name(&self) -> &'static str {
         "projector"
@@ -61,5 +64,18 @@ impl Stage for Projector {
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.up.visit(visit);
+    }
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(Attitude::levelled(self.up))
+    }
+
+    fn common(&self) -> Point {
+        self.up
+    }
+
+    fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
+        Attitude::levelled(*up).checked()?;
+        self.up = *up;
+        Ok(())
     }
 }

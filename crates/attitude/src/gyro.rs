@@ -5,7 +5,7 @@
 
 use crate::{
     Vector3, kinematics,
-    stage::{Numbers, Stage},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::Attitude,
     turn::Turn,
 };
@@ -93,6 +93,8 @@ impl Gyro {
 impl Stage for Gyro {
     type Input = RateSample;
     type Output = Motion;
+    /// The open-loop attitude.
+    type Common = Attitude;
 
     fn name(&self) -> &'static str {
         match self.method {
@@ -134,5 +136,18 @@ impl Stage for Gyro {
         self.attitude.visit(visit);
         self.rate_before_rad_s.visit(visit);
         self.started.visit(visit);
+    }
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(self.attitude)
+    }
+
+    fn common(&self) -> Attitude {
+        self.attitude
+    }
+
+    fn adopt(&mut self, attitude: &Attitude) -> Result<(), RestoreError> {
+        attitude.checked()?;
+        self.attitude = *attitude;
+        Ok(())
     }
 }

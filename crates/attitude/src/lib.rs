@@ -20,6 +20,8 @@
 //! | [`angles`] | yaw, pitch, roll |
 //! | [`kinematics`] | the differential equations (18)–(20) |
 //! | [`stage`] | the contract of a stage, its snapshot |
+//! | [`parameters`] | the numbers by which a stage can be set |
+//! | [`gnss`] | what a satellite receiver tells |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
 #![forbid(unsafe_code)]
@@ -28,8 +30,10 @@ pub mod accel;
 pub mod angles;
 pub mod course;
 pub mod fuser;
+pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
+pub mod parameters;
 pub mod point;
 pub mod stage;
 pub mod state;

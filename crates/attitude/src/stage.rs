@@ -6,13 +6,14 @@
 use core::fmt;
 
 use crate::{
-    Complex, Vector3,
+    Complex, Quaternion, Vector3,
+    parameters::{Parameter, ParameterError},
     point::{Chart, Point},
     state::Attitude,
 };
 
 /// Numbers a state may have at most.
-pub const STATE_LIMIT: usize = 96;
+pub const STATE_LIMIT: usize = 512;
 
 /// An estimator that can fill a slot.
 pub trait Stage {
@@ -20,9 +21,21 @@ pub trait Stage {
     type Input;
     /// What the slot publishes.
     type Output;
+    /// What every stage of the slot can take over from every other.
+    type Common: Copy;
 
     /// The name by which it is chosen.
     fn name(&self) -> &'static str;
+
+    /// The numbers by which it can be set.
+    fn parameters(&self) -> &'static [Parameter] {
+        &[]
+    }
+
+    /// Sets one of them; before the first step.
+    fn set(&mut self, _name: &str, _value: f64) -> Result<(), ParameterError> {
+        Err(ParameterError::Unknown { known: self.parameters() })
+    }
 
     /// One tick.
     fn step(&mut self, input: &Self::Input) -> Self::Output;
@@ -30,16 +43,28 @@ pub trait Stage {
     /// Hands every number of the state to `visit`, always in the same order.
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64));
 
+    /// What is wrong with a state of finite numbers: a length that is not 1, a variance below zero.
+    fn flaw(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// The part of the state that another stage of the slot can go on with.
+    fn common(&self) -> Self::Common;
+
+    /// Goes on from where another stage of the slot was; what cannot be taken over leaves the stage as it was.
+    fn adopt(&mut self, common: &Self::Common) -> Result<(), RestoreError>;
+
     /// The state as a record.
     fn snapshot(&self) -> Snapshot
     where
         Self: Clone,
     {
-        let mut record = Snapshot { stage: self.name(), values: [0.0; STATE_LIMIT], len: 0 };
+        let mut record = Snapshot { stage: self.name(), values: [0.0; STATE_LIMIT], len: 0, checksum: 0 };
         self.clone().visit_state(&mut |value| {
             record.values[record.len] = *value;
             record.len += 1;
         });
+        record.checksum = record.sum();
         record
     }
 
@@ -58,11 +83,19 @@ pub trait Stage {
         if let Some(index) = record.values[..record.len].iter().position(|value| !value.is_finite()) {
             return Err(RestoreError::NotFinite { index });
         }
+        if record.checksum != record.sum() {
+            return Err(RestoreError::Corrupt);
+        }
+        let mut restored = self.clone();
         let mut index = 0;
-        self.visit_state(&mut |value| {
+        restored.visit_state(&mut |value| {
             *value = record.values[index];
             index += 1;
         });
+        if let Some(flaw) = restored.flaw() {
+            return Err(RestoreError::Flaw { flaw });
+        }
+        *self = restored;
         Ok(())
     }
 }
@@ -76,6 +109,18 @@ pub struct Snapshot {
     pub values: [f64; STATE_LIMIT],
     /// How many of them there are.
     pub len: usize,
+    /// Of the values, so that a record that was damaged on its way is known.
+    pub checksum: u64,
+}
+
+impl Snapshot {
+    /// FNV-1a over the bits of the values.
+    pub fn sum(&self) -> u64 {
+        self.values[..self.len]
+            .iter()
+            .flat_map(|value| value.to_bits().to_le_bytes())
+            .fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
+    }
 }
 
 /// Why a recorded state was refused.
@@ -100,6 +145,13 @@ pub enum RestoreError {
         /// Which one.
         index: usize,
     },
+    /// The values are not those that were recorded.
+    Corrupt,
+    /// The values are finite and yet no state of this stage.
+    Flaw {
+        /// What is wrong.
+        flaw: &'static str,
+    },
 }
 
 impl fmt::Display for RestoreError {
@@ -109,6 +161,8 @@ impl fmt::Display for RestoreError {
             Self::OtherStage { expected, found } => write!(f, "a record of {found}, this is {expected}"),
             Self::OtherLength { expected, found } => write!(f, "{found} values, expected {expected}"),
             Self::NotFinite { index } => write!(f, "value {index} is not finite"),
+            Self::Corrupt => write!(f, "the checksum does not fit the values"),
+            Self::Flaw { flaw } => write!(f, "{flaw}"),
         }
     }
 }
@@ -147,6 +201,12 @@ impl Numbers for Vector3<f64> {
     }
 }
 
+impl Numbers for Quaternion<f64> {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.coords.iter_mut().for_each(visit);
+    }
+}
+
 impl Numbers for Attitude {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.up.visit(visit);
@@ -161,4 +221,30 @@ impl Numbers for Point {
         self.chart = if inverted { Chart::Inverted } else { Chart::Upright };
         self.w.visit(visit);
     }
+}
+
+impl Attitude {
+    /// Refuses what is not an attitude.
+    pub(crate) fn checked(&self) -> Result<(), RestoreError> {
+        let mut index = 0;
+        let mut bad = None;
+        { *self }.visit(&mut |value| {
+            bad = bad.or((!value.is_finite()).then_some(index));
+            index += 1;
+        });
+        if let Some(index) = bad {
+            return Err(RestoreError::NotFinite { index });
+        }
+        attitude_flaw(*self).map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
+    }
+}
+
+/// What is wrong with an attitude of finite numbers.
+pub(crate) fn attitude_flaw(attitude: Attitude) -> Option<&'static str> {
+    (attitude.up.w.norm_sqr() > 2.0 || attitude.z_rad.abs() > 4.0).then_some("an attitude outside its chart")
+}
+
+/// What is wrong with a gyro bias of finite numbers.
+pub(crate) fn bias_flaw(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
+    (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

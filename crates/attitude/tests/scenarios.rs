@@ -41,7 +41,12 @@ impl Chain {
         self.ticks += 1;
         let dt_s = if first { 0.0 } else { dt_s };
         let motion = self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Instant });
-        let input = FuserInput { motion: Some(motion), inclination: Some(inclination), rest_credible: true };
+        let input = FuserInput {
+            motion: Some(motion),
+            inclination: Some(inclination),
+            rest_credible: true,
+            ..FuserInput::default()
+        };
         (motion.attitude, self.fuser.step(&input))
     }
 }

@@ -4,7 +4,13 @@
 //! Time: the samples' own. Failure: a state that is not an attitude repeats the last one, flagged.
 #![forbid(unsafe_code)]
 
-use attitude::{Vector3, course::Course, stage::Stage, state::Attitude, turn::Turn};
+use attitude::{
+    Vector3,
+    course::{Course, CourseInput, Reference},
+    stage::Stage,
+    state::Attitude,
+    turn::Turn,
+};
 use launch::Service;
 use messages::{AttitudeOutput, CourseReference, Flags, FusedState, Header};
 use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve};
@@ -50,7 +56,13 @@ impl Work for CourseWork {
             self.reset_counter = input.reset_counter;
         }
         self.attitude = attitude;
-        let reading = self.stage.step(&attitude);
+        let reading = self.stage.step(&CourseInput {
+            attitude,
+            reference: Reference::Arbitrary,
+            heading_sd_rad: std::f64::consts::PI,
+            fix: None,
+            dt_s: header.dt_s(),
+        });
         header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal);
         let q = reading.quaternion;
         AttitudeOutput {

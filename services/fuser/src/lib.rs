@@ -129,7 +129,7 @@ impl FuserSlot {
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
         let rest_credible = !header.flags.any(suspect);
-        let fused = self.step(&FuserInput { motion, inclination, rest_credible }, &mut header);
+        let fused = self.step(&FuserInput { motion, inclination, rest_credible, ..FuserInput::default() }, &mut header);
         Some(FusedState {
             header,
             w: pair(fused.attitude.up.w),

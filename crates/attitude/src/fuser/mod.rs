@@ -1,15 +1,23 @@
-//! Fuser stages: the gyro's motion and the accelerometer's inclination become one attitude.
+//! Fuser stages: motion, inclination and, where they are there, the magnetic field and a velocity become one attitude.
 //!
-//! Input: the motion and the inclination of a tick, either of which may be missing. Output: the fused attitude with the bias of the
-//! gyro, the innovation and its standard deviation. Time: the motion's interval. Failure: without a motion the attitude is held,
+//! Input: what the slot is offered at a tick, any part of which may be missing. Output: the fused attitude with the bias of the
+//! gyro, the innovation and standard deviations. Time: the motion's interval. Failure: without a motion the attitude is held,
 //! without an inclination it follows the gyro.
 //!
-//! | stage | what it is | inclination RMSE on S1's scenario, 100 s |
-//! | --- | --- | --- |
-//! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias | 0.06° |
-//! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T | 0.16° |
-//! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published | 0.21° |
+//! | stage | what it is |
+//! | --- | --- |
+//! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias; heading by the magnetic field |
+//! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
+//! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
+//! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
+//! | [`levelling`](levelling::Levelling), `levelling-pi` | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
+//! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
+pub mod aided;
+pub mod levelling;
+pub mod madgwick;
+pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;
@@ -17,20 +25,27 @@ pub mod wz_open;
 use crate::{
     Complex, Vector3,
     accel::Inclination,
+    course::Reference,
+    gnss::Fix,
     gyro::Motion,
-    stage::Stage,
+    parameters::{Parameter, ParameterError},
+    stage::{RestoreError, Stage, bias_flaw},
     state::{Attitude, arg},
 };
-use {wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
+use {aided::Aided, levelling::Levelling, madgwick::Madgwick, vqf::Vqf, wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
 
 /// What a fuser is offered at a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FuserInput {
     /// From the gyro slot.
     pub motion: Option<Motion>,
     /// From the accel slot; only one made from a force that can be used.
     pub inclination: Option<Inclination>,
-    /// Both sensors are alive, so that stillness means rest.
+    /// The magnetic field, µT, body axes; only where it is a new sample.
+    pub field_ut: Option<Vector3<f64>>,
+    /// Of the satellite receiver; only at the tick at which it arrived.
+    pub fix: Option<Fix>,
+    /// Gyro and accelerometer are alive, so that stillness means rest.
     pub rest_credible: bool,
 }
 
@@ -47,6 +62,10 @@ pub struct Fused {
     pub innovation_rad: f64,
     /// Standard deviation of the inclination, rad, as far as the stage's own innovations tell it.
     pub inclination_sd_rad: f64,
+    /// Standard deviation of the heading, rad; π where nothing is known.
+    pub heading_sd_rad: f64,
+    /// What the heading is counted from.
+    pub reference: Reference,
     /// Which corrections were used.
     pub corrections: Corrections,
 }
@@ -58,10 +77,80 @@ pub struct Corrections {
     pub tilt: bool,
     /// The gyro bias was updated.
     pub bias: bool,
+    /// The heading moved towards the magnetic field's.
+    pub magnetic: bool,
+    /// A satellite velocity was used.
+    pub velocity: bool,
+    /// The magnetic field is not that of the place; heading follows the gyro.
+    pub disturbed: bool,
     /// The body was found to be at rest.
     pub rest: bool,
-    /// The attitude was set anew.
+    /// The attitude was set anew: its level, its heading or both jump here.
     pub aligned: bool,
+}
+
+/// What every fuser can hand over to every other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The attitude.
+    pub attitude: Attitude,
+    /// What its heading is counted from.
+    pub reference: Reference,
+    /// Gyro bias, rad/s, body axes.
+    pub bias_rad_s: Vector3<f64>,
+    /// Standard deviation of the inclination, rad.
+    pub inclination_sd_rad: f64,
+    /// Standard deviation of the heading, rad; π where nothing is known.
+    pub heading_sd_rad: f64,
+    /// Standard deviation of each component of the bias, rad/s; infinite where the giver does not estimate it.
+    pub bias_sd_rad_s: f64,
+}
+
+impl Estimate {
+    /// Refuses what is not an estimate.
+    fn checked(&self) -> Result<(), RestoreError> {
+        self.attitude.checked()?;
+        if let Some(index) = self.bias_rad_s.iter().position(|x| !x.is_finite()) {
+            return Err(RestoreError::NotFinite { index });
+        }
+        if let Some(flaw) = bias_flaw(self.bias_rad_s) {
+            return Err(RestoreError::Flaw { flaw });
+        }
+        let sds = [self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s];
+        if !sds.iter().all(|sd| *sd >= 0.0) {
+            return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
+        }
+        Ok(())
+    }
+}
+
+macro_rules! fusers {
+    ($($name:literal => $Variant:ident($Stage:ty) = $new:expr,)*) => {
+        impl Fuser {
+            /// The stages of this slot; the first is the default.
+            pub const NAMES: [&'static str; [$($name),*].len()] = [$($name),*];
+
+            /// The stage of that name.
+            pub fn named(name: &str) -> Option<Self> {
+                match name {
+                    $($name => Some(Self::$Variant($new)),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+fusers! {
+    "wz" => Wz(Wz) = Wz::default(),
+    "wz-closed" => WzClosed(WzClosed) = WzClosed::default(),
+    "wz-open" => WzOpen(WzOpen) = WzOpen::default(),
+    "madgwick" => Madgwick(Madgwick) = Madgwick::original(),
+    "madgwick-improved" => Madgwick(Madgwick) = Madgwick::improved(),
+    "levelling" => Levelling(Levelling) = Levelling::as_printed(),
+    "levelling-pi" => Levelling(Levelling) = Levelling::with_integral(),
+    "aided" => Aided(Aided) = Aided::default(),
+    "vqf" => Vqf(Vqf) = Vqf::default(),
 }
 
 /// A fuser stage.
@@ -74,59 +163,73 @@ pub enum Fuser {
     WzClosed(WzClosed),
     /// `wz-open`
     WzOpen(WzOpen),
+    /// `madgwick`, `madgwick-improved`
+    Madgwick(Madgwick),
+    /// `levelling`, `levelling-pi`
+    Levelling(Levelling),
+    /// `aided`
+    Aided(Aided),
+    /// `vqf`
+    Vqf(Vqf),
+}
+
+macro_rules! each {
+    ($fuser:expr, $stage:ident => $do:expr) => {
+        match $fuser {
+            Fuser::Wz($stage) => $do,
+            Fuser::WzClosed($stage) => $do,
+            Fuser::WzOpen($stage) => $do,
+            Fuser::Madgwick($stage) => $do,
+            Fuser::Levelling($stage) => $do,
+            Fuser::Aided($stage) => $do,
+            Fuser::Vqf($stage) => $do,
+        }
+    };
 }
 
 impl Fuser {
-    /// The stages of this slot; the first is the default.
-    pub const NAMES: [&'static str; 3] = ["wz", "wz-closed", "wz-open"];
-
-    /// The stage of that name.
-    pub fn named(name: &str) -> Option<Self> {
-        match name {
-            "wz" => Some(Self::Wz(Wz::default())),
-            "wz-closed" => Some(Self::WzClosed(WzClosed::default())),
-            "wz-open" => Some(Self::WzOpen(WzOpen::default())),
-            _ => None,
-        }
-    }
-
     /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
     /// bias stay.
     pub fn realign(&mut self) {
-        match self {
-            Self::Wz(stage) => stage.realign(),
-            Self::WzClosed(stage) => stage.realign(),
-            Self::WzOpen(stage) => stage.realign(),
-        }
+        each!(self, stage => stage.realign());
     }
 }
 
 impl Stage for Fuser {
     type Input = FuserInput;
     type Output = Fused;
+    type Common = Estimate;
 
     fn name(&self) -> &'static str {
-        match self {
-            Self::Wz(stage) => stage.name(),
-            Self::WzClosed(stage) => stage.name(),
-            Self::WzOpen(stage) => stage.name(),
-        }
+        each!(self, stage => stage.name())
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        each!(self, stage => stage.parameters())
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        each!(self, stage => stage.set(name, value))
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        match self {
-            Self::Wz(stage) => stage.step(input),
-            Self::WzClosed(stage) => stage.step(input),
-            Self::WzOpen(stage) => stage.step(input),
-        }
+        each!(self, stage => stage.step(input))
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        match self {
-            Self::Wz(stage) => stage.visit_state(visit),
-            Self::WzClosed(stage) => stage.visit_state(visit),
-            Self::WzOpen(stage) => stage.visit_state(visit),
-        }
+        each!(self, stage => stage.visit_state(visit));
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        each!(self, stage => stage.flaw())
+    }
+
+    fn common(&self) -> Estimate {
+        each!(self, stage => stage.common())
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        each!(self, stage => stage.adopt(common))
     }
 }
 

@@ -2,11 +2,14 @@
 //!
 //! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed. z follows the gyro.
 
-use super::{Corrections, Fused, FuserInput, innovation_rad, low_pass_gain};
+use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain};
+use core::f64::consts::PI;
+
 use crate::{
     Vector3,
+    course::Reference,
     point::Point,
-    stage::{Numbers, Stage},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::Attitude,
 };
 
@@ -38,6 +41,7 @@ impl WzClosed {
 impl Stage for WzClosed {
     type Input = FuserInput;
     type Output = Fused;
+    type Common = Estimate;
 
     fn name(&self) -> &'static str {
         "wz-closed"
@@ -72,6 +76,8 @@ impl Stage for WzClosed {
             innovation_rad: innovation,
             // White noise through a first-order low-pass: variance times gain / (2 − gain).
             inclination_sd_rad: libm::sqrt(self.innovation2_rad2 * gain / (2.0 - gain)),
+            heading_sd_rad: PI,
+            reference: Reference::Arbitrary,
             corrections,
         }
     }
@@ -80,5 +86,26 @@ impl Stage for WzClosed {
         self.attitude.visit(visit);
         self.started.visit(visit);
         self.innovation2_rad2.visit(visit);
+    }
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(self.attitude)
+    }
+
+    fn common(&self) -> Estimate {
+        Estimate {
+            attitude: self.attitude,
+            reference: Reference::Arbitrary,
+            bias_rad_s: Vector3::zeros(),
+            inclination_sd_rad: libm::sqrt(self.innovation2_rad2),
+            heading_sd_rad: PI,
+            bias_sd_rad_s: f64::INFINITY,
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        self.attitude = common.attitude;
+        self.started = true;
+        Ok(())
     }
 }

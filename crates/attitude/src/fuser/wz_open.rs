@@ -3,11 +3,14 @@
 //! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9, T = 1 s. The gyro channel
 //! integrates by itself and drifts without bound, so the error grows with time: that is the published method, kept for comparison.
 
-use super::{Corrections, Fused, FuserInput, innovation_rad, low_pass_gain, wz_closed::POINT_LIMIT};
+use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain, wz_closed::POINT_LIMIT};
+use core::f64::consts::PI;
+
 use crate::{
     Complex, Vector3,
+    course::Reference,
     point::Point,
-    stage::{Numbers, Stage},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::Attitude,
 };
 
@@ -57,6 +60,7 @@ impl WzOpen {
 impl Stage for WzOpen {
     type Input = FuserInput;
     type Output = Fused;
+    type Common = Estimate;
 
     fn name(&self) -> &'static str {
         "wz-open"
@@ -91,6 +95,8 @@ impl Stage for WzOpen {
             innovation_rad: innovation,
             // White noise through a first-order low-pass: variance times gain / (2 − gain).
             inclination_sd_rad: libm::sqrt(self.innovation2_rad2 * gain / (2.0 - gain)),
+            heading_sd_rad: PI,
+            reference: Reference::Arbitrary,
             corrections,
         }
     }
@@ -100,5 +106,27 @@ impl Stage for WzOpen {
         self.difference.visit(visit);
         self.started.visit(visit);
         self.innovation2_rad2.visit(visit);
+    }
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(self.gyro)
+    }
+
+    fn common(&self) -> Estimate {
+        Estimate {
+            attitude: self.fused(),
+            reference: Reference::Arbitrary,
+            bias_rad_s: Vector3::zeros(),
+            inclination_sd_rad: libm::sqrt(self.innovation2_rad2),
+            heading_sd_rad: PI,
+            bias_sd_rad_s: f64::INFINITY,
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        self.gyro = common.attitude;
+        self.difference = Complex::new(0.0, 0.0);
+        self.started = true;
+        Ok(())
     }
 }

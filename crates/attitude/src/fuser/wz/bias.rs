@@ -9,7 +9,11 @@
 //! C_u the response to the bias already taken off, ε0 the unknown error of the first level and C_0 the response to it.
 
 use super::{T1_S, T2_S};
-use crate::{Complex, J, Vector3, stage::Numbers, state::Attitude};
+use crate::{
+    Complex, J, Vector3,
+    stage::{Numbers, bias_flaw},
+    state::Attitude,
+};
 use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s.
@@ -86,6 +90,28 @@ impl BiasFilter {
     /// Mean square of the innovation of the tilt correction, rad²/s².
     pub(super) fn innovation2_rad2_s2(&self) -> f64 {
         self.innovation2_rad2_s2
+    }
+
+    /// Standard deviation of the worst component of the bias, rad/s.
+    pub(super) fn sd_rad_s(&self) -> f64 {
+        libm::sqrt((0..3).map(|i| self.covariance[(i, i)]).fold(0.0, f64::max))
+    }
+
+    /// Goes on from a bias and a level that another stage found.
+    pub(super) fn adopt(&mut self, bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) {
+        let mut begun = Self::default();
+        begun.state.fixed_rows_mut::<3>(0).copy_from(&bias_rad_s);
+        for (i, sd) in [bias_sd_rad_s, bias_sd_rad_s, bias_sd_rad_s, level_sd_rad, level_sd_rad].into_iter().enumerate()
+        {
+            begun.covariance[(i, i)] = begun.covariance[(i, i)].min(sd * sd);
+        }
+        *self = begun;
+    }
+
+    /// What is wrong with the state.
+    pub(super) fn flaw(&self) -> Option<&'static str> {
+        let negative = (0..5).any(|i| self.covariance[(i, i)] < 0.0);
+        bias_flaw(self.bias_rad_s()).or(negative.then_some("a variance below zero"))
     }
 
     /// The level frame turned by the inverse of `swing`.

@@ -13,10 +13,13 @@
 mod bias;
 mod rest;
 
-use super::{Corrections, Fused, FuserInput, innovation_rad};
+use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad};
+use core::f64::consts::PI;
+
 use crate::{
     Complex, GRAVITY_M_S2, Vector3,
-    stage::{Numbers, Stage},
+    course::Reference,
+    stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::{Attitude, Moved},
     turn::Turn,
 };
@@ -67,6 +70,7 @@ impl Wz {
 impl Stage for Wz {
     type Input = FuserInput;
     type Output = Fused;
+    type Common = Estimate;
 
     fn name(&self) -> &'static str {
         "wz"
@@ -110,6 +114,8 @@ impl Stage for Wz {
             innovation_rad: innovation,
             // The loop's correction follows a tilt error by ε/T2.
             inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
+            heading_sd_rad: PI,
+            reference: Reference::Arbitrary,
             corrections,
         }
     }
@@ -120,5 +126,29 @@ impl Stage for Wz {
         self.velocity_m_s.visit(visit);
         self.bias.visit(visit);
         self.rest.visit(visit);
+    }
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(self.attitude).or_else(|| self.bias.flaw())
+    }
+
+    fn common(&self) -> Estimate {
+        Estimate {
+            attitude: self.attitude,
+            reference: Reference::Arbitrary,
+            bias_rad_s: self.bias.bias_rad_s(),
+            inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
+            heading_sd_rad: PI,
+            bias_sd_rad_s: self.bias.sd_rad_s(),
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        self.attitude = common.attitude;
+        self.velocity_m_s = Complex::new(0.0, 0.0);
+        self.bias.adopt(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
+        self.rest.interrupt();
+        self.started = true;
+        Ok(())
     }
 }

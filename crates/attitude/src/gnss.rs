@@ -1,0 +1,28 @@
+//! What a satellite receiver tells a stage.
+
+use crate::Vector3;
+
+/// One fix, at the tick at which it arrived.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fix {
+    /// Velocity over ground, m/s, east, north, up.
+    pub velocity_m_s: Vector3<f64>,
+    /// Standard deviation of each component, m/s, where the receiver tells it.
+    pub sd_m_s: Option<f64>,
+    /// How old the velocity was on arrival, s, where it is known.
+    pub age_s: Option<f64>,
+    /// Geodetic latitude, rad, north positive, where it is known.
+    pub latitude_rad: Option<f64>,
+}
+
+impl Fix {
+    /// Speed over ground, m/s.
+    pub fn speed_m_s(&self) -> f64 {
+        libm::hypot(self.velocity_m_s.x, self.velocity_m_s.y)
+    }
+
+    /// Track over ground, rad, clockwise from true north, (−π, π].
+    pub fn track_rad(&self) -> f64 {
+        libm::atan2(self.velocity_m_s.x, self.velocity_m_s.y)
+    }
+}
