@@ -22,6 +22,7 @@
 //! | [`stage`] | the contract of a stage, its snapshot |
 //! | [`parameters`] | the numbers by which a stage can be set |
 //! | [`gnss`] | what a satellite receiver tells |
+//! | [`metrics`] | how far an estimate is from the truth |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
 #![forbid(unsafe_code)]
@@ -33,6 +34,7 @@ pub mod fuser;
 pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
+pub mod metrics;
 pub mod parameters;
 pub mod point;
 pub mod stage;
