@@ -1,7 +1,7 @@
 //! What a launch file says, and the defaults.
 
 use serde::{Deserialize, Serialize};
-use std::{fmt, path::PathBuf};
+use std::{collections::BTreeMap, fmt, path::PathBuf};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -34,6 +34,8 @@ pub struct Launch {
 pub struct Stage {
     /// The stage's name, one of the slot's `NAMES`.
     pub stage: String,
+    /// Parameters that differ from the stage's defaults, by name.
+    pub settings: BTreeMap<String, f64>,
 }
 
 /// Where samples come from, and what is wrong with a sample.
@@ -137,7 +139,7 @@ pub enum GyroSamples {
 
 impl Default for Launch {
     fn default() -> Self {
-        let stage = |name: &str| Stage { stage: name.into() };
+        let stage = |name: &str| Stage { stage: name.into(), settings: BTreeMap::new() };
         Self {
             name: "plumbline".into(),
             services: Service::ALL.into(),

@@ -230,7 +230,7 @@ mod tests {
             [course]
             stage = "angles"
         "#;
-        let stage = |name: &str| Stage { stage: name.into() };
+        let stage = |name: &str| Stage { stage: name.into(), settings: Default::default() };
         let expected = Launch {
             name: "wing-2_b".into(),
             services: Service::ALL.into_iter().rev().collect(),

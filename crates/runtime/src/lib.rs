@@ -9,14 +9,17 @@
 //! | [`slot`] | a slot's work without clock or bus, for one input or for two joined by tick |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`service`] | the loop over the bus |
+//! | [`filled`] | the stage that fills a slot |
 //! | [`clock`] | the monotonic clock |
 #![forbid(unsafe_code)]
 
 pub mod clock;
+mod filling;
 pub mod orders;
 pub mod service;
 pub mod slot;
 
+pub use filling::filled;
 pub use orders::{Orders, Pace};
 pub use service::{Member, RuntimeError, serve};
 pub use slot::{EachTick, Join, Joined, Sequence, Slot, Work};

@@ -54,6 +54,18 @@ pub enum RuntimeError {
         /// The name asked for.
         stage: String,
     },
+    /// A stage that cannot be set so.
+    #[error("filling the slot `{slot}`: setting {key} of `{stage}`: {cause}")]
+    Setting {
+        /// The slot.
+        slot: Service,
+        /// The stage.
+        stage: String,
+        /// The parameter.
+        key: String,
+        /// Why not.
+        cause: attitude::parameters::ParameterError,
+    },
 }
 
 /// A service as a member of a running system.

@@ -13,7 +13,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AttitudeOutput, CourseReference, Flags, FusedState, Header};
-use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve};
+use runtime::{EachTick, Member, Orders, RuntimeError, Work, filled, serve};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
@@ -26,8 +26,7 @@ pub struct CourseWork {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<CourseWork>, RuntimeError> {
-    let name = &orders.launch.course.stage;
-    let stage = Course::named(name).ok_or(RuntimeError::Stage { slot: Service::Course, stage: name.clone() })?;
+    let stage = filled(Service::Course, &orders.launch.course, Course::named)?;
     let jump = [1.0, 0.0, 0.0, 0.0];
     Ok(EachTick::new(CourseWork { stage, attitude: Attitude::default(), reset_counter: 0, jump }))
 }

@@ -14,7 +14,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AccelPoint, Flags, FusedState, GyroStep, Header, Ticked, finite, pair};
-use runtime::{BRIDGE_S, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve};
+use runtime::{BRIDGE_S, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, filled, serve};
 
 /// A time without a rate after which the attitude may be anywhere, s.
 const BLIND_S: f64 = 0.2;
@@ -50,7 +50,8 @@ impl From<AccelPoint> for FuserMessage {
 pub struct FuserSlot {
     join: Join<GyroStep, AccelPoint>,
     stage: Fuser,
-    name: String,
+    /// The stage before its first step.
+    fresh: Fuser,
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
@@ -64,11 +65,11 @@ pub struct FuserSlot {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
-    let name = orders.launch.fuser.stage.clone();
+    let stage = filled(Service::Fuser, &orders.launch.fuser, Fuser::named)?;
     Ok(FuserSlot {
         join: Join::new(orders.lateness_ticks()),
-        stage: Fuser::named(&name).ok_or(RuntimeError::Stage { slot: Service::Fuser, stage: name.clone() })?,
-        name,
+        stage: stage.clone(),
+        fresh: stage,
         gyro_before: None,
         aligned: false,
         reset_counter: 0,
@@ -173,7 +174,7 @@ impl FuserSlot {
         let mut fused = self.stage.step(input);
         if !is_finite(&fused) {
             header.flags |= Flags::RESET;
-            self.stage = Fuser::named(&self.name).unwrap_or_else(|| self.stage.clone());
+            self.stage = self.fresh.clone();
             fused = self.stage.step(input);
         }
         self.attitude = fused.attitude;
