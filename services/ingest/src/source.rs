@@ -13,7 +13,7 @@ pub use recording::{Reference as Truth, Row as Reading};
 /// A reading from the bus, where nobody knows the truth.
 pub fn reading_of(reading: SensorReading) -> Reading {
     let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2 } = reading;
-    Reading { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, reference: None }
+    Reading { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, field_ut: None, reference: None }
 }
 
 /// Readings that are there before they are asked for.
@@ -64,6 +64,7 @@ impl Iterator for Readings {
                     t_ns: (t_s * 1e9).round() as i64,
                     rate_rad_s: reading.rate_rad_s.into(),
                     force_m_s2: reading.force_m_s2.into(),
+                    field_ut: None,
                     reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }

@@ -19,7 +19,13 @@ fn conditioner(kind: GyroSamples) -> Conditioner {
 /// A good reading that no other count gives.
 fn reading(count: i64) -> Reading {
     let x = count as f64 * 1e-3;
-    Reading { t_ns: count * USUAL_NS, rate_rad_s: [x, -x, 0.1], force_m_s2: [0.1, x, 9.8], reference: None }
+    Reading {
+        t_ns: count * USUAL_NS,
+        rate_rad_s: [x, -x, 0.1],
+        force_m_s2: [0.1, x, 9.8],
+        field_ut: None,
+        reference: None,
+    }
 }
 
 fn readings(count: i64) -> Vec<Reading> {
@@ -361,7 +367,13 @@ fn whatever_comes_samples_are_finite_and_time_grows() {
                 let good = reading(count);
                 t_ns = choices.stamp(t_ns, wildness);
                 let rate_rad_s = choices.values(good.rate_rad_s, wildness);
-                Reading { t_ns, rate_rad_s, force_m_s2: choices.values(good.force_m_s2, wildness), reference: None }
+                Reading {
+                    t_ns,
+                    rate_rad_s,
+                    force_m_s2: choices.values(good.force_m_s2, wildness),
+                    field_ut: None,
+                    reference: None,
+                }
             })
             .collect();
         let given = conditioned(&readings).iter().flatten().count();
