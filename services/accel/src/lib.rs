@@ -10,7 +10,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AccelPoint, Flags, Header, ImuSample, pair};
-use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve};
+use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve, stage};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
@@ -20,8 +20,7 @@ pub struct AccelWork {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<AccelWork>, RuntimeError> {
-    let name = &orders.launch.accel.stage;
-    let stage = Projector::named(name).ok_or(RuntimeError::Stage { slot: Service::Accel, stage: name.clone() })?;
+    let stage = stage::filled(Service::Accel, &orders.launch.accel, Projector::named)?;
     Ok(EachTick::new(AccelWork { stage }))
 }
 
