@@ -8,6 +8,7 @@ use csv::ByteRecord;
 
 const REQUIRED: [&str; 7] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
+const FIELD: [&str; 3] = ["mx", "my", "mz"];
 const SCORED: &str = "mov";
 const KNOWN: [&str; 15] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az", "qw", "qx", "qy", "qz", SCORED, "mx", "my", "mz"];
 /// What some spreadsheets put before the text, in UTF-8.
@@ -22,6 +23,7 @@ pub(crate) struct Columns {
     pub(crate) time: usize,
     pub(crate) rate: [usize; 3],
     pub(crate) force: [usize; 3],
+    pub(crate) field: Option<[usize; 3]>,
     pub(crate) quaternion: Option<[usize; 4]>,
     pub(crate) scored: Option<usize>,
 }
@@ -39,13 +41,10 @@ impl Columns {
         }
         let at_line = |fault| (Place::line(line), fault);
         let [time, gx, gy, gz, ax, ay, az] = indices(&names, &REQUIRED).map_err(at_line)?;
-        let quaternion = if names.iter().any(|name| QUATERNION.contains(name)) {
-            Some(indices(&names, &QUATERNION).map_err(at_line)?)
-        } else {
-            None
-        };
+        let field = all_or_none(&names, &FIELD).map_err(at_line)?;
+        let quaternion = all_or_none(&names, &QUATERNION).map_err(at_line)?;
         let scored = names.iter().position(|&name| name == SCORED);
-        Ok(Self { names, time, rate: [gx, gy, gz], force: [ax, ay, az], quaternion, scored })
+        Ok(Self { names, time, rate: [gx, gy, gz], force: [ax, ay, az], field, quaternion, scored })
     }
 }
 
@@ -63,6 +62,14 @@ fn known(field: &[u8]) -> Result<&'static str, Fault> {
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, known)| known);
     Err(Fault::UnknownColumn { found: excerpt(field), near, known: &KNOWN })
+}
+
+fn all_or_none<const N: usize>(
+    names: &[&'static str],
+    wanted: &'static [&'static str; N],
+) -> Result<Option<[usize; N]>, Fault> {
+    let any = names.iter().any(|name| wanted.contains(name));
+    any.then(|| indices(names, wanted)).transpose()
 }
 
 fn indices<const N: usize>(names: &[&'static str], wanted: &'static [&'static str; N]) -> Result<[usize; N], Fault> {

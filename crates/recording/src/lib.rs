@@ -1,7 +1,7 @@
 //! Recordings of an inertial sensor: CSV, plain or gzip.
 //!
-//! Input: a file with one header line; columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s², optionally `qw,qx,qy,qz`,
-//! `mov` and `mx,my,mz` (not read for now), in any order.
+//! Input: a file with one header line; columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s², optionally `mx,my,mz` in
+//! µT, `qw,qx,qy,qz` and `mov`, in any order.
 //! Output: its rows one by one, in constant memory, or a survey of the whole. Time: the recording's own.
 //! Failure: the first malformed line ends the reading, with its place, what was found and what was expected.
 #![forbid(unsafe_code)]

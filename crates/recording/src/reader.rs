@@ -21,6 +21,8 @@ pub struct Row {
     pub rate_rad_s: [f64; 3],
     /// Specific force, m/s², sensor axes; as recorded, so it may be nan or infinite.
     pub force_m_s2: [f64; 3],
+    /// Magnetic field, µT, sensor axes; `None` where the recording has none or any component is nan: no sample at this row.
+    pub field_ut: Option<[f64; 3]>,
     /// The true attitude, where the recording has one.
     pub reference: Option<Reference>,
 }
@@ -118,8 +120,15 @@ impl Fields<'_> {
             t_ns: self.parsed(self.columns.time, time::EXPECTED, time::parse_ns)?,
             rate_rad_s: self.numbers(self.columns.rate)?,
             force_m_s2: self.numbers(self.columns.force)?,
+            field_ut: self.field()?,
             reference: self.reference()?,
         })
+    }
+
+    fn field(&self) -> Result<Option<[f64; 3]>, (Place, Fault)> {
+        let Some(indices) = self.columns.field else { return Ok(None) };
+        let field = self.numbers(indices)?;
+        Ok((!field.iter().any(|part| part.is_nan())).then_some(field))
     }
 
     fn reference(&self) -> Result<Option<Reference>, (Place, Fault)> {

@@ -29,8 +29,8 @@ pub struct Reading {
 
 impl From<Row> for Reading {
     fn from(row: Row) -> Self {
-        let Row { t_ns, rate_rad_s, force_m_s2, reference } = row;
-        Self { t_ns, rate_rad_s, force_m_s2, field_ut: None, fix: None, reference }
+        let Row { t_ns, rate_rad_s, force_m_s2, field_ut, reference } = row;
+        Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix: None, reference }
     }
 }
 
