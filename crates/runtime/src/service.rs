@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use attitude::parameters::ParameterError;
 use bus::{Bus, BusError, Domain, Publisher, Subscriber, Woken};
 use launch::Service;
 use messages::{Flags, Header, Health, Message, State, Ticked};
@@ -54,17 +55,17 @@ pub enum RuntimeError {
         /// The name asked for.
         stage: String,
     },
-    /// A stage that cannot be set so.
-    #[error("filling the slot `{slot}`: setting {key} of `{stage}`: {cause}")]
-    Setting {
+    /// A parameter that the stage does not take.
+    #[error("setting `{name}` of the stage `{stage}` in the slot `{slot}`: {cause}")]
+    Parameter {
         /// The slot.
         slot: Service,
         /// The stage.
         stage: String,
         /// The parameter.
-        key: String,
-        /// Why not.
-        cause: attitude::parameters::ParameterError,
+        name: String,
+        /// What is wrong with it.
+        cause: ParameterError,
     },
 }
 

@@ -10,7 +10,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AccelPoint, Flags, Header, ImuSample, pair};
-use runtime::{EachTick, Member, Orders, RuntimeError, Work, filled, serve};
+use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve, stage};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
@@ -20,7 +20,8 @@ pub struct AccelWork {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<AccelWork>, RuntimeError> {
-    Ok(EachTick::new(AccelWork { stage: filled(Service::Accel, &orders.launch.accel, Projector::named)? }))
+    let stage = stage::filled(Service::Accel, &orders.launch.accel, Projector::named)?;
+    Ok(EachTick::new(AccelWork { stage }))
 }
 
 /// The service.

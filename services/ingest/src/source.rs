@@ -2,18 +2,55 @@
 
 use std::path::Path;
 
+use attitude::gnss::Fix;
 use launch::{Launch, Source};
-use messages::SensorReading;
-use recording::{Reader, RecordingError};
+use messages::{ReceiverReading, SensorReading};
+use recording::{Reader, RecordingError, Row};
 use scenario::{Errors, Motion, Sensors};
 
-/// A reading as its source gives it; any value may be NaN.
-pub use recording::{Reference as Truth, Row as Reading};
+pub use recording::Reference as Truth;
 
-/// A reading from the bus, where nobody knows the truth.
-pub fn reading_of(reading: SensorReading) -> Reading {
-    let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2 } = reading;
-    Reading { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, field_ut: None, reference: None }
+/// A reading as its source gives it; any value may be NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Time on the source's clock, ns.
+    pub t_ns: i64,
+    /// Body rate, rad/s, sensor axes.
+    pub rate_rad_s: [f64; 3],
+    /// Specific force, m/s², sensor axes.
+    pub force_m_s2: [f64; 3],
+    /// Magnetic field, µT, sensor axes, where there is a sample.
+    pub field_ut: Option<[f64; 3]>,
+    /// What a satellite receiver said since the reading before.
+    pub fix: Option<Fix>,
+    /// The true attitude, where the source knows it.
+    pub reference: Option<Truth>,
+}
+
+impl From<Row> for Reading {
+    fn from(row: Row) -> Self {
+        let Row { t_ns, rate_rad_s, force_m_s2, field_ut, reference } = row;
+        Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix: None, reference }
+    }
+}
+
+impl From<SensorReading> for Reading {
+    fn from(reading: SensorReading) -> Self {
+        let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2, field_ut } = reading;
+        let field_ut = (!field_ut.iter().all(|x| x.is_nan())).then_some(field_ut);
+        Self { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, field_ut, fix: None, reference: None }
+    }
+}
+
+/// What a receiver says over the bus.
+pub fn fix_of(reading: ReceiverReading) -> Fix {
+    let told = |value: f64| value.is_finite().then_some(value);
+    Fix {
+        velocity_m_s: reading.velocity_m_s.into(),
+        sd_m_s: told(reading.velocity_sd_m_s),
+        age_s: told(reading.age_s),
+        latitude_rad: told(reading.latitude_rad),
+    }
 }
 
 /// Readings that are there before they are asked for.
@@ -65,10 +102,11 @@ impl Iterator for Readings {
                     rate_rad_s: reading.rate_rad_s.into(),
                     force_m_s2: reading.force_m_s2.into(),
                     field_ut: None,
+                    fix: None,
                     reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }
-            Self::Replay(reader) => Some(reader.next()?.map_err(SourceError::from)),
+            Self::Replay(reader) => Some(reader.next()?.map(Reading::from).map_err(SourceError::from)),
         }
     }
 }
