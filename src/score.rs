@@ -14,7 +14,7 @@ use score::{
     Request,
     catalogue::Catalogue,
     stages::{Choice, Setting},
-    trial::{Gnss, Reading},
+    trial::{Gnss, Options},
 };
 
 use crate::fail;
@@ -29,7 +29,7 @@ taken over the first 30000 checked samples of a trial, in memory, in 7 rounds in
 rounds' means counts.\n\n\
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov.")]
 pub(crate) struct Score {
-    /// Recordings (CSV or CSV.gz).
+    /// Recordings (CSV or CSV.gz), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
     #[arg(required_unless_present = "list", value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.
@@ -53,7 +53,7 @@ pub(crate) struct Score {
     /// Fixes of a satellite receiver; `auto` is `NAME_gnss.csv` beside `NAME_imu.csv.gz`.
     #[arg(long, value_name = "FILE|auto|off", default_value = "auto", value_parser = gnss)]
     gnss: Gnss,
-    /// What a rate sample is: the mean of its interval, or the value at its end [default: means for recordings].
+    /// What a rate sample is: the mean of its interval, or the value at its end [default: means for recordings; a simulation says it].
     #[arg(long, value_name = "means|instants")]
     gyro_samples: Option<Samples>,
     /// Write `t_s,qw,qx,qy,qz` of each tick to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv.
@@ -93,7 +93,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
     });
     let request = Request {
         files,
-        reading: Reading { gnss, without_field: mag == Switch::Off, gyro_samples },
+        options: Options { gnss, without_field: mag == Switch::Off, gyro_samples },
         choice: Choice { gyro, accel, course, fusers, settings },
         out,
         plot,

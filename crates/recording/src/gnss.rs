@@ -4,13 +4,17 @@
 //! read. Output: the fixes, each for the first row of the recording that is not before it. Time: that of a fix is when it
 //! arrived, on the recording's clock. Failure: the first malformed line ends the reading, with its place.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::{columns::indices, error::RecordingError, table::Table, time};
 
 const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
 const LATITUDE: &str = "lat_deg";
 const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", LATITUDE, "lon_deg", "alt_m"];
+
+/// What the file of a recording ends with, and that of its fixes instead.
+const IMU_ENDS: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
+const GNSS_ENDS: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
 
 /// One fix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +73,13 @@ fn read(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
         })
     });
     fix.transpose()
+}
+
+/// The file of fixes that lies beside a recording: `NAME_gnss.csv` for `NAME_imu.csv.gz`.
+pub fn beside(recording: &Path) -> Option<PathBuf> {
+    let name = recording.file_name()?.to_str()?;
+    let stem = IMU_ENDS.iter().find_map(|end| name.strip_suffix(end))?;
+    GNSS_ENDS.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
 }
 
 /// Reads a file from end to end, so that whatever is malformed in it is found now.

@@ -6,6 +6,7 @@ use attitude::parameters::ParameterError;
 use launch::Service;
 use recording::RecordingError;
 use runtime::RuntimeError;
+use scenario::ScenarioError;
 use supervisor::UpError;
 
 /// Why there is no score.
@@ -72,6 +73,9 @@ pub enum ScoreError {
     /// A recording that cannot be used.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// A simulation that is not there.
+    #[error("simulating: {0}")]
+    Scenario(#[from] ScenarioError),
     /// A run failed.
     #[error(transparent)]
     Run(Box<UpError>),
@@ -103,6 +107,7 @@ impl ScoreError {
             | Self::Key { .. }
             | Self::Ambiguous { .. }
             | Self::Value { .. }
+            | Self::Scenario(_)
             | Self::NameTwice { .. } => 2,
             Self::Recording(_) => 3,
             Self::Run(error) => error.exit_code(),

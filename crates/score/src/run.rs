@@ -9,8 +9,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use ingest::{conditioner::Sample, source::Truth};
 use launch::{Launch, Source};
-use messages::{ImuSample, Reference};
+use messages::Reference;
 use runtime::{Orders, Pace};
 use supervisor::{Plan, UpError, collector::Collector, in_process, plan::is_same_file};
 
@@ -20,10 +21,10 @@ use crate::{
     stages::{self, Choice, Stages},
     table::{ErrorsDeg, Scores, StageScore, TrialScore},
     timing::{SAMPLES_MAX, Step, ns_per_update},
-    trial::{Moment, Reading, Trial},
+    trial::{Options, Trial},
 };
 
-/// Moments between two signs of progress.
+/// Readings between two signs of progress.
 const PROGRESS_ROWS: u64 = 1024;
 
 /// What is to be scored.
@@ -32,7 +33,7 @@ pub struct Request {
     /// The trials.
     pub files: Vec<String>,
     /// How they are read.
-    pub reading: Reading,
+    pub options: Options,
     /// The stages.
     pub choice: Choice,
     /// Folder for the attitude of each tick.
@@ -41,7 +42,7 @@ pub struct Request {
     pub plot: Option<PathBuf>,
 }
 
-/// Runs every stage over every trial. `progress` is told the moments done, and of how many.
+/// Runs every stage over every trial. `progress` is told the readings done, and of how many.
 pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scores, ScoreError> {
     let launches = stages::launches(&request.choice)?;
     let trials = trials(request)?;
@@ -64,7 +65,7 @@ fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
     let mut names = HashSet::new();
     let mut trials = Vec::new();
     for file in &request.files {
-        let trial = Trial::open(file, &request.reading)?;
+        let trial = Trial::open(file, &request.options)?;
         if !names.insert(trial.name.clone()) {
             return Err(ScoreError::NameTwice { name: trial.name });
         }
@@ -85,16 +86,16 @@ fn one(
     let Some(first) = plans.first() else { return Ok(Vec::new()) };
     let mut conditioner = ingest::conditioner(&first.orders);
     let mut steps = Vec::new();
-    for (count, moment) in (0u64..).zip(trial.moments()?) {
-        let moment = moment?;
-        if count % PROGRESS_ROWS == 0 {
+    for (count, reading) in (0u64..).zip(trial.readings()?) {
+        let reading = reading?;
+        if count.is_multiple_of(PROGRESS_ROWS) {
             progress(count);
         }
-        let Some(sample) = conditioner.condition(&moment.row) else { continue };
+        let Some(sample) = conditioner.condition(&reading) else { continue };
         if steps.len() < SAMPLES_MAX {
-            steps.push(Step::new(&sample, moment.row.field_ut.map(Into::into), moment.fix));
+            steps.push(Step::new(&sample));
         }
-        lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, &moment))?;
+        lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, reading.reference))?;
     }
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
@@ -105,7 +106,6 @@ fn one(
 fn plan(launch: &Launch, trial: &Trial) -> Plan {
     let mut launch = launch.clone();
     launch.ingest.source = Source::Replay;
-    launch.ingest.replay.file.clone_from(&trial.file);
     launch.ingest.replay.gyro_samples = trial.gyro_samples;
     let orders = Orders {
         launch,
@@ -132,10 +132,10 @@ impl Lane {
             let folder = if several { folder.join(&plan.orders.launch.fuser.stage) } else { folder.to_path_buf() };
             let made = fs::create_dir_all(&folder);
             made.map_err(|cause| ScoreError::Write { path: folder.clone(), cause })?;
-            Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.name)))
+            Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.file_stem())))
         };
         let out = request.out.as_deref().map(|folder| place(folder, ".csv")).transpose()?;
-        if let Some(path) = out.as_ref().filter(|out| is_same_file(out, &trial.file)) {
+        if let Some(path) = out.as_ref().filter(|out| trial.file().is_some_and(|file| is_same_file(out, file))) {
             return Err(UpError::OutIsReplay { path: path.clone() }.into());
         }
         let figures = match &request.plot {
@@ -145,11 +145,10 @@ impl Lane {
         Ok(Self { path: in_process::Path::new(plan)?, collector: Collector::new(out.as_deref())?, figures })
     }
 
-    fn offer(&mut self, sample: &ImuSample, moment: &Moment) -> Result<(), ScoreError> {
+    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), ScoreError> {
         let Self { path, collector, figures } = self;
-        let truth = moment.row.reference;
         if let Some(truth) = truth {
-            let (tick, scored) = (sample.header.tick, truth.scored.into());
+            let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
             collector.reference(Reference { tick, scored, quaternion: truth.quaternion });
         }
         let mut taken = Ok(());
@@ -158,7 +157,7 @@ impl Lane {
                 taken = collector.attitude(&output);
             }
             if let Some(figures) = figures {
-                figures.take(sample, truth, &output);
+                figures.take(&sample.imu, truth, &output);
             }
         });
         Ok(taken?)

@@ -7,7 +7,7 @@ use std::{fmt, str::FromStr};
 
 use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
 use launch::{Launch, Service};
-use runtime::{RuntimeError, filled};
+use runtime::{RuntimeError, stage::filled};
 
 use crate::ScoreError;
 
@@ -156,7 +156,7 @@ fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
             }
             let value_refused = |cause| ScoreError::Value { key: key.clone(), stage: stage.into(), cause };
             stages.set(slot, setting).map_err(value_refused)?;
-            filling(launch, slot).settings.insert(key.clone(), *value);
+            filling(launch, slot).set.insert(key.clone(), *value);
             if !places.contains(&slot) {
                 places.push(slot);
             }
@@ -238,8 +238,8 @@ mod tests {
     fn a_setting_goes_to_every_stage_that_has_it_and_to_no_other() {
         let chosen = launches(&choice(&["wz-closed", "wz"], &["declination_deg=11"])).unwrap();
         for launch in &chosen {
-            assert_eq!(launch.course.settings.get("declination_deg"), Some(&11.0));
-            assert!(launch.fuser.settings.is_empty() && launch.gyro.settings.is_empty());
+            assert_eq!(launch.course.set.get("declination_deg"), Some(&11.0));
+            assert!(launch.fuser.set.is_empty() && launch.gyro.set.is_empty());
         }
         for of in ["course", "angles"] {
             assert_eq!(

@@ -80,9 +80,9 @@ impl StageScore {
     pub(crate) fn new(launch: &Launch) -> Self {
         let slots =
             [("gyro", &launch.gyro), ("accel", &launch.accel), ("fuser", &launch.fuser), ("course", &launch.course)];
-        let settings = slots.iter().flat_map(|(slot, filling)| {
-            filling.settings.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value))
-        });
+        let settings = slots
+            .iter()
+            .flat_map(|(slot, filling)| filling.set.iter().map(move |(key, value)| (format!("{slot}.{key}"), *value)));
         Self {
             fuser: launch.fuser.stage.clone(),
             gyro: launch.gyro.stage.clone(),

@@ -15,7 +15,8 @@ use attitude::{
     gyro::{RateKind, RateSample},
     stage::Stage,
 };
-use messages::{Flags, ImuSample};
+use ingest::conditioner::Sample;
+use messages::Flags;
 
 use crate::stages::Stages;
 
@@ -35,15 +36,16 @@ pub struct Step {
 }
 
 impl Step {
-    /// Of a checked sample and what came with it.
-    pub fn new(sample: &ImuSample, field_ut: Option<Vector3<f64>>, fix: Option<Fix>) -> Self {
-        let flags = sample.header.flags;
+    /// Of a checked sample.
+    pub fn new(sample: &Sample) -> Self {
+        let Sample { imu, mag, gnss } = sample;
+        let flags = imu.header.flags;
         let kind = if flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
         Self {
-            rate: RateSample { rate_rad_s: sample.rate_rad_s.into(), dt_s: sample.header.dt_s(), kind },
-            force_m_s2: sample.force_m_s2.into(),
-            field_ut,
-            fix,
+            rate: RateSample { rate_rad_s: imu.rate_rad_s.into(), dt_s: imu.header.dt_s(), kind },
+            force_m_s2: imu.force_m_s2.into(),
+            field_ut: mag.and_then(|mag| mag.field_ut()),
+            fix: gnss.and_then(|gnss| gnss.fix()),
             is_force_good: !flags.any(Flags::FORCE_INVALID),
         }
     }
@@ -90,8 +92,8 @@ mod tests {
     #[test]
     fn every_stage_compared_has_its_time_and_nothing_timed_has_none() {
         let compared = vec![Stages::of(&Launch::default()).unwrap(); 2];
-        let sample: ImuSample = bytemuck::Zeroable::zeroed();
-        let times = ns_per_update(&[Step::new(&sample, None, None); 100], &compared);
+        let sample = Sample { imu: bytemuck::Zeroable::zeroed(), mag: None, gnss: None };
+        let times = ns_per_update(&[Step::new(&sample); 100], &compared);
         assert!(times.len() == 2 && times.iter().all(|ns| ns.is_some_and(|ns| ns > 0.0)), "{times:?}");
         assert_eq!(ns_per_update(&[], &compared), [None, None]);
     }

@@ -1,19 +1,20 @@
-//! A trial: a recording or a simulation, moment by moment.
+//! A trial: a recording or a simulation, reading by reading.
 //!
-//! Input: a file's name, or `sim:` and a scenario. Output: its rows in their order, each with the fix that arrived with it. Time: the
-//! trial's own; nothing of it is kept. Failure: a file that cannot be read, found before the first moment is given out.
+//! Input: a file's name, or `sim:` and a scenario. Output: its readings in their order, each with the fix that arrived with it. Time:
+//! the trial's own; nothing of it is kept. Failure: a file that cannot be read, found before the first reading is given out.
 
 use std::path::{Path, PathBuf};
 
-use attitude::{Vector3, gnss::Fix};
+use attitude::{Vector3, gnss::Fix, gyro::RateKind};
+use ingest::source::{Reading, Truth};
 use launch::GyroSamples;
 use recording::{Reader, RecordingError, Row, gnss, gnss::Fixes, survey};
+use scenario::Scenario;
 
 use crate::ScoreError;
 
-/// What a recording's file ends with, and the file of its fixes instead.
-const IMU_ENDS: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
-const GNSS_ENDS: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
+/// What a simulation's name begins with.
+const SIM: &str = "sim:";
 
 /// Where the fixes of a recording are.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -21,7 +22,7 @@ pub enum Gnss {
     /// In `NAME_gnss.csv` beside `NAME_imu.csv.gz`, if it is there.
     #[default]
     Auto,
-    /// Nowhere.
+    /// Nowhere; a simulated receiver is off, too.
     Off,
     /// In this file.
     File(PathBuf),
@@ -29,113 +30,142 @@ pub enum Gnss {
 
 /// How trials are read.
 #[derive(Debug, Clone, Default)]
-pub struct Reading {
+pub struct Options {
     /// Where fixes are.
     pub gnss: Gnss,
     /// Leave out the magnetic field.
     pub without_field: bool,
-    /// What a rate sample says; where it is not said, a recording's is the mean of its interval.
+    /// What a rate sample says; where nothing is said, a recording's is the mean of its interval.
     pub gyro_samples: Option<GyroSamples>,
 }
 
-/// What there is at one moment of a trial.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
-    /// The sensor's reading, and the truth where it is known.
-    pub row: Row,
-    /// The fix that arrived since the moment before.
-    pub fix: Option<Fix>,
-}
-
-/// A recording.
+/// A recording or a simulation.
 #[derive(Debug, Clone)]
 pub struct Trial {
-    /// The file's name without its ending.
+    /// The file's name without its ending, or the simulation's.
     pub name: String,
     /// Samples per second.
     pub rate_hz: f64,
-    /// Moments.
+    /// Readings.
     pub rows: u64,
     /// The attitude is known, at least now and then.
     pub has_reference: bool,
     /// What a rate sample says about its interval.
     pub gyro_samples: GyroSamples,
-    /// The file.
-    pub file: PathBuf,
-    fixes: Option<PathBuf>,
-    without_field: bool,
+    source: Source,
+    options: Options,
+}
+
+#[derive(Debug, Clone)]
+enum Source {
+    Recording { file: PathBuf, fixes: Option<PathBuf> },
+    Sim(Scenario),
 }
 
 impl Trial {
-    /// Reads the whole once, so that whatever is malformed in it is found now.
-    pub fn open(text: &str, reading: &Reading) -> Result<Self, ScoreError> {
-        let file = PathBuf::from(text);
-        let survey = survey(&file)?;
-        let fixes = match &reading.gnss {
+    /// The trial of that name. A recording is read once as a whole, so that whatever is malformed in it is found now.
+    pub fn open(text: &str, options: &Options) -> Result<Self, ScoreError> {
+        match text.strip_prefix(SIM) {
+            Some(scenario) => Ok(Self::simulated(text, Scenario::named(scenario)?, options)),
+            None => Self::recorded(Path::new(text), options),
+        }
+    }
+
+    fn recorded(file: &Path, options: &Options) -> Result<Self, ScoreError> {
+        let survey = survey(file)?;
+        let fixes = match &options.gnss {
             Gnss::Off => None,
             Gnss::File(fixes) => Some(fixes.clone()),
-            Gnss::Auto => beside(&file),
+            Gnss::Auto => gnss::beside(file),
         };
         fixes.as_deref().map_or(Ok(()), gnss::check)?;
         Ok(Self {
-            name: stem(&file),
+            name: stem(file),
             rate_hz: survey.rate_hz,
             rows: survey.rows,
             has_reference: survey.has_reference,
-            gyro_samples: reading.gyro_samples.unwrap_or(GyroSamples::Means),
-            file,
-            fixes,
-            without_field: reading.without_field,
+            gyro_samples: options.gyro_samples.unwrap_or(GyroSamples::Means),
+            source: Source::Recording { file: file.into(), fixes },
+            options: options.clone(),
         })
     }
 
-    /// The moments from the first to the last.
-    pub fn moments(&self) -> Result<Moments, ScoreError> {
-        let rows = Reader::open(&self.file)?;
-        let fixes = self.fixes.as_deref().map(Fixes::open).transpose()?;
-        Ok(Moments { rows, fixes, without_field: self.without_field })
-    }
-}
-
-/// The moments of a trial; ends after the first error.
-pub struct Moments {
-    rows: Reader,
-    fixes: Option<Fixes>,
-    without_field: bool,
-}
-
-impl Moments {
-    fn moment(&mut self, row: Row) -> Result<Moment, RecordingError> {
-        let fix = match &mut self.fixes {
-            Some(fixes) => fixes.until(row.t_ns)?.and_then(fix),
-            None => None,
+    fn simulated(name: &str, scenario: Scenario, options: &Options) -> Self {
+        let gyro_samples = match scenario.rate_kind {
+            RateKind::Mean => GyroSamples::Means,
+            RateKind::Instant => GyroSamples::Instants,
         };
-        let field_ut = row.field_ut.filter(|_| !self.without_field);
-        Ok(Moment { row: Row { field_ut, ..row }, fix })
+        Self {
+            name: name.into(),
+            rate_hz: scenario.rate_hz,
+            rows: (scenario.duration_s * scenario.rate_hz).round() as u64 + 1,
+            has_reference: true,
+            gyro_samples: options.gyro_samples.unwrap_or(gyro_samples),
+            source: Source::Sim(scenario),
+            options: options.clone(),
+        }
+    }
+
+    /// The recording's file.
+    pub fn file(&self) -> Option<&Path> {
+        match &self.source {
+            Source::Recording { file, .. } => Some(file),
+            Source::Sim(_) => None,
+        }
+    }
+
+    /// The name as a file's: what a shell would take for something else is replaced.
+    pub fn file_stem(&self) -> String {
+        match &self.source {
+            Source::Recording { .. } => self.name.clone(),
+            Source::Sim(_) => self.name.replace([':', '?', '&', '/', '='], "_"),
+        }
+    }
+
+    /// The readings from the first to the last; ends after the first error.
+    pub fn readings(&self) -> Result<Box<dyn Iterator<Item = Result<Reading, ScoreError>>>, ScoreError> {
+        let Options { gnss, without_field, .. } = self.options.clone();
+        let of_source: Box<dyn Iterator<Item = _>> = match &self.source {
+            Source::Recording { file, fixes } => {
+                let mut fixes = fixes.as_deref().map(Fixes::open).transpose()?;
+                Box::new(Reader::open(file)?.map(move |row| Ok(recorded(row?, fixes.as_mut())?)))
+            }
+            Source::Sim(scenario) => Box::new(simulated(scenario, gnss != Gnss::Off).map(Ok)),
+        };
+        Ok(Box::new(of_source.map(move |reading: Result<Reading, ScoreError>| {
+            let reading = reading?;
+            Ok(Reading { field_ut: reading.field_ut.filter(|_| !without_field), ..reading })
+        })))
     }
 }
 
-impl Iterator for Moments {
-    type Item = Result<Moment, ScoreError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let row = self.rows.next()?;
-        Some(row.and_then(|row| self.moment(row)).map_err(ScoreError::from))
-    }
+fn recorded(row: Row, fixes: Option<&mut Fixes>) -> Result<Reading, RecordingError> {
+    let fix = match fixes {
+        Some(fixes) => fixes.until(row.t_ns)?,
+        None => None,
+    };
+    let fix = fix.map(|fix| Fix {
+        velocity_m_s: Vector3::from(fix.velocity_m_s),
+        sd_m_s: None,
+        age_s: None,
+        latitude_rad: fix.latitude_deg.map(f64::to_radians),
+    });
+    Ok(Reading { fix, ..row.into() })
 }
 
-/// The fix of a record; `None` when its velocity is not one.
-fn fix(of: gnss::Fix) -> Option<Fix> {
-    let velocity_m_s = Vector3::from(of.velocity_m_s);
-    let latitude_rad = of.latitude_deg.map(f64::to_radians);
-    velocity_m_s.iter().all(|x| x.is_finite()).then_some(Fix { velocity_m_s, sd_m_s: None, age_s: None, latitude_rad })
-}
-
-/// The file of fixes that lies beside a recording.
-fn beside(file: &Path) -> Option<PathBuf> {
-    let name = file.file_name()?.to_str()?;
-    let stem = IMU_ENDS.iter().find_map(|end| name.strip_suffix(end))?;
-    GNSS_ENDS.iter().map(|end| file.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
+fn simulated(scenario: &Scenario, with_fixes: bool) -> impl Iterator<Item = Reading> + use<> {
+    let scored_from_s = scenario.scored_from_s;
+    scenario.readings().map(move |(t_s, reading)| {
+        let q = reading.truth.attitude.quaternion();
+        Reading {
+            t_ns: (t_s * 1e9).round() as i64,
+            rate_rad_s: reading.rate_rad_s.into(),
+            force_m_s2: reading.force_m_s2.into(),
+            field_ut: reading.field_ut.map(Into::into),
+            fix: reading.fix.filter(|_| with_fixes),
+            reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: t_s >= scored_from_s }),
+        }
+    })
 }
 
 /// The file's name without `.csv.gz` or `.csv`.
@@ -155,19 +185,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
         let imu = path("flight_imu.csv");
-        fs::write(&imu, "t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n0,0,0,0,0,0,9.8,1,2,3\n1,0,0,0,0,0,9.8,1,2,3\n").unwrap();
-        let fixes = |reading: Reading| -> Vec<_> {
-            let trial = Trial::open(imu.to_str().unwrap(), &reading).unwrap();
+        fs::write(&imu, "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n").unwrap();
+        let fixes = |gnss: Gnss| -> Vec<_> {
+            let trial = Trial::open(imu.to_str().unwrap(), &Options { gnss, ..Options::default() }).unwrap();
             assert_eq!((trial.name.as_str(), trial.rows), ("flight_imu", 2));
-            trial.moments().unwrap().map(|moment| moment.unwrap().fix.map(|fix| fix.velocity_m_s.x)).collect()
+            trial.readings().unwrap().map(|reading| reading.unwrap().fix.map(|fix| fix.velocity_m_s.x)).collect()
         };
-        let with = |gnss| Reading { gnss, ..Reading::default() };
-        assert_eq!(fixes(with(Gnss::Auto)), [None, None]);
+        assert_eq!(fixes(Gnss::Auto), [None, None]);
         fs::write(path("flight_gnss.csv"), "t_s,ve,vn,vu\n0.5,7,0,0\n1.5,8,0,0\n").unwrap();
-        fs::write(path("other.csv"), "t_s,ve,vn,vu\n0,9,0,0\n0.5,nan,0,0\n").unwrap();
-        assert_eq!(fixes(with(Gnss::Auto)), [None, Some(7.0)]);
-        assert_eq!(fixes(with(Gnss::Off)), [None, None]);
-        assert_eq!(fixes(with(Gnss::File(path("other.csv")))), [Some(9.0), None], "a velocity that is none is no fix");
+        fs::write(path("other.csv"), "t_s,ve,vn,vu\n0,9,0,0\n").unwrap();
+        assert_eq!(fixes(Gnss::Auto), [None, Some(7.0)]);
+        assert_eq!(fixes(Gnss::Off), [None, None]);
+        assert_eq!(fixes(Gnss::File(path("other.csv"))), [Some(9.0), None]);
     }
 
     #[test]
@@ -175,11 +204,34 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         fs::write(&file, "t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n0,0,0,0,0,0,9.8,1,2,3\n1,0,0,0,0,0,9.8,1,2,3\n").unwrap();
         for (without_field, expected) in [(false, Some([1.0, 2.0, 3.0])), (true, None)] {
-            let reading = Reading { without_field, ..Reading::default() };
-            let trial = Trial::open(file.path().to_str().unwrap(), &reading).unwrap();
-            let fields: Vec<_> = trial.moments().unwrap().map(|moment| moment.unwrap().row.field_ut).collect();
+            let options = Options { without_field, ..Options::default() };
+            let trial = Trial::open(file.path().to_str().unwrap(), &options).unwrap();
+            let fields: Vec<_> = trial.readings().unwrap().map(|reading| reading.unwrap().field_ut).collect();
             assert_eq!(fields, [expected; 2]);
         }
+    }
+
+    #[test]
+    fn a_simulation_counts_from_where_its_scenario_says_and_ends_where_it_says() {
+        let trial = Trial::open("sim:s1?duration_s=8&rate_hz=50", &Options::default()).unwrap();
+        assert_eq!((trial.rows, trial.rate_hz, trial.gyro_samples), (401, 50.0, GyroSamples::Instants));
+        let readings: Vec<_> = trial.readings().unwrap().map(Result::unwrap).collect();
+        assert_eq!(readings.len(), 401);
+        let scored = readings.iter().filter(|reading| reading.reference.is_some_and(|truth| truth.scored)).count();
+        assert_eq!(scored, 151, "s1 is scored from 5 s");
+        assert_eq!(trial.file_stem(), "sim_s1_duration_s_8_rate_hz_50");
+        assert_eq!(Trial::open("sim:s9", &Options::default()).unwrap_err().exit_code(), 2);
+    }
+
+    #[test]
+    fn a_simulated_receiver_can_be_switched_off() {
+        let fixes = |gnss| {
+            let options = Options { gnss, ..Options::default() };
+            let trial = Trial::open("sim:cruise?duration_s=5", &options).unwrap();
+            trial.readings().unwrap().filter(|reading| reading.as_ref().unwrap().fix.is_some()).count()
+        };
+        assert!(fixes(Gnss::Auto) > 0);
+        assert_eq!(fixes(Gnss::Off), 0);
     }
 
     #[test]

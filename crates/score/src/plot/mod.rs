@@ -21,9 +21,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use ingest::source::Truth;
 use messages::{AttitudeOutput, ImuSample};
 use plotters::style::RGBColor;
-use recording::Reference;
 use supervisor::Plan;
 
 use crate::{ScoreError, trial::Trial};
@@ -57,7 +57,7 @@ impl Figures {
     }
 
     /// Takes one tick.
-    pub fn take(&mut self, sample: &ImuSample, truth: Option<Reference>, output: &AttitudeOutput) {
+    pub fn take(&mut self, sample: &ImuSample, truth: Option<Truth>, output: &AttitudeOutput) {
         self.record.take(sample, truth, output);
     }
 

@@ -8,8 +8,8 @@ use attitude::{
     state::{Attitude, wrapped_rad},
 };
 use gyro::GyroWork;
+use ingest::source::Truth;
 use messages::{AttitudeOutput, ImuSample};
-use recording::Reference;
 use runtime::{EachTick, RuntimeError, Slot};
 use supervisor::Plan;
 
@@ -96,7 +96,7 @@ impl Record {
     }
 
     /// Takes one tick.
-    pub(crate) fn take(&mut self, sample: &ImuSample, truth: Option<Reference>, output: &AttitudeOutput) {
+    pub(crate) fn take(&mut self, sample: &ImuSample, truth: Option<Truth>, output: &AttitudeOutput) {
         let t_ns = sample.header.t_end_ns;
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
         let (mut open_loop, mut seen) = (None, None);
