@@ -1,5 +1,7 @@
 //! What a launch file says, and the defaults.
 
+use attitude::gyro::RateKind;
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt, path::PathBuf};
 
@@ -66,6 +68,16 @@ pub struct Sim {
     pub gyro_bias_deg_s: f64,
     /// White noise of the accelerometer on each axis and sample, standard deviation, g.
     pub accel_noise_g: f64,
+}
+
+impl Sim {
+    /// What a rate sample of the scenario says about its interval.
+    pub fn gyro_samples(&self) -> GyroSamples {
+        match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
+            Ok(RateKind::Mean) => GyroSamples::Means,
+            _ => GyroSamples::Instants,
+        }
+    }
 }
 
 /// A recorded flight.
