@@ -11,6 +11,9 @@ const WRAP: f64 = 180.0;
 const TITLE: (&str, u32) = ("sans-serif", 20);
 const TEXT: (&str, u32) = ("sans-serif", 15);
 
+/// Room for the names of the curves, beside the curves, pixels.
+const LEGEND_WIDTH: u32 = 176;
+
 /// One panel.
 pub(crate) struct Panel<'a> {
     /// What the vertical axis shows, with its unit.
@@ -43,7 +46,7 @@ impl Panel<'_> {
         let (least, largest) = self.range();
         let mut chart = ChartBuilder::on(area)
             .margin(8)
-            .margin_right(24)
+            .margin_right(LEGEND_WIDTH)
             .x_label_area_size(38)
             .y_label_area_size(72)
             .build_cartesian_2d(0.0..end_s, least..largest)?;
@@ -56,6 +59,8 @@ impl Panel<'_> {
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.12))
             .y_labels(6)
+            .x_label_formatter(&number)
+            .y_label_formatter(&number)
             .draw()?;
         for Line { name, color, curve } in &self.lines {
             let color = *color;
@@ -65,12 +70,12 @@ impl Panel<'_> {
                 .label(*name)
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 22, y)], color.stroke_width(3)));
         }
+        let beside = chart.plotting_area().dim_in_pixel().0 as i32 + 8;
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(SeriesLabelPosition::Coordinate(beside, 0))
             .label_font(TEXT)
             .legend_area_size(28)
-            .background_style(WHITE.mix(0.85))
             .border_style(BLACK.mix(0.3))
             .draw()?;
         Ok(())
@@ -83,5 +88,14 @@ impl Panel<'_> {
         let largest = ranges().map(|range| range.1).reduce(f64::max).unwrap_or(1.0);
         let room = (0.05 * (largest - least)).max(1e-3);
         (least - room, largest + room)
+    }
+}
+
+/// A number as short as it is: 20, 0.5, not 20.0, −0.0.
+fn number(value: &f64) -> String {
+    let text = format!("{value:.3}");
+    match text.trim_end_matches('0').trim_end_matches('.') {
+        "-0" => "0".into(),
+        short => short.into(),
     }
 }
