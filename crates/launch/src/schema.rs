@@ -6,7 +6,7 @@ use crate::{
     problem::{Problem, quoted},
     walk::{self, Section},
 };
-use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro};
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use scenario::Motion;
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
@@ -54,7 +54,7 @@ impl Launch {
             section.report(problem);
         }
         stage(section, "gyro", Gyro::NAMES, &mut self.gyro);
-        stage(section, "accel", Projector::NAMES, &mut self.accel);
+        stage(section, "accel", Accelerometer::NAMES, &mut self.accel);
         stage(section, "fuser", Fuser::NAMES, &mut self.fuser);
         stage(section, "course", Course::NAMES, &mut self.course);
     }
@@ -192,7 +192,7 @@ mod tests {
         assert!(launch.lateness_s < launch.buffer_s);
         assert!(Motion::named(&launch.ingest.sim.scenario).is_some());
         assert!(Gyro::NAMES.contains(&launch.gyro.stage.as_str()));
-        assert!(Projector::NAMES.contains(&launch.accel.stage.as_str()));
+        assert!(Accelerometer::NAMES.contains(&launch.accel.stage.as_str()));
         assert!(Fuser::NAMES.contains(&launch.fuser.stage.as_str()));
         assert!(Course::NAMES.contains(&launch.course.stage.as_str()));
     }
