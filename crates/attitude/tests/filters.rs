@@ -15,7 +15,12 @@ fn set(name: &str, parameter: &str, value: f64) -> Fuser {
 #[test]
 fn sweep() {
     let Some(trials) = broad() else { return };
-    for (name, parameter, values) in [("madgwick", "beta_rad_s", [0.06, 0.08, 0.12]), ("madgwick-improved", "beta_1_s", [0.15, 0.2, 0.3])] {
+    for magnetic in [false, true] {
+        println!("vqf {:?}", mean(&Fuser::named("vqf").unwrap(), &trials, magnetic));
+    }
+    for (name, parameter, values) in
+        [("madgwick", "beta_rad_s", [0.06, 0.08, 0.12]), ("madgwick-improved", "beta_1_s", [0.15, 0.2, 0.3])]
+    {
         for value in values {
             let Rmse { total, heading, inclination } = mean(&set(name, parameter, value), &trials, true);
             println!("{name} {value}: {total:.2}/{heading:.2}/{inclination:.2}");

@@ -22,8 +22,8 @@ use crate::{
     course::Reference,
     gyro::Motion,
     parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{Numbers, RestoreError, Stage},
     point::Point,
+    stage::{Numbers, RestoreError, Stage},
     state::Attitude,
 };
 

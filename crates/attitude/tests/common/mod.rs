@@ -11,19 +11,19 @@ use attitude::{
 };
 
 /// One row of a trial.
-pub struct Row {
-    pub rate_rad_s: Vector3<f64>,
-    pub force_m_s2: Vector3<f64>,
-    pub field_ut: Vector3<f64>,
+pub(crate) struct Row {
+    pub(crate) rate_rad_s: Vector3<f64>,
+    pub(crate) force_m_s2: Vector3<f64>,
+    pub(crate) field_ut: Vector3<f64>,
     /// Where the cameras saw the sensor move.
-    pub scored: Option<Quaternion<f64>>,
+    pub(crate) scored: Option<Quaternion<f64>>,
 }
 
 /// Interval of BROAD's sensor, s.
-pub const DT_S: f64 = 0.0035;
+pub(crate) const DT_S: f64 = 0.0035;
 
 /// The trials; `None`, and a word on the standard error, where there are none.
-pub fn broad() -> Option<Vec<Vec<Row>>> {
+pub(crate) fn broad() -> Option<Vec<Vec<Row>>> {
     let here = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
     let Ok(files) = folder.join("broad").read_dir() else {
@@ -31,7 +31,8 @@ pub fn broad() -> Option<Vec<Vec<Row>>> {
         eprintln!("skipped: no recordings at {} (PLUMBLINE_DATA names another place)", folder.display());
         return None;
     };
-    let mut paths: Vec<_> = files.map(|file| file.unwrap().path()).filter(|path| path.to_string_lossy().ends_with(".csv.gz")).collect();
+    let mut paths: Vec<_> =
+        files.map(|file| file.unwrap().path()).filter(|path| path.to_string_lossy().ends_with(".csv.gz")).collect();
     paths.sort();
     Some(paths.into_iter().map(trial).collect())
 }
@@ -50,14 +51,14 @@ fn trial(path: PathBuf) -> Vec<Row> {
 
 /// RMSE over one trial, or their mean, degrees.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Rmse {
-    pub total: f64,
-    pub heading: f64,
-    pub inclination: f64,
+pub(crate) struct Rmse {
+    pub(crate) total: f64,
+    pub(crate) heading: f64,
+    pub(crate) inclination: f64,
 }
 
 /// Runs a fuser over a trial.
-pub fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
+pub(crate) fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
     let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for (index, row) in trial.iter().enumerate() {
@@ -85,7 +86,7 @@ pub fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
 }
 
 /// The mean over the trials.
-pub fn mean(fuser: &Fuser, trials: &[Vec<Row>], magnetic: bool) -> Rmse {
+pub(crate) fn mean(fuser: &Fuser, trials: &[Vec<Row>], magnetic: bool) -> Rmse {
     let count = trials.len() as f64;
     trials.iter().map(|trial| run(fuser.clone(), trial, magnetic)).fold(Rmse::default(), |sum, one| Rmse {
         total: sum.total + one.total / count,
