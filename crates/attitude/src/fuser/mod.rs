@@ -17,6 +17,7 @@
 pub mod aided;
 pub mod levelling;
 pub mod madgwick;
+mod spread;
 pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
@@ -33,6 +34,9 @@ use crate::{
     state::{Attitude, arg},
 };
 use {aided::Aided, levelling::Levelling, madgwick::Madgwick, vqf::Vqf, wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
+
+/// Below this a field has no direction, µT: a thousandth of the earth's.
+const FIELD_MIN_UT: f64 = 0.05;
 
 /// What a fuser is offered at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -237,6 +241,22 @@ impl Stage for Fuser {
 pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
     let up = inclination.up.direction();
     arg(Complex::new(up.dot(&attitude.up.direction()), libm::sqrt(attitude.horizontal(up).norm_sqr())))
+}
+
+/// By how much the heading of an attitude must grow for the field to point to η0, rad, (−π, π].
+///
+/// z_mag − z, z_mag = atan2(m'_ξ, m'_η) of the levelled field m' = A(w)ᵀ m, which is here turned by z too.
+fn north_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
+    let h = attitude.horizontal(field);
+    let (sin, cos) = libm::sincos(attitude.z_rad);
+    // Turned by z into the reference frame, whose η0 is north.
+    arg(Complex::new(h.re * sin + h.im * cos, h.re * cos - h.im * sin))
+}
+
+/// The direction of a field that has one.
+fn field_direction(field_ut: Vector3<f64>) -> Option<Vector3<f64>> {
+    let norm_ut = field_ut.norm();
+    (norm_ut > FIELD_MIN_UT && norm_ut.is_finite()).then(|| field_ut / norm_ut)
 }
 
 /// The gain of a first-order low-pass over one step, exact for an input that holds still: 1 − e^{−dt/T}.
