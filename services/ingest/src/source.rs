@@ -5,7 +5,7 @@ use std::path::Path;
 use launch::{Launch, Source};
 use messages::SensorReading;
 use recording::{Reader, RecordingError};
-use scenario::{Errors, Motion, Sensors};
+use scenario::{Motion, Scenario, ScenarioError, Sensors};
 
 /// A reading as its source gives it; any value may be NaN.
 pub use recording::{Reference as Truth, Row as Reading};
@@ -21,14 +21,14 @@ pub enum Readings {
     /// A simulated body.
     Sim {
         /// Its sensors.
-        sensors: Sensors,
+        sensors: Box<Sensors>,
         /// Readings per second.
         rate_hz: f64,
         /// Readings taken.
         count: u64,
     },
     /// A recording.
-    Replay(Reader),
+    Replay(Box<Reader>),
 }
 
 impl Readings {
@@ -37,14 +37,14 @@ impl Readings {
         match launch.ingest.source {
             Source::Sim => {
                 let sim = &launch.ingest.sim;
-                let motion = Motion::named(&sim.scenario).ok_or(SourceError::Scenario(sim.scenario.clone()))?;
-                let errors = Errors {
-                    gyro_bias_rad_s: sim.gyro_bias_deg_s.to_radians(),
-                    accel_noise_m_s2: sim.accel_noise_g * attitude::GRAVITY_M_S2,
-                };
-                Ok(Self::Sim { sensors: Sensors::new(motion, errors, sim.seed), rate_hz: sim.rate_hz, count: 0 })
+                let mut scenario = Scenario::named(&sim.scenario)?.with_seed(sim.seed).with_rate_hz(sim.rate_hz);
+                if let Motion::S1 | Motion::Tumble(_) = scenario.motion {
+                    scenario.errors.gyro_bias_rad_s = sim.gyro_bias_deg_s.to_radians();
+                    scenario.errors.accel_noise_m_s2 = sim.accel_noise_g * attitude::GRAVITY_M_S2;
+                }
+                Ok(Self::Sim { sensors: Box::new(scenario.sensors()), rate_hz: sim.rate_hz, count: 0 })
             }
-            Source::Replay => Ok(Self::Replay(Reader::open(Path::new(&launch.ingest.replay.file))?)),
+            Source::Replay => Ok(Self::Replay(Box::new(Reader::open(Path::new(&launch.ingest.replay.file))?))),
             Source::Bus => Err(SourceError::NoBus),
         }
     }
@@ -78,9 +78,9 @@ pub enum SourceError {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// There is no such motion.
-    #[error("simulating: there is no scenario `{0}`")]
-    Scenario(String),
+    /// There is no such scenario.
+    #[error("simulating: {0}")]
+    Scenario(#[from] ScenarioError),
     /// Readings from the bus need the bus.
     #[error("reading sensors from the bus: there is no bus inside one process; leave out --in-process")]
     NoBus,
