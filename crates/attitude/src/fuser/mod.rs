@@ -10,7 +10,8 @@
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
 //! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
-//! | [`levelling`](levelling::Levelling), `levelling-pi` | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`levelling`](levelling::Levelling) | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
@@ -33,7 +34,15 @@ use crate::{
     stage::{RestoreError, Stage, bias_flaw},
     state::{Attitude, arg},
 };
-use {aided::Aided, levelling::Levelling, madgwick::Madgwick, vqf::Vqf, wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
+use {
+    aided::Aided,
+    levelling::{Levelling, LevellingPi},
+    madgwick::Madgwick,
+    vqf::Vqf,
+    wz::Wz,
+    wz_closed::WzClosed,
+    wz_open::WzOpen,
+};
 
 /// Below this a field has no direction, µT: a thousandth of the earth's.
 const FIELD_MIN_UT: f64 = 0.05;
@@ -151,8 +160,8 @@ fusers! {
     "wz-open" => WzOpen(WzOpen) = WzOpen::default(),
     "madgwick" => Madgwick(Madgwick) = Madgwick::original(),
     "madgwick-improved" => Madgwick(Madgwick) = Madgwick::improved(),
-    "levelling" => Levelling(Levelling) = Levelling::as_printed(),
-    "levelling-pi" => Levelling(Levelling) = Levelling::with_integral(),
+    "levelling" => Levelling(Levelling) = Levelling::default(),
+    "levelling-pi" => LevellingPi(LevellingPi) = LevellingPi::default(),
     "aided" => Aided(Aided) = Aided::default(),
     "vqf" => Vqf(Vqf) = Vqf::default(),
 }
@@ -169,8 +178,10 @@ pub enum Fuser {
     WzOpen(WzOpen),
     /// `madgwick`, `madgwick-improved`
     Madgwick(Madgwick),
-    /// `levelling`, `levelling-pi`
+    /// `levelling`
     Levelling(Levelling),
+    /// `levelling-pi`
+    LevellingPi(LevellingPi),
     /// `aided`
     Aided(Aided),
     /// `vqf`
@@ -185,6 +196,7 @@ macro_rules! each {
             Fuser::WzOpen($stage) => $do,
             Fuser::Madgwick($stage) => $do,
             Fuser::Levelling($stage) => $do,
+            Fuser::LevellingPi($stage) => $do,
             Fuser::Aided($stage) => $do,
             Fuser::Vqf($stage) => $do,
         }
