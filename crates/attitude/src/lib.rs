@@ -23,6 +23,7 @@
 //! | [`parameters`] | the numbers by which a stage can be set |
 //! | [`calibration`] | from a sensor's raw axes to exact body axes |
 //! | [`gnss`] | what a satellite receiver tells |
+//! | [`metrics`] | how far an estimate is from the truth |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
 #![forbid(unsafe_code)]
@@ -35,6 +36,7 @@ pub mod fuser;
 pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
+pub mod metrics;
 pub mod parameters;
 pub mod point;
 pub mod stage;
