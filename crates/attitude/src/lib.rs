@@ -21,6 +21,7 @@
 //! | [`kinematics`] | the differential equations (18)–(20) |
 //! | [`stage`] | the contract of a stage, its snapshot |
 //! | [`parameters`] | the numbers by which a stage can be set |
+//! | [`calibration`] | from a sensor's raw axes to exact body axes |
 //! | [`gnss`] | what a satellite receiver tells |
 //! | [`metrics`] | how far an estimate is from the truth |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
@@ -29,6 +30,7 @@
 
 pub mod accel;
 pub mod angles;
+pub mod calibration;
 pub mod course;
 pub mod fuser;
 pub mod gnss;

@@ -23,7 +23,7 @@ pub struct Launch {
     pub ingest: Ingest,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
     pub gyro: Stage,
-    /// Which of `attitude::accel::Projector::NAMES` runs.
+    /// Which of `attitude::accel::Accelerometer::NAMES` runs.
     pub accel: Stage,
     /// Which of `attitude::fuser::Fuser::NAMES` runs.
     pub fuser: Stage,

@@ -6,7 +6,9 @@ use crate::{
     problem::{Problem, quoted},
     walk::{self, Section},
 };
-use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _};
+use attitude::{
+    accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
+};
 use scenario::Motion;
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
@@ -62,8 +64,8 @@ impl Launch {
         stage(
             section,
             "accel",
-            Projector::NAMES,
-            |name| Projector::named(name).map(|stage| stage.parameters()),
+            Accelerometer::NAMES,
+            |name| Accelerometer::named(name).map(|stage| stage.parameters()),
             &mut self.accel,
         );
         stage(
@@ -243,7 +245,7 @@ mod tests {
         assert!(launch.lateness_s < launch.buffer_s);
         assert!(Motion::named(&launch.ingest.sim.scenario).is_some());
         assert!(Gyro::NAMES.contains(&launch.gyro.stage.as_str()));
-        assert!(Projector::NAMES.contains(&launch.accel.stage.as_str()));
+        assert!(Accelerometer::NAMES.contains(&launch.accel.stage.as_str()));
         assert!(Fuser::NAMES.contains(&launch.fuser.stage.as_str()));
         assert!(Course::NAMES.contains(&launch.course.stage.as_str()));
     }

@@ -255,7 +255,7 @@ payload! {
         course_reference: CourseReference,
         /// Standard deviation of the course, rad; π where nothing is known.
         course_sd_rad: f64,
-        /// Magnetic declination that the course contains, rad, east positive.
+        /// Magnetic declination by which a magnetic course was made true, rad, east positive; 0 where none was.
         declination_rad: f64,
         /// Body rate less the bias, rad/s, body axes.
         rate_rad_s: [f64; 3],

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
 use serde::Serialize;
 
 use crate::stages::Told;
@@ -33,7 +33,7 @@ impl Catalogue {
     pub fn new() -> Self {
         let slots = vec![
             slot("gyro", &Gyro::NAMES, Gyro::named),
-            slot("accel", &Projector::NAMES, Projector::named),
+            slot("accel", &Accelerometer::NAMES, Accelerometer::named),
             slot("fuser", &Fuser::NAMES, Fuser::named),
             slot("course", &Course::NAMES, Course::named),
         ];

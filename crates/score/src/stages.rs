@@ -5,7 +5,7 @@
 
 use std::{fmt, str::FromStr};
 
-use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
 use launch::{Launch, Service};
 use runtime::{RuntimeError, stage::filled};
 
@@ -60,7 +60,7 @@ pub struct Stages {
     /// Of the slot `gyro`.
     pub gyro: Gyro,
     /// Of the slot `accel`.
-    pub accel: Projector,
+    pub accel: Accelerometer,
     /// Of the slot `fuser`.
     pub fuser: Fuser,
     /// Of the slot `course`.
@@ -72,7 +72,7 @@ impl Stages {
     pub fn of(launch: &Launch) -> Result<Self, RuntimeError> {
         Ok(Self {
             gyro: filled(Service::Gyro, &launch.gyro, Gyro::named)?,
-            accel: filled(Service::Accel, &launch.accel, Projector::named)?,
+            accel: filled(Service::Accel, &launch.accel, Accelerometer::named)?,
             fuser: filled(Service::Fuser, &launch.fuser, Fuser::named)?,
             course: filled(Service::Course, &launch.course, Course::named)?,
         })
@@ -105,7 +105,7 @@ impl Stages {
 pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
     let mut common = Launch::default();
     name(&mut common.gyro, Service::Gyro, choice.gyro.as_deref(), &Gyro::NAMES)?;
-    name(&mut common.accel, Service::Accel, choice.accel.as_deref(), &Projector::NAMES)?;
+    name(&mut common.accel, Service::Accel, choice.accel.as_deref(), &Accelerometer::NAMES)?;
     name(&mut common.course, Service::Course, choice.course.as_deref(), &Course::NAMES)?;
     let mut launches = vec![common.clone()];
     if !choice.fusers.is_empty() {

@@ -5,7 +5,7 @@
 #![forbid(unsafe_code)]
 
 use attitude::{
-    accel::{FORCE_MIN_M_S2, Projector},
+    accel::{Accelerometer, FORCE_MIN_M_S2},
     stage::Stage,
 };
 use launch::Service;
@@ -15,12 +15,12 @@ use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve, stage};
 /// The work of the slot.
 #[derive(Debug, Clone)]
 pub struct AccelWork {
-    stage: Projector,
+    stage: Accelerometer,
 }
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<AccelWork>, RuntimeError> {
-    let stage = stage::filled(Service::Accel, &orders.launch.accel, Projector::named)?;
+    let stage = stage::filled(Service::Accel, &orders.launch.accel, Accelerometer::named)?;
     Ok(EachTick::new(AccelWork { stage }))
 }
 

@@ -8,14 +8,14 @@ use std::collections::VecDeque;
 
 use attitude::{
     Vector3,
-    course::{Course, CourseInput},
+    course::{Course, CourseInput, Reference},
     gnss::Fix,
     stage::Stage,
     state::Attitude,
     turn::Turn,
 };
 use launch::Service;
-use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header, Ticked};
+use messages::{AttitudeOutput, CourseReference, Flags, FusedState, GnssFix, Header, Ticked};
 use runtime::{Beside, Member, Orders, RuntimeError, Sequence, Slot, serve, stage};
 
 /// What the slot reads.
@@ -46,6 +46,7 @@ pub struct CourseSlot {
     fixes: Beside<GnssFix>,
     sequence: Sequence,
     stage: Course,
+    declination_rad: f64,
     attitude: Attitude,
     /// The fuser's, and those of the course itself.
     resets: [u64; 2],
@@ -59,6 +60,7 @@ pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
         fixes: Beside::new(Flags::FIX, orders.lateness_ticks()),
         sequence: Sequence::default(),
         stage: stage::filled(Service::Course, &orders.launch.course, Course::named)?,
+        declination_rad: orders.launch.course.set.get("declination_deg").map_or(0.0, |deg| deg.to_radians()),
         attitude: Attitude::default(),
         resets: [0; 2],
         jump: [1.0, 0.0, 0.0, 0.0],
@@ -113,7 +115,8 @@ impl CourseSlot {
         let seen = input.attitude();
         header.flags |= Flags::RESET.when(seen.is_none());
         let attitude = seen.unwrap_or(self.attitude);
-        if input.reset_counter != self.resets[0] {
+        let reset = input.reset_counter != self.resets[0];
+        if reset {
             let rotation_rad = Vector3::from(input.rate_rad_s) * header.dt_s();
             let expected = self.attitude.turned(Turn::of_rotation_vector(rotation_rad)).attitude;
             let jump = Turn::between(expected, attitude).quaternion();
@@ -128,7 +131,10 @@ impl CourseSlot {
             fix,
             dt_s: header.dt_s(),
         });
-        header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal);
+        // Where the attitude was set anew too, it counts once.
+        self.resets[1] += u64::from(reading.aligned && !reset);
+        header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal) | Flags::ALIGNED.when(reading.aligned);
+        let made_true = input.course_reference == CourseReference::MAGNETIC && reading.reference == Reference::True;
         let q = reading.quaternion;
         AttitudeOutput {
             header,
@@ -139,7 +145,7 @@ impl CourseSlot {
             course_rad: reading.course_rad,
             course_reference: reading.reference.into(),
             course_sd_rad: reading.course_sd_rad,
-            declination_rad: 0.0,
+            declination_rad: if made_true { self.declination_rad } else { 0.0 },
             rate_rad_s: input.rate_rad_s,
             inclination_sd_rad: input.inclination_sd_rad,
             reset_counter: self.resets.iter().sum(),
