@@ -64,6 +64,14 @@ pub enum ScoreError {
         /// Why not.
         cause: ParameterError,
     },
+    /// One receiver for several recordings.
+    #[error("naming the fixes: {} belongs to one recording, there are {trials}; score it alone, or use --gnss auto", fixes.display())]
+    FixesOfOne {
+        /// The file of fixes.
+        fixes: PathBuf,
+        /// How many trials there are.
+        trials: usize,
+    },
     /// Two trials whose files would be the same.
     #[error("naming the trials: two are called `{name}`, and what is written for one would replace the other's")]
     NameTwice {
@@ -108,6 +116,7 @@ impl ScoreError {
             | Self::Ambiguous { .. }
             | Self::Value { .. }
             | Self::Scenario(_)
+            | Self::FixesOfOne { .. }
             | Self::NameTwice { .. } => 2,
             Self::Recording(_) => 3,
             Self::Run(error) => error.exit_code(),

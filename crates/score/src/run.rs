@@ -17,11 +17,12 @@ use supervisor::{Plan, UpError, collector::Collector, in_process, plan::is_same_
 
 use crate::{
     ScoreError,
+    chain::Stages,
     plot::Figures,
-    stages::{self, Choice, Stages},
+    stages::{self, Choice},
     table::{ErrorsDeg, Scores, StageScore, TrialScore},
     timing::{SAMPLES_MAX, Step, ns_per_update},
-    trial::{Options, Trial},
+    trial::{Gnss, Options, Trial},
 };
 
 /// Readings between two signs of progress.
@@ -62,6 +63,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scor
 }
 
 fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
+    if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
+        return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
+    }
     let mut names = HashSet::new();
     let mut trials = Vec::new();
     for file in &request.files {

@@ -19,7 +19,7 @@ use ingest::conditioner::Sample;
 use messages::Flags;
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::stages::Stages;
+use crate::chain::Stages;
 
 /// Samples of a trial that are timed, from its start: so many are kept in memory.
 pub const SAMPLES_MAX: usize = 30_000;
