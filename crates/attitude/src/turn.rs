@@ -40,11 +40,6 @@ impl Turn {
         Self { p: self.p * next.p - self.s * next.s.conj(), s: self.p * next.s + self.s * next.p.conj() }
     }
 
-    /// The turn back.
-    pub fn inverse(self) -> Self {
-        Self { p: self.p.conj(), s: -self.s }
-    }
-
     /// The turn as the formulas of `chart` take it.
     pub(crate) fn view(self, chart: Chart) -> Self {
         match chart {

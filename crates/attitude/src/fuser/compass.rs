@@ -3,7 +3,10 @@
 //! z_c' = z' + (z_mag − z_c)/T, the difference wrapped; z_mag = atan2(m'_ξ, m'_η) of the levelled field m' = A(w)ᵀ m. "z is fused like
 //! w" — Matveev 2025, which says no more. Every field is believed.
 
-use super::{Corrections, field_direction, low_pass_gain, north_rad, spread::Spread};
+use super::{
+    Corrections, field_direction, low_pass_gain, north_rad,
+    spread::{BIAS_SD_RAD_S, Spread},
+};
 use crate::{Vector3, course::Reference, stage::Numbers, state::Attitude};
 
 /// What is known of the heading.
@@ -30,7 +33,7 @@ impl Compass {
     /// The gyro leads for a while.
     pub(super) fn drift(&mut self, dt_s: f64) {
         self.since_s += dt_s;
-        self.spread.drift(dt_s);
+        self.spread.drift(BIAS_SD_RAD_S, dt_s);
     }
 
     /// What a field adds to z, rad; the first one sets the heading.

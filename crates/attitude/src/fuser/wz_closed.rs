@@ -3,7 +3,10 @@
 //! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed; z likewise by the magnetic field, and by the gyro alone without.
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput, compass::Compass, innovation_rad, low_pass_gain, spread::Spread,
+    Corrections, Estimate, Fused, FuserInput,
+    compass::Compass,
+    innovation_rad, low_pass_gain,
+    spread::{BIAS_SD_RAD_S, Spread},
 };
 use crate::{
     Vector3,
@@ -78,7 +81,7 @@ impl Stage for WzClosed {
         if let Some(motion) = &input.motion {
             self.attitude = self.attitude.turned(motion.turn).attitude;
         }
-        self.tilt.drift(dt_s);
+        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {

@@ -5,7 +5,10 @@
 //! time: that is the published method, kept for comparison.
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput, compass::Compass, innovation_rad, low_pass_gain, spread::Spread,
+    Corrections, Estimate, Fused, FuserInput,
+    compass::Compass,
+    innovation_rad, low_pass_gain,
+    spread::{BIAS_SD_RAD_S, Spread},
     wz_closed::POINT_LIMIT,
 };
 use crate::{
@@ -72,7 +75,7 @@ impl WzOpen {
     /// Follows the gyro's attitude.
     fn follow(&mut self, motion: &Motion) {
         if self.adopted {
-            self.compare(motion.attitude.turned(motion.turn.inverse()).attitude);
+            self.compare(self.gyro.turned(motion.turn).attitude, motion.attitude);
             self.adopted = false;
         }
         self.follow_chart(motion.attitude);
@@ -88,9 +91,8 @@ impl WzOpen {
         self.gyro = gyro;
     }
 
-    /// Takes the attitude that was taken over for the fused one beside the gyro's at the same time.
-    fn compare(&mut self, gyro: Attitude) {
-        let fused = self.fused();
+    /// Takes the difference between the fused attitude and the gyro's.
+    fn compare(&mut self, fused: Attitude, gyro: Attitude) {
         self.difference = fused.up.seen_in(gyro.up.chart, POINT_LIMIT) - gyro.up.w;
         self.gyro = gyro;
         // What is left between the two is a turn about the vertical.
@@ -122,7 +124,7 @@ impl Stage for WzOpen {
         if let Some(motion) = &input.motion {
             self.follow(motion);
         }
-        self.tilt.drift(dt_s);
+        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
