@@ -1,10 +1,11 @@
 //! A velocity that was told: the measurement of a fix, and the first course.
 
 use super::{
-    Aided, Corrections, VELOCITY, covariance::Error, covariance::HEADING, covariance::LATENCY, covariance::Measurement,
+    ACCEL, Aided, Corrections, HEADING, LATENCY, ROTATION, VELOCITY,
+    covariance::{Error, Measurement},
     shared, square,
 };
-use crate::{Vector3, course::Reference, gnss::Fix, stage::Numbers, state::wrapped_rad};
+use crate::{GRAVITY_M_S2, Vector3, course::Reference, gnss::Fix, stage::Numbers, state::wrapped_rad};
 
 /// Speed from which the track tells the course, m/s.
 const TRACK_MIN_M_S: f64 = 5.0;
@@ -97,7 +98,8 @@ impl Aided {
         }
     }
 
-    /// Each axis of the velocity, as it was when the receiver measured it, and the track, very weakly.
+    /// Each axis of the velocity, as it was when the receiver measured it, and the track, very weakly. The error of the velocity
+    /// was then another one by what tilt and accelerometer bias did to it since.
     fn measure(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, Error::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
@@ -106,9 +108,22 @@ impl Aided {
         let sd_m_s =
             fix.sd_m_s.filter(|sd| (0.0..1e6).contains(sd)).map_or(settings.velocity_sd_m_s, |sd| sd.max(SD_MIN_M_S));
         let (limit, variance) = (settings.innovation_limit, sd_m_s * sd_m_s);
+        let force_m_s2 = slope_m_s2 + Vector3::z() * GRAVITY_M_S2;
+        let tilting = force_m_s2.cross_matrix() * late_s;
+        let biasing = self.attitude.matrix().transpose() * late_s;
+        let (heading, slope) = (f64::from(u8::from(self.course_known)), if age_s.is_some() { 0.0 } else { 1.0 });
         for axis in 0..3 {
-            let late = if age_s.is_some() { 0.0 } else { slope_m_s2[axis] };
-            let row = [(VELOCITY + axis, 1.0), (LATENCY, late)];
+            let (tilt, bias) = (tilting.row(axis), biasing.row(axis));
+            let row = [
+                (VELOCITY + axis, 1.0),
+                (ROTATION, tilt[0]),
+                (ROTATION + 1, tilt[1]),
+                (HEADING, tilt[2] * heading),
+                (ACCEL, bias[0]),
+                (ACCEL + 1, bias[1]),
+                (ACCEL + 2, bias[2]),
+                (LATENCY, slope_m_s2[axis] * slope),
+            ];
             let residual = velocity_m_s[axis] - fix.velocity_m_s[axis];
             self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] });
         }
@@ -131,8 +146,7 @@ impl Aided {
             self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + turn_rad);
             let (sin, cos) = libm::sincos(turn_rad);
             let before = self.pending_rad;
-            self.pending_rad =
-                Vector3::new(cos * before.x - sin * before.y, sin * before.x + cos * before.y, before.z);
+            self.pending_rad = Vector3::new(cos * before.x - sin * before.y, sin * before.x + cos * before.y, before.z);
             let wind = square(self.settings.wind_m_s / fix.speed_m_s());
             self.covariance.begin(HEADING, square(self.settings.course_sd_deg.to_radians()) + wind);
             self.reference = Reference::True;

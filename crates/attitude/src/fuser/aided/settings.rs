@@ -7,8 +7,8 @@ settings! {
     pub struct Settings {
         /// White noise of the gyro, angle random walk; also what its scale factor does in vibration.
         gyro_noise_deg_sqrt_s: 0.01 in 0.0001 .. 10.0, "°/√s";
-        /// White noise of the accelerometer, velocity random walk; also vibration.
-        accel_noise_m_s_sqrt_s: 0.1 in 0.001 .. 10.0, "m/s/√s";
+        /// White noise of the accelerometer, velocity random walk, besides what differs from sample to sample.
+        accel_noise_m_s_sqrt_s: 0.03 in 0.001 .. 10.0, "m/s/√s";
         /// Random walk of the gyro bias.
         gyro_bias_walk_deg_s_sqrt_s: 0.0005 in 0.0 .. 1.0, "°/s/√s";
         /// Random walk of the accelerometer bias.
@@ -34,7 +34,7 @@ settings! {
         /// Time over which the difference between course and track stays alike.
         wind_memory_s: 100.0 in 1.0 .. 10000.0, "s";
         /// Time over which a correction is fed into the attitude.
-        smoothing_s: 0.3 in 0.01 .. 10.0, "s";
+        smoothing_s: 0.4 in 0.01 .. 10.0, "s";
         /// Innovation in standard deviations from which a measurement pulls no harder.
         innovation_limit: 4.0 in 1.0 .. 1000.0, "";
         /// Time without a velocity after which it counts as lost.

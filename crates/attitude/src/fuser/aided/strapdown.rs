@@ -22,6 +22,8 @@ const VELOCITY_MAX_M_S: f64 = 3e3;
 const TURN_MEMORY_S: f64 = 1.0;
 /// Acceleration that may have gone unseen without an accelerometer, m/s².
 const UNSEEN_M_S2: f64 = 5.0;
+/// Memory of the accelerometer's spread, s.
+const SPREAD_MEMORY_S: f64 = 5.0;
 /// Random walk of the latency, s/√s.
 const LATENCY_WALK_S: f64 = 1e-4;
 
@@ -35,6 +37,9 @@ pub(super) struct Sums {
     force_m_s: Vector3<f64>,
     /// ∫ |w'|² dt, rad²/s.
     rate2_rad2_s: f64,
+    force_before_m_s2: Vector3<f64>,
+    /// Spread of the specific force from sample to sample, as the power of a white noise, m²/s³.
+    spread_m2_s3: f64,
 }
 
 /// A specific force that a vehicle can have.
@@ -62,6 +67,7 @@ impl Aided {
         self.turn_rate_rad_s -= (self.turn_rate_rad_s + up_rad_s) * low_pass_gain(dt_s, TURN_MEMORY_S);
         let force_m_s2 = match force_m_s2 {
             Some(force_m_s2) => {
+                self.sums.see(force_m_s2, dt_s);
                 let force_m_s2 = to_reference * (force_m_s2 - self.accel_bias_m_s2);
                 // As the attitude will have it once the pending correction is in.
                 force_m_s2 - self.pending_rad.cross(&force_m_s2)
@@ -84,11 +90,12 @@ impl Aided {
 
     fn advance_covariance(&mut self, to_reference: Matrix3<f64>) {
         let settings = &self.settings;
-        let Sums { length_s, unseen_s, force_m_s, rate2_rad2_s } = self.sums;
+        let Sums { length_s, unseen_s, force_m_s, rate2_rad2_s, spread_m2_s3, .. } = self.sums;
         let force_m_s2 = force_m_s / length_s;
         let scale2 = 10.0 * square(settings.scale_noise);
         let moved_m_s2 = force_m_s2 - Vector3::z() * GRAVITY_M_S2;
-        let velocity = square(settings.accel_noise_m_s_sqrt_s) + scale2 * moved_m_s2.norm_squared();
+        let white = square(settings.accel_noise_m_s_sqrt_s) + spread_m2_s3;
+        let velocity = white + scale2 * moved_m_s2.norm_squared();
         let rotation = square(settings.gyro_noise_deg_sqrt_s.to_radians()) + scale2 * rate2_rad2_s / length_s;
         let mut noise = Error::zeros();
         for axis in 0..3 {
@@ -102,7 +109,7 @@ impl Aided {
         self.covariance.advance(&Interval { force_m_s2, to_reference, heading_acts, dt_s: length_s, noise });
         self.covariance.hold(&self.limits());
         self.past.push(self.velocity_m_s, length_s);
-        self.sums = Sums::default();
+        self.sums.begin();
     }
 
     /// Variances beyond which a longer wait tells nothing more, so that a day without a fix ends as an hour does.
@@ -130,11 +137,30 @@ impl Aided {
     }
 }
 
+impl Sums {
+    /// White noise differs from itself a sample ago by twice its variance on each axis.
+    fn see(&mut self, force_m_s2: Vector3<f64>, dt_s: f64) {
+        let difference_m_s2 = force_m_s2 - self.force_before_m_s2;
+        let power_m2_s3 = difference_m_s2.norm_squared() / 6.0 * dt_s;
+        if self.force_before_m_s2 != Vector3::zeros() {
+            self.spread_m2_s3 += (power_m2_s3 - self.spread_m2_s3) * low_pass_gain(dt_s, SPREAD_MEMORY_S);
+        }
+        self.force_before_m_s2 = force_m_s2;
+    }
+
+    fn begin(&mut self) {
+        let Self { force_before_m_s2, spread_m2_s3, .. } = *self;
+        *self = Self { force_before_m_s2, spread_m2_s3, ..Self::default() };
+    }
+}
+
 impl Numbers for Sums {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.length_s.visit(visit);
         self.unseen_s.visit(visit);
         self.force_m_s.visit(visit);
         self.rate2_rad2_s.visit(visit);
+        self.force_before_m_s2.visit(visit);
+        self.spread_m2_s3.visit(visit);
     }
 }
