@@ -124,7 +124,7 @@ impl ScoreError {
             | Self::NameTwice { .. } => 2,
             Self::Recording(_) => 3,
             Self::Run(error) => error.exit_code(),
-            Self::Slot(_) | Self::Write { .. } => 1,
+            Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }
     }
 }
