@@ -10,6 +10,9 @@ use crate::{
     turn::Turn,
 };
 
+/// Faster than any gyro's range, rad/s; what is beyond it is taken for this.
+const RATE_MAX_RAD_S: f64 = 1000.0;
+
 /// What a rate sample says about its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RateKind {
@@ -105,7 +108,8 @@ impl Stage for Gyro {
     }
 
     fn step(&mut self, sample: &RateSample) -> Motion {
-        let (after, dt_s) = (sample.rate_rad_s, sample.dt_s);
+        let dt_s = sample.dt_s;
+        let after = sample.rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         let before = match sample.kind {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
@@ -138,7 +142,8 @@ impl Stage for Gyro {
         self.started.visit(visit);
     }
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude)
+        let beyond = self.rate_before_rad_s.amax() > RATE_MAX_RAD_S;
+        attitude_flaw(self.attitude).or(beyond.then_some("a rate above 1000 rad/s"))
     }
 
     fn common(&self) -> Attitude {
