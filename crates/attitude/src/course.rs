@@ -128,7 +128,8 @@ impl Stage for Course {
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        (libm::fabs(self.before.norm_squared() - 1.0) > 1e-6).then_some("a quaternion that is not of unit length")
+        let unit = libm::fabs(self.before.norm_squared() - 1.0) <= 1e-6;
+        (!unit).then_some("a quaternion that is not of unit length")
     }
 
     fn common(&self) -> Quaternion<f64> {
