@@ -88,7 +88,7 @@ impl Stage for WzClosed {
         self.innovation2_rad2.visit(visit);
     }
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude)
+        attitude_flaw(self.attitude).or((self.innovation2_rad2 < 0.0).then_some("a mean square below zero"))
     }
 
     fn common(&self) -> Estimate {
