@@ -9,9 +9,10 @@ use core::f64::consts::PI;
 use crate::{
     Complex, Vector3,
     course::Reference,
+    gyro::Motion,
     point::Point,
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
-    state::Attitude,
+    state::{Attitude, arg},
 };
 
 /// The fuser stage `wz-open`.
@@ -20,6 +21,10 @@ pub struct WzOpen {
     time_constant_s: f64,
     gyro: Attitude,
     difference: Complex<f64>,
+    /// The fused z less the gyro's: what another stage had found.
+    heading_rad: f64,
+    /// `gyro` is not the gyro's attitude yet but that of another stage.
+    adopted: bool,
     started: bool,
     innovation2_rad2: f64,
 }
@@ -30,6 +35,8 @@ impl Default for WzOpen {
             time_constant_s: 1.0,
             gyro: Attitude::default(),
             difference: Complex::new(0.0, 0.0),
+            heading_rad: 0.0,
+            adopted: false,
             started: false,
             innovation2_rad2: 0.0,
         }
@@ -43,7 +50,17 @@ impl WzOpen {
 
     fn fused(&self) -> Attitude {
         let up = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
-        Attitude { up, z_rad: self.gyro.z_rad }.rebounded()
+        Attitude { up, z_rad: self.gyro.z_rad + self.heading_rad }.rebounded()
+    }
+
+    /// Holds the gyro's attitude against the one taken over, turned with the body since.
+    fn part(&mut self, motion: &Motion) {
+        let fused = self.fused().turned(motion.turn).attitude;
+        self.gyro = motion.attitude;
+        self.difference = fused.up.seen_in(self.gyro.up.chart, POINT_LIMIT) - self.gyro.up.w;
+        self.heading_rad = 0.0;
+        let about_vertical = fused.quaternion() * self.fused().quaternion().conjugate();
+        self.heading_rad = 2.0 * arg(Complex::new(about_vertical.w, about_vertical.k));
     }
 
     /// Follows the gyro's attitude into its chart; the fused point stays where it is.
@@ -70,7 +87,11 @@ impl Stage for WzOpen {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
-            self.follow(motion.attitude);
+            if core::mem::take(&mut self.adopted) {
+                self.part(motion);
+            } else {
+                self.follow(motion.attitude);
+            }
         }
         let gain = low_pass_gain(dt_s, self.time_constant_s);
         let mut innovation = 0.0;
@@ -104,11 +125,13 @@ impl Stage for WzOpen {
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.gyro.visit(visit);
         self.difference.visit(visit);
+        self.heading_rad.visit(visit);
+        self.adopted.visit(visit);
         self.started.visit(visit);
         self.innovation2_rad2.visit(visit);
     }
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.gyro)
+        attitude_flaw(self.gyro).or((self.innovation2_rad2 < 0.0).then_some("a mean square below zero"))
     }
 
     fn common(&self) -> Estimate {
@@ -126,6 +149,8 @@ impl Stage for WzOpen {
         common.checked()?;
         self.gyro = common.attitude;
         self.difference = Complex::new(0.0, 0.0);
+        self.heading_rad = 0.0;
+        self.adopted = true;
         self.started = true;
         Ok(())
     }
