@@ -159,6 +159,10 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
         return angle_rad;
     }
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
+    if wrapped.abs() > 4.0 {
+        // So many turns that their product with 2π is not exact.
+        return libm::remainder(angle_rad, TAU);
+    }
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 

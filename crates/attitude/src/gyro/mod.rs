@@ -13,6 +13,9 @@ use crate::{
 };
 use coning::Coning;
 
+/// Faster than any gyro's range, rad/s; what is beyond it is taken for this.
+const RATE_MAX_RAD_S: f64 = 1000.0;
+
 /// What a rate sample says about its interval.
 ///
 /// It matters: an instant taken for a mean is half an interval late (at 4 rad/s and 100 Hz by 1.1°, with a wrong bias after it); a
@@ -123,7 +126,8 @@ impl Stage for Gyro {
     }
 
     fn step(&mut self, sample: &RateSample) -> Motion {
-        let (after, dt_s) = (sample.rate_rad_s, sample.dt_s);
+        let dt_s = sample.dt_s;
+        let after = sample.rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         let before = match sample.kind {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
@@ -167,7 +171,8 @@ impl Stage for Gyro {
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude).or_else(|| self.coning.flaw())
+        let beyond = self.rate_before_rad_s.amax() > RATE_MAX_RAD_S;
+        attitude_flaw(self.attitude).or(beyond.then_some("a rate above 1000 rad/s")).or_else(|| self.coning.flaw())
     }
 
     fn common(&self) -> Attitude {

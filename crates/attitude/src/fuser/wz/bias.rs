@@ -33,6 +33,11 @@ const INNOVATION_MEMORY_S: f64 = 5.0;
 /// Time over which accelerations are alike, s.
 const CORRELATION_S: f64 = 1.0;
 
+/// Relative error that rounding may leave in the covariance.
+const ROUNDING: f64 = 1e-6;
+/// Larger than any response to a unit bias: that of a level left to itself for eleven days, s.
+const FAR: f64 = 1e6;
+
 /// b_x, b_y, b_z in rad/s, ε0 across and along in rad.
 type State = SVector<f64, 5>;
 
@@ -110,8 +115,23 @@ impl BiasFilter {
 
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        let negative = (0..5).any(|i| self.covariance[(i, i)] < 0.0);
-        bias_flaw(self.bias_rad_s()).or(negative.then_some("a variance below zero"))
+        let variance = |i: usize| self.covariance[(i, i)];
+        // The update keeps symmetry up to rounding.
+        let lopsided = |(i, j): (usize, usize)| {
+            let (one, other) = (self.covariance[(i, j)], self.covariance[(j, i)]);
+            let bound = libm::sqrt(variance(i) * variance(j)) * (1.0 + ROUNDING) + f64::EPSILON;
+            libm::fabs(one) > bound || libm::fabs(one - other) > ROUNDING * bound + f64::EPSILON
+        };
+        let far = |response: &Response| response.tilt.norm_sqr().max(response.velocity.norm_sqr()) > FAR * FAR;
+        let flaws = [
+            ((0..5).any(|i| variance(i) < 0.0) || self.innovation2_rad2_s2 < 0.0, "a variance below zero"),
+            ((0..5).any(|i| (0..i).any(|j| lopsided((i, j)))), "a covariance that is not one"),
+            (self.state.fixed_rows::<2>(3).amax() > 1.0, "a level that is off by more than 1 rad"),
+            (self.unit.iter().chain([&self.taken_off, &self.level]).any(far), "a response that no bias has"),
+            (!(0.0..=1.0).contains(&self.since_update_s), "an interval that is not one"),
+        ];
+        let flaw = flaws.into_iter().find(|(holds, _)| *holds).map(|(_, flaw)| flaw);
+        bias_flaw(self.bias_rad_s()).or(flaw)
     }
 
     /// The level frame turned by the inverse of `swing`.

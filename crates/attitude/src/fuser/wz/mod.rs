@@ -29,6 +29,10 @@ use {bias::BiasFilter, rest::Rest};
 const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
 const T2_S: f64 = 2.0;
+/// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
+const FORCE_MAX_M_S2: f64 = 3000.0;
+/// The leaky velocity that such a force leads to, and half as much again, m/s.
+const VELOCITY_MAX_M_S: f64 = 1.5 * FORCE_MAX_M_S2 * T1_S;
 
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -85,7 +89,8 @@ impl Stage for Wz {
             self.bias.drift(self.attitude, dt_s);
         }
         let mut innovation = 0.0;
-        if let Some(inclination) = &input.inclination {
+        let inclination = input.inclination.filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
+        if let Some(inclination) = &inclination {
             if self.started {
                 innovation = innovation_rad(inclination, self.attitude);
                 corrections.bias = self.level(inclination.force_m_s2, dt_s);
@@ -96,7 +101,7 @@ impl Stage for Wz {
                 corrections.aligned = true;
             }
         }
-        match (&input.motion, &input.inclination) {
+        match (&input.motion, &inclination) {
             (Some(motion), Some(inclination)) if input.rest_credible => {
                 if let Some(bias_rad_s) = self.rest.step(motion.rate_rad_s, inclination.force_m_s2, dt_s) {
                     self.bias.at_rest(bias_rad_s);
@@ -128,7 +133,10 @@ impl Stage for Wz {
         self.rest.visit(visit);
     }
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude).or_else(|| self.bias.flaw())
+        let fast = self.velocity_m_s.norm_sqr() > VELOCITY_MAX_M_S * VELOCITY_MAX_M_S;
+        attitude_flaw(self.attitude)
+            .or_else(|| self.bias.flaw())
+            .or(fast.then_some("a leaky velocity that no force has made"))
     }
 
     fn common(&self) -> Estimate {
