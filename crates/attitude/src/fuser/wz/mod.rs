@@ -11,6 +11,7 @@
 //! second order, with its "+" replaced by a Möbius map and its low-pass moved to the level frame.
 
 mod bias;
+mod heading;
 mod rest;
 
 use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad};
@@ -19,11 +20,16 @@ use core::f64::consts::PI;
 use crate::{
     Complex, GRAVITY_M_S2, Vector3,
     course::Reference,
+    parameters::{Parameter, ParameterError, Parameters},
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::{Attitude, Moved},
     turn::Turn,
 };
-use {bias::BiasFilter, rest::Rest};
+use {
+    bias::BiasFilter,
+    heading::{Heading, Settings, Sighting},
+    rest::Rest,
+};
 
 /// Memory of the leaky velocity, s.
 const T1_S: f64 = 3.0;
@@ -38,6 +44,7 @@ pub struct Wz {
     velocity_m_s: Complex<f64>,
     bias: BiasFilter,
     rest: Rest,
+    heading: Heading,
 }
 
 impl Wz {
@@ -76,6 +83,14 @@ impl Stage for Wz {
         "wz"
     }
 
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.heading.settings.set(name, value)
+    }
+
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
@@ -107,15 +122,28 @@ impl Stage for Wz {
             _ => self.rest.interrupt(),
         }
         let bias_rad_s = self.bias.bias_rad_s();
-        Fused {
+        let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - bias_rad_s);
+        let force = input.inclination.map_or(Vector3::zeros(), |inclination| inclination.force_m_s2);
+        let news = self.heading.step(&Sighting {
             attitude: self.attitude,
-            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - bias_rad_s),
+            rate_rad_s,
+            acceleration_m_s2: self.attitude.horizontal(force),
+            field_ut: input.field_ut,
+            at_rest: corrections.rest,
+            dt_s,
+        });
+        corrections.magnetic = news.magnetic;
+        corrections.aligned |= news.aligned;
+        corrections.disturbed = self.heading.disturbed();
+        Fused {
+            attitude: self.attitude.faced(self.heading.turn_rad()),
+            rate_rad_s,
             bias_rad_s,
             innovation_rad: innovation,
             // The loop's correction follows a tilt error by ε/T2.
             inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
-            heading_sd_rad: PI,
-            reference: Reference::Arbitrary,
+            heading_sd_rad: self.heading.sd_rad(),
+            reference: self.heading.reference(),
             corrections,
         }
     }
@@ -126,6 +154,7 @@ impl Stage for Wz {
         self.velocity_m_s.visit(visit);
         self.bias.visit(visit);
         self.rest.visit(visit);
+        self.heading.visit(visit);
     }
     fn flaw(&self) -> Option<&'static str> {
         attitude_flaw(self.attitude).or_else(|| self.bias.flaw())
