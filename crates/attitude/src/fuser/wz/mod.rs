@@ -48,6 +48,11 @@ pub struct Wz {
 }
 
 impl Wz {
+    /// t
+    pub fn debug(&self) -> ([f64; 11], [f64; 6]) {
+        self.heading.debug()
+    }
+
     pub(super) fn realign(&mut self) {
         self.started = false;
         self.velocity_m_s = Complex::new(0.0, 0.0);

@@ -71,15 +71,14 @@ impl Filter {
         self.p[i][i]
     }
 
-    /// The variance of a state is no more than this.
-    pub(super) fn bound(&mut self, i: usize, variance: f64) {
-        if self.p[i][i] > variance {
-            let scale = libm::sqrt(variance / self.p[i][i]);
-            for j in 0..N {
-                self.p[i][j] *= scale;
-                self.p[j][i] *= scale;
-            }
+    /// A state is zero within `sd`, whatever was believed of it.
+    pub(super) fn reset(&mut self, i: usize, sd: f64) {
+        self.x[i] = 0.0;
+        for j in 0..N {
+            self.p[i][j] = 0.0;
+            self.p[j][i] = 0.0;
         }
+        self.p[i][i] = sd * sd;
     }
 
     /// Angle that turns the earth's field to north.

@@ -151,8 +151,8 @@ impl Heading {
     pub(super) fn disturbed(&self) -> bool {
         self.rejected
     }
-    pub(super) fn debug(&self) -> [f64; 11] {
-        self.main.x
+    pub(super) fn debug(&self) -> ([f64; 11], [f64; 6]) {
+        (self.main.x, [self.over_main, self.over_place, self.rejecting_s, self.failing_s, self.challenge_s, self.sd_rad.to_degrees()])
     }
 
     pub(super) fn step(&mut self, sighting: &Sighting) -> News {
@@ -200,7 +200,7 @@ impl Heading {
         if interval.at_rest && !self.rested {
             self.rested = true;
             for filter in [&mut self.main, &mut self.body, &mut self.place] {
-                filter.bound(BETA, s.beta1_rad_s * s.beta1_rad_s);
+                filter.reset(BETA, s.beta1_rad_s);
             }
         }
         let mut noise = s.sd_ut * s.sd_ut / interval.windows + square(s.sd_turning * interval.turning_rad_s);
