@@ -26,7 +26,7 @@ settings! {
         /// t
         beta0_rad_s: 0.01 in 0.0 .. 1e9, "";
         /// t
-        beta1_rad_s: 0.001 in 0.0 .. 1e9, "";
+        beta1_rad_s: 5e-4 in 0.0 .. 1e9, "";
         /// t
         beta_walk: 1e-4 in 0.0 .. 1e9, "";
         /// t
@@ -48,7 +48,9 @@ settings! {
         /// t
         gate: 16.0 in 0.0 .. 1e9, "";
         /// t
-        margin: 500.0 in 0.0 .. 1e9, "";
+        penalty: 0.0 in 0.0 .. 1e9, "";
+        /// t
+        margin: 250.0 in 0.0 .. 1e9, "";
         /// t
         challenge_ut: 15.0 in 0.0 .. 1e9, "";
         /// t
@@ -232,8 +234,8 @@ impl Heading {
         self.rejected = !main.accepted;
         news.magnetic = main.accepted;
         if turning {
-            self.over_main += main.cost - body.cost;
-            self.over_place += place.cost - body.cost;
+            self.over_main = self.over_main + main.cost - body.cost - s.penalty;
+            self.over_place = self.over_place + place.cost - body.cost - s.penalty;
             if main.accepted {
                 self.rejecting_s = (self.rejecting_s - 2.0 * t).max(0.0);
             } else {
