@@ -75,6 +75,17 @@ impl<'t> Section<'t, '_> {
         })
     }
 
+    /// `true` or `false`.
+    pub(crate) fn flag(&mut self, key: &'static str, out: &mut bool) -> bool {
+        self.read(key, out, |section, value| {
+            let flag = value.get_ref().as_bool();
+            if flag.is_none() {
+                section.refuse_type(key, value, "true or false");
+            }
+            flag
+        })
+    }
+
     /// A string of which `accept` makes a value; `expected` says what it accepts.
     pub(crate) fn text<T>(
         &mut self,

@@ -6,6 +6,8 @@
 //! | reading | becomes |
 //! | --- | --- |
 //! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` |
+//! | a field that is not finite or at the end of the range; a fix without sense | left out, flagged |
+//! | the same field as before | no new sample of it |
 //! | at the end of the range | as it is, flagged |
 //! | \|f\| near zero | as it is, flagged by accel; not used |
 //! | the same vector for `stuck_s` | as it is, flagged; a force that is stuck while the rate lives is not used |
@@ -15,8 +17,9 @@
 //! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew |
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
+use attitude::gnss::Fix;
 use launch::{GyroSamples, Limits};
-use messages::{Flags, Header, ImuSample};
+use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
 use crate::source::Reading;
 
@@ -29,11 +32,28 @@ const PAST_MAX: i64 = 10;
 /// A value this many times beyond the range is not a measurement.
 const SENSE: f64 = 10.0;
 
+/// A fix that says more than this of a speed is not one, m/s: nothing that is guided by us is faster.
+const SPEED_MAX_M_S: f64 = 3000.0;
+
+/// What becomes of a reading: one tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Rate and force.
+    pub imu: ImuSample,
+    /// The field, where the reading brought a new one.
+    pub mag: Option<MagSample>,
+    /// The fix, where the reading brought one.
+    pub gnss: Option<GnssFix>,
+}
+
 /// Checks readings and numbers them.
 #[derive(Debug, Clone)]
 pub struct Conditioner {
     rate: Channel,
     force: Channel,
+    field: FieldChannel,
+    /// Of a reading that was refused; it goes with the next.
+    fix: Option<Fix>,
     gap_ns: i64,
     kind: Flags,
     tick: u64,
@@ -75,6 +95,8 @@ impl Conditioner {
                 stuck_ns,
                 ..Channel::default()
             },
+            field: FieldChannel { limit_ut: limits.field_max_ut, last_ut: None },
+            fix: None,
             gap_ns,
             kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
             tick: 0,
@@ -88,7 +110,8 @@ impl Conditioner {
     }
 
     /// The sample of a reading; `None` when it is refused.
-    pub fn condition(&mut self, reading: &Reading) -> Option<ImuSample> {
+    pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
+        self.fix = reading.fix.or(self.fix);
         let Some((t_start_ns, t_end_ns, time_flags)) = self.place(reading) else {
             self.refused += 1;
             self.refused_before = true;
@@ -99,17 +122,24 @@ impl Conditioner {
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
         let dead = self.rate.invalid_ns > self.gap_ns;
         let rate_rad_s = if dead { [0.0; 3] } else { rate_rad_s };
+        let (field_ut, field_flags) = self.field.check(reading.field_ut);
+        let (fix, fix_flags) = checked(self.fix.take());
         let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
-        let header = Header {
-            tick: self.tick,
-            t_start_ns,
-            t_end_ns,
-            flags: time_flags | rate_flags | force_flags | refused | self.kind,
-            ..bytemuck::Zeroable::zeroed()
-        };
+        let flags = time_flags | rate_flags | force_flags | field_flags | fix_flags | refused | self.kind;
+        let header = Header { tick: self.tick, t_start_ns, t_end_ns, flags, ..bytemuck::Zeroable::zeroed() };
         self.tick += 1;
         self.last = Some(Last { t_end_ns, reading: *reading });
-        Some(ImuSample { header, rate_rad_s, force_m_s2 })
+        Some(Sample {
+            imu: ImuSample { header, rate_rad_s, force_m_s2 },
+            mag: field_ut.map(|field_ut| MagSample { header, field_ut }),
+            gnss: fix.map(|fix| GnssFix {
+                header,
+                velocity_m_s: fix.velocity_m_s.into(),
+                velocity_sd_m_s: fix.sd_m_s.unwrap_or(f64::NAN),
+                age_s: fix.age_s.unwrap_or(f64::NAN),
+                latitude_rad: fix.latitude_rad.unwrap_or(f64::NAN),
+            }),
+        })
     }
 
     /// Ticks given so far.
@@ -170,6 +200,45 @@ impl Conditioner {
 fn is_repeated(reading: &Reading, before: &Reading) -> bool {
     let bits = |reading: &Reading| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
     bits(reading) == bits(before)
+}
+
+/// A fix that makes sense; what does not is left out, flagged.
+fn checked(fix: Option<Fix>) -> (Option<Fix>, Flags) {
+    let Some(fix) = fix else { return (None, Flags::NONE) };
+    // The comparison also refuses what is not a number.
+    if !fix.velocity_m_s.iter().all(|x| x.abs() < SPEED_MAX_M_S) {
+        return (None, Flags::FIX_INVALID);
+    }
+    let sound = |value: Option<f64>, limit: f64| value.filter(|value| value.is_finite() && value.abs() <= limit);
+    let fix = Fix {
+        velocity_m_s: fix.velocity_m_s,
+        sd_m_s: sound(fix.sd_m_s, SPEED_MAX_M_S).filter(|sd| *sd > 0.0),
+        age_s: sound(fix.age_s, 10.0).filter(|age| *age >= 0.0),
+        latitude_rad: sound(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
+    };
+    (Some(fix), Flags::FIX)
+}
+
+/// The magnetometer.
+#[derive(Debug, Clone, Copy)]
+struct FieldChannel {
+    limit_ut: f64,
+    last_ut: Option<[f64; 3]>,
+}
+
+impl FieldChannel {
+    /// The field where it is a new sample, and what is to be said about it.
+    fn check(&mut self, field_ut: Option<[f64; 3]>) -> (Option<[f64; 3]>, Flags) {
+        let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
+        if !field_ut.iter().all(|x| x.abs() < self.limit_ut) {
+            return (None, Flags::FIELD_INVALID);
+        }
+        // A magnetometer is slower than a gyro; a recording repeats it until it has something new to say.
+        if self.last_ut.replace(field_ut) == Some(field_ut) {
+            return (None, Flags::NONE);
+        }
+        (Some(field_ut), Flags::FIELD)
+    }
 }
 
 /// One vector of the sensor.
