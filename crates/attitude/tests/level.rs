@@ -93,7 +93,12 @@ fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
                 }
             }
         });
-        println!("seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, of sd {:.4}°", short.value(), long.value(), sd.value());
+        println!(
+            "seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, of sd {:.4}°",
+            short.value(),
+            long.value(),
+            sd.value()
+        );
         assert!(short.value() <= 0.08 && long.value() <= 0.08, "seed {seed}");
     }
 }

@@ -19,10 +19,12 @@ use nalgebra::{SMatrix, SVector};
 const INTERVAL_S: f64 = 0.1 - 1e-6;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const SD_MAX_RAD_S: f64 = 0.003;
-/// Random walk of the bias, rad/s/√s.
-const WALK_RAD_S: f64 = 5e-5;
-/// Random walk of the tilt, rad/√s: the noise of a consumer MEMS gyro.
-const TILT_WALK_RAD: f64 = 2e-4;
+/// Random walk of the bias of a body that does not turn, rad/s/√s: 1 °/s in half a day, 0.1 °/s while it warms up for an hour.
+const WALK_RAD_S: f64 = 3e-5;
+/// Random walk of the bias, for each rad/s of the rate, 1/√s: what errors of scale and axes make of a rate that changes.
+const WALK_BY_RATE: f64 = 2e-4;
+/// Random walk of the tilt, rad/√s: noise and coning of a consumer MEMS gyro.
+const TILT_WALK_RAD: f64 = 5e-4;
 /// Standard deviation of the bias found at rest, rad/s.
 const SD_REST_RAD_S: f64 = 5e-4;
 /// Standard deviation of the first level, rad: a vehicle that accelerates by 1 m/s² at that moment.
@@ -31,8 +33,12 @@ const SD_LEVEL_RAD: f64 = 0.1;
 const FORCE_SD_MIN: f64 = 1e-3;
 /// Memory of the innovation's mean square, s.
 const INNOVATION_MEMORY_S: f64 = 5.0;
-/// Largest factor by which correlation lengthens the innovation: accelerations that are alike for 1 s.
-const CORRELATION_MAX: f64 = 10.0;
+/// Standard deviation of the innovation before there were any, and for how long they have been like that.
+const FORCE_SD_BEFORE: f64 = 0.01;
+const MEMORY_BEFORE_S: f64 = 0.5;
+/// Most innovations that count as one because they are alike: accelerations keep their direction for about 0.4 s. For longer they
+/// are made up for by others, since they bring a velocity that ends.
+const ALIKE_MAX: f64 = 4.0;
 /// Square of the largest innovation that is believed, in standard deviations.
 const OUTLIER2: f64 = 9.0;
 
@@ -57,7 +63,7 @@ pub(super) struct BiasFilter {
 }
 
 /// The noise of the levelled force, from the innovations.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 struct Noise {
     mean_square: f64,
     mean_product: f64,
@@ -86,7 +92,12 @@ impl BiasFilter {
             drift_s: [Complex::new(0.0, 0.0); 3],
             force_dt_m_s: Complex::new(0.0, 0.0),
             since_update_s: 0.0,
-            noise: Noise::default(),
+            noise: Noise {
+                mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
+                mean_product: 0.0,
+                before: Complex::new(0.0, 0.0),
+                memory_s: MEMORY_BEFORE_S,
+            },
         }
     }
 
@@ -135,16 +146,22 @@ impl BiasFilter {
         self.since_update_s >= INTERVAL_S
     }
 
-    /// The update. The loop has leaned by `leaned_rad` since the last. What the error of the bias and of the first level had done
-    /// to the loop until now, to be taken back.
+    /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the
+    /// bias and of the first level had done to the loop until now, to be taken back.
     #[inline(never)]
-    pub(super) fn update(&mut self, leaned_rad: Complex<f64>, bias_at_rest: Option<Vector3<f64>>) -> Error {
+    pub(super) fn update(
+        &mut self,
+        rate_rad_s: Vector3<f64>,
+        leaned_rad: Complex<f64>,
+        bias_at_rest: Option<Vector3<f64>>,
+    ) -> Error {
         let interval_s = self.since_update_s;
         let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
         let drift = core::mem::take(&mut self.drift_s).map(|axis_s| -J * axis_s);
         self.force_dt_m_s = Complex::new(0.0, 0.0);
         self.since_update_s = 0.0;
-        self.propagate(&drift, interval_s);
+        let walk2 = WALK_RAD_S * WALK_RAD_S + WALK_BY_RATE * WALK_BY_RATE * rate_rad_s.norm_squared();
+        self.propagate(&drift, walk2 * interval_s, interval_s);
         self.share(&drift, interval_s);
 
         // The force is that of the middle of the interval.
@@ -161,7 +178,9 @@ impl BiasFilter {
         let [x, y, z] = self.bias_share;
         let error = Error {
             tilt: x.tilt * change[2] + y.tilt * change[3] + z.tilt * change[4] + tilt * self.tilt_share[0],
-            velocity: x.velocity * change[2] + y.velocity * change[3] + z.velocity * change[4]
+            velocity: x.velocity * change[2]
+                + y.velocity * change[3]
+                + z.velocity * change[4]
                 + tilt * self.tilt_share[1],
         };
         self.tilt_rad += tilt - error.tilt;
@@ -169,7 +188,7 @@ impl BiasFilter {
     }
 
     /// P ← F P Fᵀ + Q.
-    fn propagate(&mut self, drift: &[Complex<f64>; 3], interval_s: f64) {
+    fn propagate(&mut self, drift: &[Complex<f64>; 3], bias_walk2: f64, interval_s: f64) {
         let p = &mut self.covariance;
         for j in 0..5 {
             p[(0, j)] += drift[0].re * p[(2, j)] + drift[1].re * p[(3, j)] + drift[2].re * p[(4, j)];
@@ -181,8 +200,9 @@ impl BiasFilter {
         }
         p[(1, 0)] = p[(0, 1)];
         for i in 0..5 {
-            let (walk, most) = if i < 2 { (TILT_WALK_RAD, 1.0) } else { (WALK_RAD_S, SD_MAX_RAD_S) };
-            p[(i, i)] += walk * walk * interval_s;
+            let tilt_walk2 = TILT_WALK_RAD * TILT_WALK_RAD * interval_s;
+            let (walk2, most) = if i < 2 { (tilt_walk2, 1.0) } else { (bias_walk2, SD_MAX_RAD_S) };
+            p[(i, i)] += walk2;
             if p[(i, i)] > most * most {
                 let scale = most / libm::sqrt(p[(i, i)]);
                 p.row_mut(i).scale_mut(scale);
@@ -247,9 +267,10 @@ impl Noise {
         self.mean_square += (square - self.mean_square) * share;
         self.mean_product += (product - self.mean_product) * share;
         self.before = innovation;
-        let (least, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
-        let correlation = if least < CORRELATION_MAX * apart { (least / apart).max(1.0) } else { CORRELATION_MAX };
-        FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * correlation).max(square / OUTLIER2)
+        // The mean of a sequence whose neighbours correlate by ρ varies by (1 + ρ)/(1 − ρ) as much as if they did not.
+        let (together, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
+        let alike = if together < ALIKE_MAX * apart { (together / apart).max(1.0) } else { ALIKE_MAX };
+        FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * alike).max(square / OUTLIER2)
     }
 }
 

@@ -88,7 +88,7 @@ impl Stage for Wz {
         if self.bias.is_due() {
             let leaned_rad = self.level.take_leaned();
             let bias_at_rest = corrections.rest.then_some(self.rest.bias_rad_s());
-            self.level.take_back(self.bias.update(leaned_rad, bias_at_rest));
+            self.level.take_back(self.bias.update(rate_rad_s, leaned_rad, bias_at_rest));
             corrections.bias = true;
         }
         let bias_rad_s = self.bias.bias_rad_s();
