@@ -83,7 +83,7 @@ impl Levelled {
         self.age_sum_s += self.samples * dt_s;
         self.rotation_rad += sighting.rate_rad_s * dt_s;
         self.sums.turning_rad_s += sighting.rate_rad_s.norm_squared() * dt_s;
-        self.sums.acceleration_m_s2 += sighting.acceleration_m_s2.norm_sqr() * dt_s;
+        self.sums.acceleration_m_s2 += sighting.force_m_s2.norm_sqr() * dt_s;
         if let Some(field_ut) = sighting.field_ut {
             self.field_sum_ut += field_ut;
             self.samples += 1.0;

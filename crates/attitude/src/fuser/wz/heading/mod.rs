@@ -71,8 +71,8 @@ pub(super) struct Sighting {
     pub(super) attitude: Attitude,
     /// Body rate less the bias, rad/s.
     pub(super) rate_rad_s: Vector3<f64>,
-    /// Horizontal acceleration, m/s², level frame.
-    pub(super) acceleration_m_s2: Complex<f64>,
+    /// Horizontal part of the specific force, m/s².
+    pub(super) force_m_s2: Complex<f64>,
     /// Magnetic field, µT, body axes.
     pub(super) field_ut: Option<Vector3<f64>>,
     /// The body rests.
