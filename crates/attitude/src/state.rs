@@ -94,6 +94,17 @@ impl Attitude {
         self.mapped(p.conj() * w + J * s, p + J * s.conj() * w)
     }
 
+    /// The attitude after a turn of the body during which its level frame was leaned, by a point of that frame before the turn.
+    ///
+    /// w⁺ = (n + l m̄)/(m − l n̄), z⁺ = z + 2 arg(m − l n̄), n = p̄ w + j s, m = p + j s̄ w: both maps in one.
+    #[inline]
+    pub(crate) fn turned_and_leaned(self, turn: Turn, lean: Complex<f64>) -> Moved {
+        let Turn { p, s } = turn.view(self.up.chart);
+        let w = self.up.w;
+        let (n, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
+        self.mapped(n + lean * m.conj(), m - lean * n.conj())
+    }
+
     /// The attitude after its level frame was leaned by the rotation that brings ζ0 to the level-frame point `lean`.
     ///
     /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l: a turn about a horizontal axis, so heading does not follow the tilt.
@@ -108,6 +119,11 @@ impl Attitude {
         // Exactly upside down there is no shortest turn: any horizontal axis will do.
         let lean = if vertical > 1e-9 { self.horizontal(seen) / vertical } else { Complex::new(1e9, 0.0) };
         self.leaned(lean)
+    }
+
+    /// The attitude turned about the vertical, counter-clockwise from above.
+    pub fn faced(self, turn_rad: f64) -> Self {
+        if turn_rad == 0.0 { self } else { Self { z_rad: wrapped_rad(self.z_rad + turn_rad), ..self } }
     }
 
     /// Horizontal part of a body vector in the level frame, the reference frame turned by z: ξ + j η.

@@ -1,250 +1,295 @@
-//! Gyro bias from the tilt corrections: a Kalman filter of three states, and two for how the level began.
+//! Gyro bias from the levelled force: a Kalman filter of the tilt error and the bias, at 10 Hz.
 //!
-//! A bias tilts the level, and the levelling loop corrects it; but the correction lags, and in a turning body a lagging correction
-//! fed back as an integral pushes the wrong way. Here the response of the correction to a unit bias about each body axis is
-//! computed by copies of the loop itself, so that the correction is an exact linear function of the bias:
+//! A tilt error ε shows as a horizontal force g ε. A bias b drives it by −j Σ a_i b_i, a_i the horizontal parts of the body's axes;
+//! the levelling loop takes from it what it leans, which is known:
 //!
-//! c + C_u = C_x b_x + C_y b_y + C_z b_z + C_0 ε0 + noise,
+//! ε' = −j Σ a_i b_i − κ,   h/g = ε + acceleration/g.
 //!
-//! C_u the response to the bias already taken off, ε0 the unknown error of the first level and C_0 the response to it.
+//! The loop stays what it is: of the filter's findings it is only told what the error of the bias, and of the first level, did to
+//! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro.
 
-use super::{T1_S, T2_S};
+use super::{T1_S, T2_S, level::Error};
 use crate::{
-    Complex, J, Vector3,
+    Complex, GRAVITY_M_S2, J, Vector3,
     stage::{Numbers, bias_flaw},
-    state::Attitude,
 };
 use nalgebra::{SMatrix, SVector};
 
-/// Interval of the updates, s.
-const INTERVAL_S: f64 = 0.1;
+/// Interval of the updates, s; less a little, for sums of intervals that are rounded.
+const INTERVAL_S: f64 = 0.1 - 1e-6;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const SD_MAX_RAD_S: f64 = 0.003;
-/// Random walk of the bias, rad/s/√s.
-const WALK_RAD_S: f64 = 2e-4;
+/// Random walk of the bias of a body that does not turn, rad/s/√s: 1 °/s in half a day, 0.1 °/s while it warms up for an hour.
+const WALK_RAD_S: f64 = 3e-5;
+/// Random walk of the bias, for each rad/s of the rate, 1/√s: what errors of scale and axes make of a rate that changes.
+const WALK_BY_RATE: f64 = 2e-4;
+/// Random walk of the tilt, rad/√s: noise and coning of a consumer MEMS gyro.
+const TILT_WALK_RAD: f64 = 5e-4;
 /// Standard deviation of the bias found at rest, rad/s.
 const SD_REST_RAD_S: f64 = 5e-4;
 /// Standard deviation of the first level, rad: a vehicle that accelerates by 1 m/s² at that moment.
 const SD_LEVEL_RAD: f64 = 0.1;
-/// Least noise of the correction, rad/s.
-const CORRECTION_SD_MIN_RAD_S: f64 = 1e-3;
+/// Least noise of the levelled force over g.
+const FORCE_SD_MIN: f64 = 1e-3;
 /// Memory of the innovation's mean square, s.
 const INNOVATION_MEMORY_S: f64 = 5.0;
-/// Time over which accelerations are alike, s.
-const CORRELATION_S: f64 = 1.0;
+/// Standard deviation of the innovation before there were any, and for how long they have been like that.
+const FORCE_SD_BEFORE: f64 = 0.01;
+const MEMORY_BEFORE_S: f64 = 0.5;
+/// Most innovations that count as one because they are alike: accelerations keep their direction for about 0.4 s. For longer they
+/// are made up for by others, since they bring a velocity that ends.
+const ALIKE_MAX: f64 = 4.0;
+/// Square of the largest innovation that is believed, in standard deviations.
+const OUTLIER2: f64 = 9.0;
 
-/// Relative error that rounding may leave in the covariance.
-const ROUNDING: f64 = 1e-6;
-/// Larger than any response to a unit bias: that of a level left to itself for eleven days, s.
-const FAR: f64 = 1e6;
-
-/// b_x, b_y, b_z in rad/s, ε0 across and along in rad.
+/// ε across and along, rad; b_x, b_y, b_z, rad/s.
 type State = SVector<f64, 5>;
-
-/// A copy of the levelling loop, driven by a bias instead of by a force: the tilt error E and the velocity W it causes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Response {
-    pub(super) tilt: Complex<f64>,
-    pub(super) velocity: Complex<f64>,
-}
-
-impl Response {
-    /// The loop's correction, as it reads this response.
-    fn correction(self) -> Complex<f64> {
-        self.velocity / (T1_S * T2_S)
-    }
-}
+type Covariance = SMatrix<f64, 5, 5>;
 
 /// Estimates the gyro bias.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct BiasFilter {
-    state: State,
-    covariance: SMatrix<f64, 5, 5>,
-    /// To a unit bias about ξ, η, ζ.
-    unit: [Response; 3],
-    /// To the bias taken off.
-    taken_off: Response,
-    /// To a unit error of the first level.
-    level: Response,
+    bias_rad_s: Vector3<f64>,
+    tilt_rad: Complex<f64>,
+    covariance: Covariance,
+    /// What a unit of bias about each body axis, and of today's tilt, has to do with the error of the loop.
+    bias_share: [Error; 3],
+    tilt_share: [f64; 2],
+    /// Since the last update.
+    drift_s: [Complex<f64>; 3],
+    force_dt_m_s: Complex<f64>,
     since_update_s: f64,
-    innovation2_rad2_s2: f64,
+    noise: Noise,
+}
+
+/// The noise of the levelled force, from the innovations.
+#[derive(Debug, Clone, PartialEq)]
+struct Noise {
+    mean_square: f64,
+    mean_product: f64,
+    before: Complex<f64>,
+    memory_s: f64,
 }
 
 impl Default for BiasFilter {
     fn default() -> Self {
-        Self {
-            state: State::zeros(),
-            covariance: SMatrix::from_diagonal(
-                &[SD_MAX_RAD_S, SD_MAX_RAD_S, SD_MAX_RAD_S, SD_LEVEL_RAD, SD_LEVEL_RAD].map(|sd| sd * sd).into(),
-            ),
-            unit: [Response::default(); 3],
-            taken_off: Response::default(),
-            level: Response { tilt: Complex::new(1.0, 0.0), velocity: Complex::new(0.0, 0.0) },
-            since_update_s: 0.0,
-            innovation2_rad2_s2: 0.0,
-        }
+        Self::of(Vector3::zeros(), SD_MAX_RAD_S, SD_LEVEL_RAD)
     }
 }
 
 impl BiasFilter {
-    /// The bias, rad/s, body axes.
-    pub(super) fn bias_rad_s(&self) -> Vector3<f64> {
-        self.state.fixed_rows::<3>(0).into()
+    /// Begins with a bias and a level of these standard deviations.
+    pub(super) fn of(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
+        let (bias_sd, level_sd) = (bias_sd_rad_s.min(SD_MAX_RAD_S), level_sd_rad.min(SD_LEVEL_RAD));
+        Self {
+            bias_rad_s,
+            tilt_rad: Complex::new(0.0, 0.0),
+            covariance: Covariance::from_diagonal(
+                &[level_sd, level_sd, bias_sd, bias_sd, bias_sd].map(|sd| sd * sd).into(),
+            ),
+            bias_share: [Error::default(); 3],
+            tilt_share: [1.0, 0.0],
+            drift_s: [Complex::new(0.0, 0.0); 3],
+            force_dt_m_s: Complex::new(0.0, 0.0),
+            since_update_s: 0.0,
+            noise: Noise {
+                mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
+                mean_product: 0.0,
+                before: Complex::new(0.0, 0.0),
+                memory_s: MEMORY_BEFORE_S,
+            },
+        }
     }
 
-    /// Mean square of the innovation of the tilt correction, rad²/s².
-    pub(super) fn innovation2_rad2_s2(&self) -> f64 {
-        self.innovation2_rad2_s2
+    /// The bias, rad/s, body axes.
+    #[inline]
+    pub(super) fn bias_rad_s(&self) -> Vector3<f64> {
+        self.bias_rad_s
+    }
+
+    /// Standard deviation of the inclination, rad.
+    #[inline]
+    pub(super) fn tilt_sd_rad(&self) -> f64 {
+        libm::sqrt(self.tilt_rad.norm_sqr() + 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]))
     }
 
     /// Standard deviation of the worst component of the bias, rad/s.
     pub(super) fn sd_rad_s(&self) -> f64 {
-        libm::sqrt((0..3).map(|i| self.covariance[(i, i)]).fold(0.0, f64::max))
-    }
-
-    /// Goes on from a bias and a level that another stage found.
-    pub(super) fn adopt(&mut self, bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) {
-        let mut begun = Self::default();
-        begun.state.fixed_rows_mut::<3>(0).copy_from(&bias_rad_s);
-        for (i, sd) in [bias_sd_rad_s, bias_sd_rad_s, bias_sd_rad_s, level_sd_rad, level_sd_rad].into_iter().enumerate()
-        {
-            begun.covariance[(i, i)] = begun.covariance[(i, i)].min(sd * sd);
-        }
-        *self = begun;
-    }
-
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let variance = |i: usize| self.covariance[(i, i)];
-        // The update keeps symmetry up to rounding.
-        let lopsided = |(i, j): (usize, usize)| {
-            let (one, other) = (self.covariance[(i, j)], self.covariance[(j, i)]);
-            let bound = libm::sqrt(variance(i) * variance(j)) * (1.0 + ROUNDING) + f64::EPSILON;
-            libm::fabs(one) > bound || libm::fabs(one - other) > ROUNDING * bound + f64::EPSILON
-        };
-        let far = |response: &Response| response.tilt.norm_sqr().max(response.velocity.norm_sqr()) > FAR * FAR;
-        let flaws = [
-            ((0..5).any(|i| variance(i) < 0.0) || self.innovation2_rad2_s2 < 0.0, "a variance below zero"),
-            ((0..5).any(|i| (0..i).any(|j| lopsided((i, j)))), "a covariance that is not one"),
-            (self.state.fixed_rows::<2>(3).amax() > 1.0, "a level that is off by more than 1 rad"),
-            (self.unit.iter().chain([&self.taken_off, &self.level]).any(far), "a response that no bias has"),
-            (!(0.0..=1.0).contains(&self.since_update_s), "an interval that is not one"),
-        ];
-        let flaw = flaws.into_iter().find(|(holds, _)| *holds).map(|(_, flaw)| flaw);
-        bias_flaw(self.bias_rad_s()).or(flaw)
-    }
-
-    /// The level frame turned by the inverse of `swing`.
-    pub(super) fn swing(&mut self, swing: Complex<f64>) {
-        for response in self.responses() {
-            response.tilt *= swing;
-            response.velocity *= swing;
-        }
-    }
-
-    /// What a bias did to the level over one interval: ε' = −j h(b).
-    pub(super) fn drift(&mut self, attitude: Attitude, dt_s: f64) {
-        for (i, axis) in attitude.horizontal_axes().into_iter().enumerate() {
-            let drift_rad = -J * axis * dt_s;
-            self.unit[i].tilt += drift_rad;
-            self.taken_off.tilt += drift_rad * self.state[i];
-        }
-    }
-
-    /// The copies of the loop correct as the loop did, by `correction_rad_s`. When that has updated the bias: what the error of
-    /// the bias and of the first level had done to the loop until now, to be taken back.
-    pub(super) fn follow(&mut self, correction_rad_s: Complex<f64>, dt_s: f64) -> Option<Response> {
-        for response in self.responses() {
-            response.velocity += (response.tilt - response.velocity / T1_S) * dt_s;
-            response.tilt -= response.correction() * dt_s;
-        }
-        self.since_update_s += dt_s;
-        if self.since_update_s < INTERVAL_S {
-            return None;
-        }
-        self.update(correction_rad_s, self.since_update_s);
-        self.since_update_s = 0.0;
-        Some(self.take_back())
-    }
-
-    /// The known part of the loop's error, which leaves the regressors with it.
-    fn take_back(&mut self) -> Response {
-        let level = Complex::new(self.state[3], self.state[4]);
-        let known = |part: fn(&Response) -> Complex<f64>| {
-            let bias = part(&self.unit[0]) * self.state[0]
-                + part(&self.unit[1]) * self.state[1]
-                + part(&self.unit[2]) * self.state[2];
-            (bias, bias - part(&self.taken_off) + part(&self.level) * level)
-        };
-        let ((tilt, tilt_known), (velocity, velocity_known)) = (known(|r| r.tilt), known(|r| r.velocity));
-        self.taken_off = Response { tilt, velocity };
-        self.state[3] = 0.0;
-        self.state[4] = 0.0;
-        Response { tilt: tilt_known, velocity: velocity_known }
+        libm::sqrt((2..5).map(|i| self.covariance[(i, i)]).fold(0.0, f64::max))
     }
 
     /// The level begins anew, with an unknown error; the bias stays.
     pub(super) fn restart(&mut self) {
-        let Self { state, mut covariance, .. } = *self;
-        for i in 3..5 {
-            covariance.row_mut(i).fill(0.0);
-            covariance.column_mut(i).fill(0.0);
-            covariance[(i, i)] = SD_LEVEL_RAD * SD_LEVEL_RAD;
+        let mut begun = Self { bias_rad_s: self.bias_rad_s, ..Self::default() };
+        begun.covariance.fixed_view_mut::<3, 3>(2, 2).copy_from(&self.covariance.fixed_view::<3, 3>(2, 2));
+        *self = begun;
+    }
+
+    /// The body's axes were in this position for `dt_s`.
+    #[inline]
+    pub(super) fn drift(&mut self, axes: [Complex<f64>; 3], dt_s: f64) {
+        for (drift_s, axis) in self.drift_s.iter_mut().zip(axes) {
+            *drift_s += axis * dt_s;
         }
-        *self = Self { state, covariance, ..Self::default() };
+    }
+
+    /// The levelled force was this for `dt_s`.
+    #[inline]
+    pub(super) fn saw(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
+        self.force_dt_m_s += force_m_s2 * dt_s;
+        self.since_update_s += dt_s;
+    }
+
+    /// Enough has been seen for an update.
+    #[inline]
+    pub(super) fn is_due(&self) -> bool {
+        self.since_update_s >= INTERVAL_S
+    }
+
+    /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the
+    /// bias and of the first level had done to the loop until now, to be taken back.
+    #[inline(never)]
+    pub(super) fn update(
+        &mut self,
+        rate_rad_s: Vector3<f64>,
+        leaned_rad: Complex<f64>,
+        bias_at_rest: Option<Vector3<f64>>,
+    ) -> Error {
+        let interval_s = self.since_update_s;
+        let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
+        let drift = core::mem::take(&mut self.drift_s).map(|axis_s| -J * axis_s);
+        self.force_dt_m_s = Complex::new(0.0, 0.0);
+        self.since_update_s = 0.0;
+        let walk2 = WALK_RAD_S * WALK_RAD_S + WALK_BY_RATE * WALK_BY_RATE * rate_rad_s.norm_squared();
+        self.propagate(&drift, walk2 * interval_s, interval_s);
+        self.share(&drift, interval_s);
+
+        // The force is that of the middle of the interval.
+        let innovation = force - self.tilt_rad + leaned_rad * 0.5;
+        self.tilt_rad -= leaned_rad;
+        let variance = self.noise.variance(innovation, interval_s);
+        let mut change = self.update_by(0, innovation.re, variance);
+        change += self.update_by(1, innovation.im - change[1], variance);
+        if let Some(bias_rad_s) = bias_at_rest {
+            self.bias_is(bias_rad_s - self.bias_rad_s, &mut change);
+        }
+        self.bias_rad_s += change.fixed_rows::<3>(2);
+        let tilt = Complex::new(change[0], change[1]);
+        let [x, y, z] = self.bias_share;
+        let error = Error {
+            tilt: x.tilt * change[2] + y.tilt * change[3] + z.tilt * change[4] + tilt * self.tilt_share[0],
+            velocity: x.velocity * change[2]
+                + y.velocity * change[3]
+                + z.velocity * change[4]
+                + tilt * self.tilt_share[1],
+        };
+        self.tilt_rad += tilt - error.tilt;
+        error
+    }
+
+    /// P ← F P Fᵀ + Q.
+    fn propagate(&mut self, drift: &[Complex<f64>; 3], bias_walk2: f64, interval_s: f64) {
+        let p = &mut self.covariance;
+        for j in 0..5 {
+            p[(0, j)] += drift[0].re * p[(2, j)] + drift[1].re * p[(3, j)] + drift[2].re * p[(4, j)];
+            p[(1, j)] += drift[0].im * p[(2, j)] + drift[1].im * p[(3, j)] + drift[2].im * p[(4, j)];
+        }
+        for i in 0..5 {
+            p[(i, 0)] += drift[0].re * p[(i, 2)] + drift[1].re * p[(i, 3)] + drift[2].re * p[(i, 4)];
+            p[(i, 1)] += drift[0].im * p[(i, 2)] + drift[1].im * p[(i, 3)] + drift[2].im * p[(i, 4)];
+        }
+        p[(1, 0)] = p[(0, 1)];
+        for i in 0..5 {
+            let tilt_walk2 = TILT_WALK_RAD * TILT_WALK_RAD * interval_s;
+            let (walk2, most) = if i < 2 { (tilt_walk2, 1.0) } else { (bias_walk2, SD_MAX_RAD_S) };
+            p[(i, i)] += walk2;
+            if p[(i, i)] > most * most {
+                let scale = most / libm::sqrt(p[(i, i)]);
+                p.row_mut(i).scale_mut(scale);
+                p.column_mut(i).scale_mut(scale);
+            }
+        }
+    }
+
+    /// The shares follow the loop over an interval: E' = −W/(T1 T2), W' = E − W/T1, half of the drift before and half after.
+    fn share(&mut self, drift: &[Complex<f64>; 3], interval_s: f64) {
+        const A: f64 = 1.0 / (T1_S * T2_S);
+        const B: f64 = 1.0 / T1_S;
+        let t = interval_s;
+        // e^{At} by Cayley and Hamilton, to the third order.
+        let c0 = 1.0 - t * t * (A / 2.0 - t * (A * B / 6.0));
+        let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - A) / 6.0)));
+        let [e0, w0] = self.tilt_share;
+        let [e1, w1] = [c0 * e0 - A * c1 * w0, c1 * e0 + (c0 - B * c1) * w0];
+        for (share, drift) in self.bias_share.iter_mut().zip(drift) {
+            let tilt = share.tilt + drift * (0.5 - 0.5 * e0);
+            let velocity = share.velocity - drift * (0.5 * w0);
+            share.tilt = tilt * c0 - velocity * (A * c1) + drift * (0.5 - 0.5 * e1);
+            share.velocity = tilt * c1 + velocity * (c0 - B * c1) - drift * (0.5 * w1);
+        }
+        self.tilt_share = [e1, w1];
+    }
+
+    /// One component of the tilt was seen; the change of the state.
+    fn update_by(&mut self, component: usize, innovation: f64, variance: f64) -> State {
+        let column: State = self.covariance.column(component).into();
+        let scale = 1.0 / libm::sqrt(column[component] + variance);
+        let gain = column * scale;
+        self.covariance -= gain * gain.transpose();
+        gain * (innovation * scale)
     }
 
     /// The bias was seen directly, at rest.
-    pub(super) fn at_rest(&mut self, bias_rad_s: Vector3<f64>) {
-        self.state.fixed_rows_mut::<3>(0).copy_from(&bias_rad_s);
-        for i in 0..3 {
+    fn bias_is(&mut self, change_rad_s: Vector3<f64>, change: &mut State) {
+        change.fixed_rows_mut::<3>(2).copy_from(&change_rad_s);
+        for i in 2..5 {
             self.covariance.row_mut(i).fill(0.0);
             self.covariance.column_mut(i).fill(0.0);
             self.covariance[(i, i)] = SD_REST_RAD_S * SD_REST_RAD_S;
         }
     }
 
-    fn responses(&mut self) -> impl Iterator<Item = &mut Response> {
-        self.unit.iter_mut().chain([&mut self.taken_off, &mut self.level])
+    /// What is wrong with the state.
+    pub(super) fn flaw(&self) -> Option<&'static str> {
+        let asymmetry = (self.covariance - self.covariance.transpose()).amax();
+        let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();
+        bias_flaw(self.bias_rad_s).or(indefinite.then_some("a covariance that is not symmetric and positive"))
     }
+}
 
-    fn update(&mut self, correction_rad_s: Complex<f64>, interval_s: f64) {
-        for i in 0..3 {
-            let cap = SD_MAX_RAD_S * SD_MAX_RAD_S;
-            let variance = &mut self.covariance[(i, i)];
-            *variance = (*variance + WALK_RAD_S * WALK_RAD_S * interval_s).min(cap);
-        }
-        let [x, y, z] = self.unit.map(Response::correction);
-        let level = self.level.correction();
-        let seen = correction_rad_s + self.taken_off.correction();
-        let noise =
-            (CORRECTION_SD_MIN_RAD_S * CORRECTION_SD_MIN_RAD_S + self.innovation2_rad2_s2 * CORRELATION_S) / interval_s;
-        let across = self.update_by(seen.re, State::new(x.re, y.re, z.re, level.re, -level.im), noise);
-        let along = self.update_by(seen.im, State::new(x.im, y.im, z.im, level.im, level.re), noise);
-        let share = (interval_s / INNOVATION_MEMORY_S).min(1.0);
-        self.innovation2_rad2_s2 += ((across * across + along * along) / 2.0 - self.innovation2_rad2_s2) * share;
-    }
-
-    /// One scalar measurement; its innovation.
-    fn update_by(&mut self, seen: f64, regressor: State, noise: f64) -> f64 {
-        let innovation = seen - regressor.dot(&self.state);
-        let spread = self.covariance * regressor;
-        let gain = spread / (regressor.dot(&spread) + noise);
-        self.state += gain * innovation;
-        self.covariance -= gain * spread.transpose();
-        innovation
+impl Noise {
+    /// The variance that one innovation stands for, were the next independent of it.
+    fn variance(&mut self, innovation: Complex<f64>, interval_s: f64) -> f64 {
+        self.memory_s = (self.memory_s + interval_s).min(INNOVATION_MEMORY_S);
+        let share = (interval_s / self.memory_s).min(1.0);
+        let square = 0.5 * innovation.norm_sqr();
+        let product = 0.5 * (innovation.re * self.before.re + innovation.im * self.before.im);
+        self.mean_square += (square - self.mean_square) * share;
+        self.mean_product += (product - self.mean_product) * share;
+        self.before = innovation;
+        // The mean of a sequence whose neighbours correlate by ρ varies by (1 + ρ)/(1 − ρ) as much as if they did not.
+        let (together, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
+        let alike = if together < ALIKE_MAX * apart { (together / apart).max(1.0) } else { ALIKE_MAX };
+        FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * alike).max(square / OUTLIER2)
     }
 }
 
 impl Numbers for BiasFilter {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.state.iter_mut().for_each(&mut *visit);
+        self.bias_rad_s.visit(visit);
+        self.tilt_rad.visit(visit);
         self.covariance.iter_mut().for_each(&mut *visit);
-        for response in self.responses() {
-            response.tilt.visit(visit);
-            response.velocity.visit(visit);
+        for share in &mut self.bias_share {
+            share.tilt.visit(visit);
+            share.velocity.visit(visit);
         }
+        self.tilt_share.iter_mut().for_each(&mut *visit);
+        self.drift_s.iter_mut().for_each(|drift_s| drift_s.visit(visit));
+        self.force_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);
-        self.innovation2_rad2_s2.visit(visit);
+        self.noise.mean_square.visit(visit);
+        self.noise.mean_product.visit(visit);
+        self.noise.before.visit(visit);
+        self.noise.memory_s.visit(visit);
     }
 }

@@ -1,29 +1,33 @@
 //! The fuser `wz`: a levelled low-pass of second order with Möbius correction and an estimate of the gyro bias.
 //!
-//! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in the
-//! level frame, where gravity stands still. Per tick:
+//! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in a
+//! horizontal frame, where gravity stands still. Per tick:
 //!
-//! 1. w ← the exact step less the bias; the level frame turns by Δz, and with it what is kept in it;
-//! 2. h, the horizontal part of the force in the level frame; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate;
-//! 3. the level leans by κ dt: w ← (w + l)/(1 − w̄ l), l = κ dt/2.
+//! 1. w ← the exact step less the bias, while the level leans by κ dt ([`Level`]);
+//! 2. h, the horizontal part of the force; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate.
 //!
 //! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
-//! second order, with its "+" replaced by a Möbius map and its low-pass moved to the level frame.
+//! second order, with its "+" replaced by a Möbius map and its low-pass moved to the horizontal frame.
 
 mod bias;
+mod heading;
+mod level;
 mod rest;
 
-use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad};
-use core::f64::consts::PI;
+use super::{Corrections, Estimate, Fused, FuserInput};
 
 use crate::{
-    Complex, GRAVITY_M_S2, Vector3,
-    course::Reference,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
-    state::{Attitude, Moved},
+    Complex, Vector3,
+    parameters::{Parameter, ParameterError, Parameters},
+    stage::{Numbers, RestoreError, Stage},
     turn::Turn,
 };
-use {bias::BiasFilter, rest::Rest};
+use {
+    bias::BiasFilter,
+    heading::{Heading, Settings, Sighting},
+    level::Level,
+    rest::Rest,
+};
 
 /// Memory of the leaky velocity, s.
 const T1_S: f64 = 3.0;
@@ -31,43 +35,26 @@ const T1_S: f64 = 3.0;
 const T2_S: f64 = 2.0;
 /// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
 const FORCE_MAX_M_S2: f64 = 3000.0;
-/// The leaky velocity that such a force leads to, and half as much again, m/s.
-const VELOCITY_MAX_M_S: f64 = 1.5 * FORCE_MAX_M_S2 * T1_S;
 
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Wz {
-    attitude: Attitude,
-    started: bool,
-    velocity_m_s: Complex<f64>,
+    level: Level,
     bias: BiasFilter,
     rest: Rest,
+    heading: Heading,
 }
 
 impl Wz {
+    /// t
+    pub fn debug(&self) -> ([f64; 11], [f64; 6]) {
+        self.heading.debug()
+    }
+
     pub(super) fn realign(&mut self) {
-        self.started = false;
-        self.velocity_m_s = Complex::new(0.0, 0.0);
+        self.level.restart();
         self.bias.restart();
         self.rest.interrupt();
-    }
-
-    fn moved(&mut self, moved: Moved) {
-        self.attitude = moved.attitude;
-        self.velocity_m_s *= moved.swing;
-        self.bias.swing(moved.swing);
-    }
-
-    /// Levels the attitude by a force; true when the bias was updated.
-    fn level(&mut self, force_m_s2: Vector3<f64>, dt_s: f64) -> bool {
-        self.velocity_m_s += (self.attitude.horizontal(force_m_s2) - self.velocity_m_s / T1_S) * dt_s;
-        let tilt_rate_rad_s = self.velocity_m_s / (GRAVITY_M_S2 * T1_S * T2_S);
-        let updated = self.bias.follow(tilt_rate_rad_s, dt_s);
-        self.moved(self.attitude.leaned(tilt_rate_rad_s * (0.5 * dt_s)));
-        let Some(error) = updated else { return false };
-        self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
-        self.moved(self.attitude.leaned(error.tilt * 0.5));
-        true
     }
 }
 
@@ -80,83 +67,111 @@ impl Stage for Wz {
         "wz"
     }
 
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.heading.settings.set(name, value)
+    }
+
+    #[inline]
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
-        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
-        if let Some(motion) = &input.motion {
-            let bias_turn = Turn::of_rotation_vector(self.bias.bias_rad_s() * -dt_s);
-            self.moved(self.attitude.turned(motion.turn.then(bias_turn)));
-            self.bias.drift(self.attitude, dt_s);
-        }
-        let mut innovation = 0.0;
+        let (turn, rate_rad_s, dt_s) = match &input.motion {
+            Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
+            None => (Turn::NONE, Vector3::zeros(), 0.0),
+        };
+        let bias_rad_s = self.bias.bias_rad_s();
         let inclination = input.inclination.filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
+        let levelling = self.level.started() && inclination.is_some();
+        let axes = self.level.turn(turn.less(bias_rad_s * dt_s), if levelling { dt_s } else { 0.0 });
+        self.bias.drift(axes, dt_s);
+
+        let (mut innovation_rad, mut force_m_s2) = (0.0, Complex::new(0.0, 0.0));
         if let Some(inclination) = &inclination {
-            if self.started {
-                innovation = innovation_rad(inclination, self.attitude);
-                corrections.bias = self.level(inclination.force_m_s2, dt_s);
+            if levelling {
+                force_m_s2 = horizontal(axes, inclination.force_m_s2);
+                innovation_rad = self.level.innovation_rad(inclination, force_m_s2);
+                self.level.follow(force_m_s2, dt_s);
+                self.bias.saw(force_m_s2, dt_s);
                 corrections.tilt = true;
             } else {
-                self.moved(self.attitude.realigned(inclination.up));
-                self.started = true;
+                self.level.align(inclination.up);
                 corrections.aligned = true;
             }
         }
         match (&input.motion, &inclination) {
             (Some(motion), Some(inclination)) if input.rest_credible => {
-                if let Some(bias_rad_s) = self.rest.step(motion.rate_rad_s, inclination.force_m_s2, dt_s) {
-                    self.bias.at_rest(bias_rad_s);
-                    corrections.rest = true;
-                    corrections.bias = true;
-                }
+                corrections.rest = self.rest.step(motion.rate_rad_s, inclination.force_m_s2, dt_s);
             }
             _ => self.rest.interrupt(),
         }
+        if self.bias.is_due() {
+            let leaned_rad = self.level.take_leaned();
+            let bias_at_rest = corrections.rest.then_some(self.rest.bias_rad_s());
+            self.level.take_back(self.bias.update(rate_rad_s, leaned_rad, bias_at_rest));
+            corrections.bias = true;
+        }
         let bias_rad_s = self.bias.bias_rad_s();
+        let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
+        let sighting = Sighting {
+            attitude: self.level.attitude(),
+            rate_rad_s,
+            force_m_s2,
+            field_ut: input.field_ut,
+            at_rest: corrections.rest,
+            dt_s,
+        };
+        let news = self.heading.step(&sighting);
+        corrections.magnetic = news.magnetic;
+        corrections.aligned |= news.aligned;
+        corrections.disturbed = self.heading.disturbed();
         Fused {
-            attitude: self.attitude,
-            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - bias_rad_s),
+            attitude: self.level.attitude().faced(self.heading.turn_rad()),
+            rate_rad_s,
             bias_rad_s,
-            innovation_rad: innovation,
-            // The loop's correction follows a tilt error by ε/T2.
-            inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
-            heading_sd_rad: PI,
-            reference: Reference::Arbitrary,
+            innovation_rad,
+            inclination_sd_rad: self.bias.tilt_sd_rad(),
+            heading_sd_rad: self.heading.sd_rad(),
+            reference: self.heading.reference(),
             corrections,
         }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.attitude.visit(visit);
-        self.started.visit(visit);
-        self.velocity_m_s.visit(visit);
+        self.level.visit(visit);
         self.bias.visit(visit);
         self.rest.visit(visit);
+        self.heading.visit(visit);
     }
+
     fn flaw(&self) -> Option<&'static str> {
-        let fast = self.velocity_m_s.norm_sqr() > VELOCITY_MAX_M_S * VELOCITY_MAX_M_S;
-        attitude_flaw(self.attitude)
-            .or_else(|| self.bias.flaw())
-            .or(fast.then_some("a leaky velocity that no force has made"))
+        self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw()).or_else(|| self.heading.flaw())
     }
 
     fn common(&self) -> Estimate {
         Estimate {
-            attitude: self.attitude,
-            reference: Reference::Arbitrary,
+            attitude: self.level.attitude(),
+            reference: self.heading.reference(),
             bias_rad_s: self.bias.bias_rad_s(),
-            inclination_sd_rad: T2_S * libm::sqrt(self.bias.innovation2_rad2_s2()),
-            heading_sd_rad: PI,
+            inclination_sd_rad: self.bias.tilt_sd_rad(),
+            heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.bias.sd_rad_s(),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
-        self.attitude = common.attitude;
-        self.velocity_m_s = Complex::new(0.0, 0.0);
-        self.bias.adopt(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
+        self.level = Level::of(common.attitude);
+        self.bias = BiasFilter::of(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest.interrupt();
-        self.started = true;
         Ok(())
     }
+}
+
+/// Horizontal part of a body vector, from the horizontal parts of the body's axes.
+#[inline]
+fn horizontal(axes: [Complex<f64>; 3], body: Vector3<f64>) -> Complex<f64> {
+    axes[0] * body.x + axes[1] * body.y + axes[2] * body.z
 }

@@ -29,29 +29,42 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// One sample; the mean rate since rest began, once it has lasted long enough.
-    pub(super) fn step(&mut self, rate: Vector3<f64>, force: Vector3<f64>, dt_s: f64) -> Option<Vector3<f64>> {
+    /// One sample; true once it has been quiet long enough.
+    #[inline]
+    pub(super) fn step(&mut self, rate: Vector3<f64>, force: Vector3<f64>, dt_s: f64) -> bool {
         if !self.started {
             (self.rate_mean_rad_s, self.force_mean_m_s2, self.started) = (rate, force, true);
         }
-        let gain = (dt_s / MEAN_S).min(1.0);
-        self.rate_mean_rad_s += (rate - self.rate_mean_rad_s) * gain;
-        self.force_mean_m_s2 += (force - self.force_mean_m_s2) * gain;
-        let quiet = (rate - self.rate_mean_rad_s).norm() < RATE_SPREAD_RAD_S
-            && self.rate_mean_rad_s.amax() < RATE_MEAN_RAD_S
-            && (force - self.force_mean_m_s2).norm() < FORCE_SPREAD_M_S2;
+        let gain = (dt_s * (1.0 / MEAN_S)).min(1.0);
+        let (rate_off, force_off) = (rate - self.rate_mean_rad_s, force - self.force_mean_m_s2);
+        self.rate_mean_rad_s += rate_off * gain;
+        self.force_mean_m_s2 += force_off * gain;
+        let left2 = (1.0 - gain) * (1.0 - gain);
+        let quiet = rate_off.norm_squared() * left2 < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S
+            && force_off.norm_squared() * left2 < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2
+            && self.rate_mean_rad_s.amax() < RATE_MEAN_RAD_S;
         if !quiet {
             self.interrupt();
-            return None;
+            return false;
         }
         self.quiet_s += dt_s;
         self.bias_rad_s += (rate - self.bias_rad_s) * (dt_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
-        (self.quiet_s >= QUIET_S).then_some(self.bias_rad_s)
+        self.quiet_s >= QUIET_S
+    }
+
+    /// The mean rate since rest began.
+    pub(super) fn bias_rad_s(&self) -> Vector3<f64> {
+        self.bias_rad_s
     }
 
     /// The sensors cannot be believed; rest starts anew.
     pub(super) fn interrupt(&mut self) {
         self.quiet_s = 0.0;
+    }
+
+    /// What is wrong with the state.
+    pub(super) fn flaw(&self) -> Option<&'static str> {
+        (self.quiet_s < 0.0).then_some("a time of rest below zero")
     }
 }
 

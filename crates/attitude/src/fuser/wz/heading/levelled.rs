@@ -1,0 +1,187 @@
+//! The magnetic field in the reference frame of the gyro's heading, as means over a tenth of a second.
+//!
+//! Samples are gathered over windows of some 10 ms, in which a magnetometer's noise is much the same and a body turns little. The
+//! mean of a window was true when the body was where it was a delay and the samples' mean age ago: the attitude is taken back
+//! by the rotation of that time. R' being that attitude, the interval's means are those of R'm, of R' and of Ω = R'ω.
+
+use crate::{
+    Complex, Vector3,
+    stage::Numbers,
+    state::{Attitude, wrapped_rad},
+    turn::Turn,
+};
+
+use super::Sighting;
+
+/// Length of a window, s.
+const WINDOW_S: f64 = 0.009;
+/// Length of an interval, s.
+const INTERVAL_S: f64 = 0.0999;
+/// Longest time between intervals when no field comes, s.
+const SILENCE_S: f64 = 1.0;
+
+/// Means over an interval.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Interval {
+    /// Its length, s.
+    pub(super) duration_s: f64,
+    /// Windows in it that had a field; with none, the means below are zero.
+    pub(super) windows: f64,
+    /// R'm, µT, reference axes.
+    pub(super) field_ut: [f64; 3],
+    /// R', row by row: body axes to reference axes.
+    pub(super) axes: [[f64; 3]; 3],
+    /// R'ω, rad/s, reference axes.
+    pub(super) rate_rad_s: [f64; 3],
+    /// Root mean square of the rate, rad/s.
+    pub(super) turning_rad_s: f64,
+    /// Root mean square of the horizontal acceleration, m/s².
+    pub(super) acceleration_m_s2: f64,
+    /// The body rested at its end.
+    pub(super) at_rest: bool,
+}
+
+/// Gathers samples into intervals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Levelled {
+    /// Of the window: the samples, their ages, the rotation.
+    field_sum_ut: Vector3<f64>,
+    age_sum_s: f64,
+    samples: f64,
+    rotation_rad: Vector3<f64>,
+    window_s: f64,
+    /// Mean rate of the window before, rad/s.
+    rate_before_rad_s: Vector3<f64>,
+    /// Sums of the interval.
+    sums: Interval,
+    /// e^{jz} and the z it belongs to.
+    phase: Complex<f64>,
+    phase_z_rad: f64,
+}
+
+impl Default for Levelled {
+    fn default() -> Self {
+        Self {
+            field_sum_ut: Vector3::zeros(),
+            age_sum_s: 0.0,
+            samples: 0.0,
+            rotation_rad: Vector3::zeros(),
+            window_s: 0.0,
+            rate_before_rad_s: Vector3::zeros(),
+            sums: Interval::default(),
+            phase: Complex::new(1.0, 0.0),
+            phase_z_rad: 0.0,
+        }
+    }
+}
+
+impl Levelled {
+    /// One tick; the interval that ends with it, the samples being `delay_s` late.
+    pub(super) fn step(&mut self, sighting: &Sighting, delay_s: f64) -> Option<Interval> {
+        let dt_s = sighting.dt_s;
+        self.window_s += dt_s;
+        self.age_sum_s += self.samples * dt_s;
+        self.rotation_rad += sighting.rate_rad_s * dt_s;
+        self.sums.turning_rad_s += sighting.rate_rad_s.norm_squared() * dt_s;
+        self.sums.acceleration_m_s2 += sighting.force_m_s2.norm_sqr() * dt_s;
+        if let Some(field_ut) = sighting.field_ut {
+            self.field_sum_ut += field_ut;
+            self.samples += 1.0;
+        }
+        if self.window_s < WINDOW_S {
+            return None;
+        }
+        self.end_window(sighting.attitude, delay_s);
+        let enough = if self.sums.windows > 0.0 { INTERVAL_S } else { SILENCE_S };
+        (self.sums.duration_s >= enough).then(|| self.end_interval(sighting))
+    }
+
+    fn end_window(&mut self, attitude: Attitude, delay_s: f64) {
+        let rate_rad_s = self.rotation_rad / self.window_s;
+        if self.samples > 0.0 {
+            let age_s = delay_s + self.age_sum_s / self.samples;
+            let earlier_s = age_s - self.window_s;
+            let back_rad = if earlier_s > 0.0 {
+                self.rotation_rad + self.rate_before_rad_s * earlier_s
+            } else {
+                rate_rad_s * age_s
+            };
+            self.gather(attitude, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
+        }
+        self.sums.duration_s += self.window_s;
+        self.rate_before_rad_s = rate_rad_s;
+        self.rotation_rad = Vector3::zeros();
+        self.window_s = 0.0;
+        self.field_sum_ut = Vector3::zeros();
+        self.age_sum_s = 0.0;
+        self.samples = 0.0;
+    }
+
+    fn gather(&mut self, attitude: Attitude, back_rad: Vector3<f64>, field: Vector3<f64>, rate: Vector3<f64>) {
+        self.follow_phase(attitude.z_rad);
+        let earlier = attitude.turned(Turn::of_rotation_vector(-back_rad));
+        let phase = self.phase * earlier.swing.conj();
+        let horizontal = earlier.attitude.horizontal_axes().map(|axis| axis * phase);
+        let up = earlier.attitude.up.direction();
+        let rows = [
+            [horizontal[0].re, horizontal[1].re, horizontal[2].re],
+            [horizontal[0].im, horizontal[1].im, horizontal[2].im],
+            [up.x, up.y, up.z],
+        ];
+        for (i, row) in rows.iter().enumerate() {
+            self.sums.field_ut[i] += row[0] * field.x + row[1] * field.y + row[2] * field.z;
+            self.sums.rate_rad_s[i] += row[0] * rate.x + row[1] * rate.y + row[2] * rate.z;
+            for (sum, part) in self.sums.axes[i].iter_mut().zip(row) {
+                *sum += part;
+            }
+        }
+        self.sums.windows += 1.0;
+    }
+
+    /// e^{jz}, by the series of the small turn since the last window.
+    fn follow_phase(&mut self, z_rad: f64) {
+        let x = wrapped_rad(z_rad - self.phase_z_rad);
+        self.phase_z_rad = z_rad;
+        let x2 = x * x;
+        if x2 > 0.01 {
+            let (sin, cos) = libm::sincos(z_rad);
+            self.phase = Complex::new(cos, sin);
+        } else {
+            let cos = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0));
+            let sin = x * (1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0)));
+            self.phase *= Complex::new(cos, sin);
+        }
+    }
+
+    fn end_interval(&mut self, sighting: &Sighting) -> Interval {
+        let (sin, cos) = libm::sincos(sighting.attitude.z_rad);
+        (self.phase, self.phase_z_rad) = (Complex::new(cos, sin), sighting.attitude.z_rad);
+        let mut means = core::mem::take(&mut self.sums);
+        means.turning_rad_s = libm::sqrt(means.turning_rad_s / means.duration_s);
+        means.acceleration_m_s2 = libm::sqrt(means.acceleration_m_s2 / means.duration_s);
+        means.at_rest = sighting.at_rest;
+        if means.windows > 0.0 {
+            let share = means.windows.recip();
+            let Interval { field_ut, axes, rate_rad_s, .. } = &mut means;
+            field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).for_each(|sum| *sum *= share);
+        }
+        means
+    }
+}
+
+impl Numbers for Levelled {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.field_sum_ut.visit(visit);
+        self.age_sum_s.visit(visit);
+        self.samples.visit(visit);
+        self.rotation_rad.visit(visit);
+        self.window_s.visit(visit);
+        self.rate_before_rad_s.visit(visit);
+        let Interval { duration_s, windows, field_ut, axes, rate_rad_s, turning_rad_s, acceleration_m_s2, at_rest: _ } =
+            &mut self.sums;
+        field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).for_each(&mut *visit);
+        [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
+        self.phase.visit(visit);
+        self.phase_z_rad.visit(visit);
+    }
+}

@@ -1,0 +1,113 @@
+//! `wz` with nine axes on the trials of BROAD, beside VQF: `cargo test --release -p attitude --test broad -- --nocapture`.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod stress;
+mod trial;
+
+use stress::Kind;
+use trial::{Errors, of_vqf, of_wz, trials};
+
+/// Trials without a magnetic disturbance of their own.
+const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
+
+#[test]
+fn heading_is_better_than_that_of_vqf() {
+    let Some(trials) = trials() else { return };
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    println!("RMSE, degrees: total, heading, inclination of wz; of VQF 9D");
+    for trial in &trials {
+        ours.push(of_wz(&trial.rows, 0.0));
+        theirs.push(of_vqf(&trial.rows, 0.0));
+        println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
+    }
+    println!("{} | {} | mean", Errors::mean(&ours), Errors::mean(&theirs));
+}
+
+#[test]
+fn magnets_are_told_from_the_field_of_the_place() {
+    let Some(trials) = trials() else { return };
+    for kind in Kind::ALL {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        for trial in trials.iter().filter(|trial| CLEAN.contains(&trial.number())) {
+            for seed in 1..=4 {
+                let rows = stress::disturbed(trial, kind, seed);
+                ours.push(of_wz(&rows, 0.0).heading);
+                theirs.push(of_vqf(&rows, 0.0).heading);
+            }
+        }
+        let mean = |all: &[f64]| all.iter().sum::<f64>() / all.len() as f64;
+        let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+        println!(
+            "{kind:?}: wz {:.2} (most {:.1}), VQF {:.2} (most {:.1})",
+            mean(&ours),
+            most(&ours),
+            mean(&theirs),
+            most(&theirs)
+        );
+    }
+}
+
+#[test]
+fn a_start_in_the_middle_of_the_movement_is_survived() {
+    let Some(trials) = trials() else { return };
+    for unscored_s in [0.0, 20.0] {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        for trial in &trials {
+            let (from, to) = trial.movement();
+            let rows = &trial.rows[(from + to) / 2..];
+            ours.push(of_wz(rows, unscored_s));
+            theirs.push(of_vqf(rows, unscored_s));
+            print!("{:.1} ", ours[ours.len() - 1].total);
+        }
+        println!("\nafter {unscored_s} s: {} | {}", Errors::mean(&ours), Errors::mean(&theirs));
+    }
+}
+
+#[test]
+fn trace() {
+    let Ok(which) = std::env::var("TRACE") else { return };
+    let Some(trials) = trials() else { return };
+    let trial = trials.iter().find(|trial| trial.number() == which).unwrap();
+    let mut chain = trial::Chain::new();
+    let (mut rej, mut n) = (0, 0);
+    for (tick, row) in trial.rows.iter().enumerate() {
+        let out = chain.step(row);
+        n += 1;
+        rej += usize::from(out.corrections.disturbed);
+        if out.corrections.aligned {
+            println!("aligned {:.2}", tick as f64 * trial::DT_S);
+        }
+        if tick % 857 == 856 {
+            let err = row.reference.map_or(f64::NAN, |r| {
+                let [w, x, y, z] = r.quaternion;
+                let e = out.attitude.quaternion() * attitude::Quaternion::new(w, x, y, z).conjugate();
+                (2.0 * (e.k / e.w).atan()).to_degrees()
+            });
+            let (x, m) = chain.fuser.debug();
+            println!(
+                "{:6.1} err {err:6.2} {} e {:5.1} {:5.1} {:5.1} beta {:6.3} deg/s tau {:5.1} b {:5.1} {:5.1} {:5.1} d {:5.1} {:5.1} {:5.1} | {:6.0} {:6.0} rej {:4.1} ch {:4.1} sd {:5.2} rejshare {:.2} rest {}",
+                tick as f64 * trial::DT_S,
+                u8::from(row.reference.is_some_and(|r| r.scored)),
+                x[0],
+                x[1],
+                x[2],
+                x[3].to_degrees(),
+                x[4] * 1e3,
+                x[5],
+                x[6],
+                x[7],
+                x[8],
+                x[9],
+                x[10],
+                m[0],
+                m[1],
+                m[2],
+                m[4],
+                m[5],
+                rej as f64 / n as f64,
+                out.corrections.rest
+            );
+            (rej, n) = (0, 0);
+        }
+    }
+}

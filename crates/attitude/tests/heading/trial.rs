@@ -1,0 +1,155 @@
+//! A trial of BROAD and the errors of an estimator on it.
+
+use attitude::{
+    Quaternion, Vector3,
+    accel::Projector,
+    fuser::{Fused, FuserInput, wz::Wz},
+    gyro::{Gyro, RateKind, RateSample},
+    stage::Stage,
+};
+use recording::{Reader, Row};
+use std::path::{Path, PathBuf};
+use vqf_rs::VQF;
+
+/// BROAD's sampling interval, s.
+pub const DT_S: f64 = 0.0035;
+
+/// A trial: what the sensors read, and the truth.
+#[derive(Clone)]
+pub struct Trial {
+    /// Its name.
+    pub name: String,
+    /// Its rows.
+    pub rows: Vec<Row>,
+}
+
+/// The trials, or `None` with a word about it where there is no data.
+pub fn trials() -> Option<Vec<Trial>> {
+    let folder = std::env::var_os("PLUMBLINE_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from)
+        .join("broad");
+    let Ok(entries) = std::fs::read_dir(&folder) else {
+        println!("skipped: no data at {}", folder.display());
+        return None;
+    };
+    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    let trial = |path: PathBuf| Trial {
+        name: path.file_name().unwrap().to_str().unwrap().trim_end_matches(".csv.gz").to_owned(),
+        rows: Reader::open(&path).unwrap().map(Result::unwrap).collect(),
+    };
+    Some(paths.into_iter().map(trial).collect())
+}
+
+impl Trial {
+    /// Its number in BROAD.
+    pub fn number(&self) -> &str {
+        &self.name[..2]
+    }
+
+    /// Ticks of the first and the last scored row.
+    pub fn movement(&self) -> (usize, usize) {
+        let scored = |row: &Row| row.reference.is_some_and(|reference| reference.scored);
+        (self.rows.iter().position(scored).unwrap(), self.rows.iter().rposition(scored).unwrap())
+    }
+}
+
+/// Root mean squares, degrees.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Errors {
+    /// 2 acos |e_w|.
+    pub total: f64,
+    /// 2 atan |e_z/e_w|.
+    pub heading: f64,
+    /// 2 acos √(e_w² + e_z²).
+    pub inclination: f64,
+}
+
+impl Errors {
+    /// The mean over trials.
+    pub fn mean(all: &[Self]) -> Self {
+        let mean = |pick: fn(&Self) -> f64| all.iter().map(pick).sum::<f64>() / all.len() as f64;
+        Self { total: mean(|e| e.total), heading: mean(|e| e.heading), inclination: mean(|e| e.inclination) }
+    }
+}
+
+impl std::fmt::Display for Errors {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:6.2} {:6.2} {:5.2}", self.total, self.heading, self.inclination)
+    }
+}
+
+/// The errors of an estimator on rows, those before `unscored_s` left out.
+pub fn errors(rows: &[Row], unscored_s: f64, mut estimate: impl FnMut(usize, &Row) -> Quaternion<f64>) -> Errors {
+    let (mut sums, mut count) = ([0.0; 3], 0.0);
+    for (tick, row) in rows.iter().enumerate() {
+        let q = estimate(tick, row);
+        let Some(reference) = row.reference.filter(|reference| reference.scored) else { continue };
+        if tick as f64 * DT_S < unscored_s {
+            continue;
+        }
+        let [w, x, y, z] = reference.quaternion;
+        let e = q * Quaternion::new(w, x, y, z).conjugate();
+        let tilt = (e.w * e.w + e.k * e.k).sqrt();
+        let total = 2.0 * e.imag().norm().atan2(e.w.abs());
+        let heading = 2.0 * e.k.abs().atan2(e.w.abs());
+        let inclination = 2.0 * (e.i * e.i + e.j * e.j).sqrt().atan2(tilt);
+        for (sum, error) in sums.iter_mut().zip([total, heading, inclination]) {
+            *sum += error.to_degrees() * error.to_degrees();
+        }
+        count += 1.0;
+    }
+    let [total, heading, inclination] = sums.map(|sum| f64::sqrt(sum / count));
+    Errors { total, heading, inclination }
+}
+
+/// The default path from readings to the fused attitude.
+pub struct Chain {
+    gyro: Gyro,
+    accel: Projector,
+    /// The fuser.
+    pub fuser: Wz,
+    started: bool,
+}
+
+impl Chain {
+    /// With the stage's defaults.
+    pub fn new() -> Self {
+        let mut fuser = Wz::default();
+        for setting in std::env::var("PLUMBLINE_SET").unwrap_or_default().split(',').filter(|it| !it.is_empty()) {
+            let (name, value) = setting.split_once('=').unwrap();
+            fuser.set(name, value.parse().unwrap()).unwrap();
+        }
+        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser, started: false }
+    }
+
+    /// One row.
+    pub fn step(&mut self, row: &Row) -> Fused {
+        let dt_s = if self.started { DT_S } else { 0.0 };
+        self.started = true;
+        let rate_rad_s = Vector3::from(row.rate_rad_s);
+        self.fuser.step(&FuserInput {
+            motion: Some(self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Mean })),
+            inclination: Some(self.accel.step(&Vector3::from(row.force_m_s2))),
+            field_ut: row.field_ut.map(Vector3::from),
+            rest_credible: true,
+            fix: None,
+        })
+    }
+}
+
+/// Errors of `wz`.
+pub fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
+    let mut chain = Chain::new();
+    errors(rows, unscored_s, |_, row| chain.step(row).attitude.quaternion())
+}
+
+/// Errors of VQF with its own defaults.
+pub fn of_vqf(rows: &[Row], unscored_s: f64) -> Errors {
+    let mut vqf = VQF::new(DT_S, None, None, None);
+    errors(rows, unscored_s, |_, row| {
+        vqf.update(row.rate_rad_s, row.force_m_s2, row.field_ut);
+        let q = vqf.quat_9d();
+        Quaternion::new(q.0, q.1, q.2, q.3)
+    })
+}

@@ -1,0 +1,146 @@
+//! The levelling of `wz` over many seeds: the article's scenario, steady spins, the bias, a day without growth.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use attitude::{
+    GRAVITY_M_S2, Vector3,
+    accel::Projector,
+    angles::Angles,
+    fuser::{Fused, Fuser, FuserInput},
+    gyro::{Gyro, RateKind, RateSample},
+    stage::Stage,
+    state::Attitude,
+};
+use scenario::{Errors, Motion, Sensors};
+
+const RATE_HZ: f64 = 100.0;
+
+/// The three stages on one body, at 100 Hz.
+#[derive(Clone)]
+struct Chain {
+    gyro: Gyro,
+    accel: Projector,
+    fuser: Fuser,
+    started: bool,
+}
+
+impl Chain {
+    fn new(fuser: &str) -> Self {
+        let gyro = Gyro::named("mobius").unwrap();
+        Self { gyro, accel: Projector::default(), fuser: Fuser::named(fuser).unwrap(), started: false }
+    }
+
+    fn step(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> Fused {
+        let inclination = self.accel.step(&force_m_s2);
+        if !self.started {
+            self.gyro.align(Attitude::levelled(inclination.up));
+        }
+        let dt_s = if self.started { 1.0 / RATE_HZ } else { 0.0 };
+        self.started = true;
+        let motion = Some(self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Instant }));
+        let inclination = Some(inclination);
+        self.fuser.step(&FuserInput { motion, inclination, rest_credible: true, ..FuserInput::default() })
+    }
+}
+
+/// Root of the mean square.
+#[derive(Default)]
+struct Rms {
+    sum: f64,
+    count: f64,
+}
+
+impl Rms {
+    fn add(&mut self, value: f64) {
+        (self.sum, self.count) = (self.sum + value * value, self.count + 1.0);
+    }
+
+    fn value(&self) -> f64 {
+        (self.sum / self.count).sqrt()
+    }
+}
+
+fn inclination_error_deg(estimate: Attitude, truth: Attitude) -> f64 {
+    let sin = estimate.horizontal(truth.up.direction()).norm_sqr().sqrt();
+    sin.atan2(estimate.up.direction().dot(&truth.up.direction())).to_degrees()
+}
+
+fn bias_error_deg_s(fused: &Fused) -> f64 {
+    fused.bias_rad_s.add_scalar(-Errors::S1.gyro_bias_rad_s).norm().to_degrees()
+}
+
+/// Runs the article's scenario and hands over each second's time, output and truth.
+fn s1(seed: u64, duration_s: f64, mut each: impl FnMut(f64, &Fused, Attitude)) {
+    let mut chain = Chain::new("wz");
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, seed);
+    for tick in 0..=(duration_s * RATE_HZ) as u64 {
+        let t_s = tick as f64 / RATE_HZ;
+        let reading = sensors.read(t_s);
+        each(t_s, &chain.step(reading.rate_rad_s, reading.force_m_s2), reading.truth.attitude);
+    }
+}
+
+#[test]
+fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
+    for seed in 1..=6 {
+        let (mut short, mut long, mut sd) = (Rms::default(), Rms::default(), Rms::default());
+        s1(seed, 1000.0, |t_s, fused, truth| {
+            if t_s >= 5.0 {
+                let error = inclination_error_deg(fused.attitude, truth);
+                long.add(error);
+                sd.add(fused.inclination_sd_rad.to_degrees());
+                if t_s <= 100.0 {
+                    short.add(error);
+                }
+            }
+        });
+        println!(
+            "seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, of sd {:.4}°",
+            short.value(),
+            long.value(),
+            sd.value()
+        );
+        assert!(short.value() <= 0.08 && long.value() <= 0.08, "seed {seed}");
+    }
+}
+
+#[test]
+fn the_bias_is_found_within_30_s() {
+    let (mut at_30, mut after) = (Rms::default(), Rms::default());
+    for seed in 1..=20 {
+        let mut last = 0.0;
+        s1(seed, 120.0, |t_s, fused, _| {
+            if t_s <= 30.0 {
+                last = bias_error_deg_s(fused);
+            } else {
+                after.add(bias_error_deg_s(fused));
+            }
+        });
+        println!("seed {seed}: {last:.4} °/s at 30 s");
+        at_30.add(last);
+    }
+    println!("rms of the seeds {:.4} °/s at 30 s, {:.4} °/s from 30 to 120 s", at_30.value(), after.value());
+    assert!(at_30.value() < 0.01);
+}
+
+#[test]
+fn a_steady_spin_about_the_vertical_keeps_its_level() {
+    for spin_rad_s in [0.2, 0.3, 0.4, 0.5, 1.0, 3.0] {
+        for seed in 1..=2 {
+            let tilt = Attitude::of_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
+            let rate_rad_s = (tilt.up.direction() * spin_rad_s).add_scalar(Errors::S1.gyro_bias_rad_s);
+            let mut noise = Sensors::new(Motion::S1, Errors::S1, seed);
+            let mut chain = Chain::new("wz");
+            let mut error = Rms::default();
+            for tick in 0..=100_000u64 {
+                let reading = noise.read(0.0);
+                let force_noise_m_s2 = reading.force_m_s2 - reading.truth.force_m_s2;
+                let out = chain.step(rate_rad_s, tilt.up.direction() * GRAVITY_M_S2 + force_noise_m_s2);
+                if tick > 500 {
+                    error.add(inclination_error_deg(out.attitude, tilt));
+                }
+            }
+            println!("{spin_rad_s} rad/s, seed {seed}: {:.4}°", error.value());
+            assert!(error.value() <= 0.06, "{spin_rad_s} rad/s, seed {seed}: {}°", error.value());
+        }
+    }
+}
