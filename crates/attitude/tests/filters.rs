@@ -39,7 +39,7 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let scenario = Scenario::named("s3").unwrap().with_seed(seed);
     // The paper starts from the truth; one noisy sample would outweigh gains as low as these.
     fuser.adopt(&known(scenario.motion.at(0.0).attitude)).unwrap();
-    let (mut sum, mut count, mut before_s) = (0.0, 0.0, 0.0);
+    let (mut sum, mut count, mut before_s) = (0.0f64, 0.0, 0.0);
     for (t_s, reading) in scenario.readings() {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
         before_s = t_s;
@@ -55,7 +55,7 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
         sum += error_deg * error_deg;
         count += 1.0;
     }
-    (sum / count as f64).sqrt()
+    (sum / count).sqrt()
 }
 
 /// Mean over the seeds.

@@ -16,6 +16,8 @@
 //!
 //! Here q_g is q(t−1) after the exact turn of the gyro slot. The paper's (1), one step of Euler, is that turn but for its third order.
 
+mod gradient;
+
 use super::{
     Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, north_rad,
     spread::{BIAS_SD_RAD_S, Spread},
@@ -29,6 +31,7 @@ use crate::{
     stage::{Numbers, RestoreError, Stage},
     state::Attitude,
 };
+use gradient::{Seen, normalized};
 
 /// Largest β dt of the improved form: beyond it a step overshoots the minimum of two directions at right angles to its axis.
 const STEP_MAX: f64 = 0.125;
@@ -149,37 +152,6 @@ impl Madgwick {
     fn reference(&self) -> Reference {
         if self.magnetic { Reference::Magnetic } else { Reference::Arbitrary }
     }
-}
-
-/// The directions that the sensors see, unit vectors in body axes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Seen {
-    up: Option<Vector3<f64>>,
-    field: Option<Vector3<f64>>,
-}
-
-impl Seen {
-    /// ∇F = Jᵀ F at q, of a unit quaternion.
-    fn gradient(&self, q: Quaternion<f64>, field_weight: f64) -> Quaternion<f64> {
-        let part = |direction: Vector3<f64>, seen: Vector3<f64>| {
-            let expected = (q.conjugate() * Quaternion::from_imag(direction) * q).imag();
-            Quaternion::from_parts(1.0 - expected.dot(&seen), expected.cross(&seen))
-        };
-        let mut sum = Quaternion::from_imag(Vector3::zeros());
-        if let Some(up) = self.up {
-            sum += part(Vector3::z(), up);
-        }
-        if let Some(field) = self.field {
-            let h = (q * Quaternion::from_imag(field) * q.conjugate()).imag();
-            sum += part(Vector3::new(0.0, libm::sqrt(h.x * h.x + h.y * h.y), h.z), field) * field_weight;
-        }
-        q * sum * 2.0
-    }
-}
-
-fn normalized(q: Quaternion<f64>) -> Option<Quaternion<f64>> {
-    let length = q.norm();
-    (length > 0.0 && length.is_finite()).then(|| q / length)
 }
 
 impl Stage for Madgwick {
