@@ -162,11 +162,22 @@ fn what_there_is_not_is_said_with_what_there_is() {
 fn the_stages_are_listed_for_people_and_for_scripts() {
     let listed = |arguments: &[&str]| String::from_utf8(plumb(arguments).output().unwrap().stdout).unwrap();
     let people = listed(&["stage", "list"]);
-    assert_eq!(people, listed(&["score", "--list"]));
     assert!(people.contains("  wz (default)\n") && people.contains("-180 to 180 °, default 0"), "{people}");
     let json: Value = serde_json::from_str(&listed(&["stage", "list", "--json"])).unwrap();
     let names: Vec<_> = (0..4).map(|slot| json.pointer(&format!("/slots/{slot}/slot")).unwrap().clone()).collect();
     assert_eq!(names, ["gyro", "accel", "fuser", "course"]);
+}
+
+#[test]
+fn a_stage_is_held_against_the_kit_by_name() {
+    let output = plumb(&["stage", "test", "--slot", "gyro", "mobius", "--json"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let reports: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(reports.pointer("/0/stage"), Some(&Value::from("mobius")));
+    assert!(reports.pointer("/0/checks/10/passed").is_some_and(|passed| passed == true));
+    for unknown in [&["stage", "test", "mobious"][..], &["stage", "test", "--slot", "fuser", "mobius"]] {
+        assert_eq!(plumb(unknown).output().unwrap().status.code(), Some(2));
+    }
 }
 
 #[test]
