@@ -22,6 +22,7 @@
 //! | [`stage`] | the contract of a stage, its snapshot |
 //! | [`parameters`] | the numbers by which a stage can be set |
 //! | [`gnss`] | what a satellite receiver tells |
+//! | [`exports`] | the attitude in the conventions of ROS and PX4 |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
 #![forbid(unsafe_code)]
@@ -29,6 +30,7 @@
 pub mod accel;
 pub mod angles;
 pub mod course;
+pub mod exports;
 pub mod fuser;
 pub mod gnss;
 pub mod gyro;

@@ -66,7 +66,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
 
 /// Keeps the largest value and where it was.
 fn note(worst: &mut (f64, String), value: f64, name: &str, i: usize) {
-    if !(value <= worst.0) {
+    if value > worst.0 || value.is_nan() {
         *worst = (value, format!("{name}, tick {i}"));
     }
 }
