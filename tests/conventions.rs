@@ -135,7 +135,7 @@ fn published(it: &Vector) -> AttitudeOutput {
         ..bytemuck::Zeroable::zeroed()
     };
     let mut output = None;
-    course::slot(&orders).unwrap().offer(state, &mut |published| output = Some(published));
+    course::slot(&orders).unwrap().offer(state.into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 

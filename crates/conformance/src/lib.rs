@@ -39,9 +39,9 @@ mod soundness;
 mod tumbling;
 
 use attitude::{
-    Quaternion, Vector3,
+    Vector3,
     accel::Inclination,
-    course::{CourseInput, Reading},
+    course::{CourseInput, LastReading, Reading},
     fuser::{Estimate, Fused, FuserInput},
     gyro::{Motion, RateSample},
     point::Point,
@@ -97,7 +97,7 @@ where
 /// Checks a course stage.
 pub fn course<S>(make: impl Fn() -> S) -> Report
 where
-    S: Stage<Input = CourseInput, Output = Reading, Common = Quaternion<f64>> + Clone,
+    S: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone,
 {
     report::<CourseSlot, S>(&make)
 }

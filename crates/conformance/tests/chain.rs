@@ -43,6 +43,8 @@ fn readings(motion: Motion, fault: &Fault) -> Vec<(Reading, Quaternion<f64>)> {
                 t_ns: count * USUAL_NS,
                 rate_rad_s: reading.rate_rad_s.into(),
                 force_m_s2: reading.force_m_s2.into(),
+                field_ut: None,
+                fix: None,
                 reference: None,
             };
             (raw, reading.truth.attitude.quaternion())
@@ -61,7 +63,7 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
     let (what, ..) = fault;
     let mut launch = Launch::default();
     launch.fuser.stage = fuser.into();
-    let mut conditioner = Conditioner::new(&launch.ingest.limits, RATE_HZ, GyroSamples::Instants);
+    let mut conditioner = Conditioner::new(&launch.ingest, RATE_HZ, GyroSamples::Instants).unwrap();
     let orders =
         Orders { launch, rate_hz: RATE_HZ, pace: Pace::Max, ticks_max: None, incarnation: 0, supervisor_pid: 0 };
     let plan = Plan { orders, ticks: None, stop_after_s: None, has_reference: false, out: None };

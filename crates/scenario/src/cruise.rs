@@ -1,0 +1,171 @@
+//! An aircraft in cruise: turns of 2 to 3 °/s for 20 to 60 s with 60 to 180 s between them, at about 50 m/s.
+//!
+//! V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s; roll = atan(V H'/g) + 1° sin(2πt/7.3), the bank of a coordinated turn;
+//! pitch = 2° + 3° sin(2πt/55) + 0.7° sin(2πt/5.1); level flight, f = A (a + g). Phases, turns and their signs are of the seed.
+//! Rates and accelerations are central differences of the attitude and of the velocity. The hard flight has wind, gusts and side
+//! slip besides: the air moves, and the velocity over ground with it.
+
+use core::f64::consts::TAU;
+
+use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, state::Attitude, turn::Turn};
+
+use crate::{
+    Truth,
+    noise::{Noise, Use},
+};
+
+/// Time constant of the logistic edges of a turn, s.
+const EDGE_S: f64 = 1.5;
+/// Half the step of the central differences, s.
+const DIFFERENCE_S: f64 = 1e-3;
+/// Wind of the hard flight, m/s.
+const WIND_M_S: f64 = 10.0;
+/// Gusts of the hard flight on each horizontal axis, m/s rms.
+const GUST_M_S: f64 = 1.5;
+/// Periods of the gusts, s; each has the same share of their power.
+const GUST_PERIODS_S: [f64; 4] = [7.0, 17.0, 41.0, 97.0];
+/// Amplitude of the hard flight's side slip, rad: 3°.
+const SLIP_RAD: f64 = 3.0 * core::f64::consts::PI / 180.0;
+/// Its period, s.
+const SLIP_PERIOD_S: f64 = 31.0;
+
+/// Which flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Flight {
+    /// Of its phases and turns.
+    pub seed: u64,
+    /// With wind, gusts and side slip.
+    pub hard: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Turning {
+    from_s: f64,
+    to_s: f64,
+    /// Clockwise positive.
+    rate_rad_s: f64,
+    /// The course at its beginning.
+    course_rad: f64,
+}
+
+#[derive(Debug, Clone)]
+struct Air {
+    wind_m_s: Vector3<f64>,
+    gust_phases: [[f64; 2]; GUST_PERIODS_S.len()],
+    slip_phase: f64,
+}
+
+/// A flight with the turns that were worked out.
+#[derive(Debug, Clone)]
+pub(crate) struct Plan {
+    turns: Vec<Turning>,
+    to_come: Noise,
+    phases: [f64; 5],
+    air: Option<Air>,
+}
+
+impl Plan {
+    pub(crate) fn new(flight: Flight) -> Self {
+        let mut to_come = Noise::new(flight.seed, Use::Flight);
+        let phases = [(); 5].map(|()| to_come.phase());
+        let course_rad = to_come.phase();
+        let before = Turning { from_s: 0.0, to_s: 0.0, rate_rad_s: 0.0, course_rad };
+        let air = flight.hard.then(|| Air::new(flight.seed));
+        Self { turns: vec![before], to_come, phases, air }
+    }
+
+    pub(crate) fn at(&mut self, t_s: f64) -> Truth {
+        let (before_s, after_s) = (t_s - DIFFERENCE_S, t_s + DIFFERENCE_S);
+        let (before, attitude, after) = (self.attitude(before_s), self.attitude(t_s), self.attitude(after_s));
+        let step_s = 2.0 * DIFFERENCE_S;
+        let rotation = Turn::between(before, after).quaternion();
+        let angle = 2.0 * libm::asin(rotation.imag().norm());
+        let rate_rad_s = rotation.imag().try_normalize(0.0).unwrap_or_default()
+            * (angle / step_s * if rotation.w < 0.0 { -1.0 } else { 1.0 });
+        let acceleration_m_s2 = (self.velocity_m_s(after_s) - self.velocity_m_s(before_s)) / step_s;
+        let force_m_s2 = attitude.matrix() * (acceleration_m_s2 + Vector3::z() * GRAVITY_M_S2);
+        Truth { attitude, rate_rad_s, force_m_s2 }
+    }
+
+    /// Velocity over ground, m/s, east, north, up.
+    pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
+        let (course_rad, _) = self.course(t_s);
+        let slip_rad = self.air.as_ref().map_or(0.0, |air| air.slip_rad(t_s));
+        let (sin, cos) = libm::sincos(course_rad + slip_rad);
+        let through_air = Vector3::new(sin, cos, 0.0) * self.speed_m_s(t_s);
+        through_air + self.air.as_ref().map_or(Vector3::zeros(), |air| air.velocity_m_s(t_s))
+    }
+
+    fn attitude(&mut self, t_s: f64) -> Attitude {
+        let (course_rad, course_rate_rad_s) = self.course(t_s);
+        let [_, _, roll_phase, slow_phase, fast_phase] = self.phases;
+        let sway = |period_s: f64, phase: f64| libm::sin(TAU * t_s / period_s + phase);
+        let bank_rad = libm::atan(self.speed_m_s(t_s) * course_rate_rad_s / GRAVITY_M_S2);
+        Attitude::of_angles(Angles {
+            yaw_rad: -course_rad,
+            pitch_rad: (2.0 + 3.0 * sway(55.0, slow_phase) + 0.7 * sway(5.1, fast_phase)).to_radians(),
+            roll_rad: bank_rad + sway(7.3, roll_phase).to_radians(),
+        })
+    }
+
+    fn speed_m_s(&self, t_s: f64) -> f64 {
+        50.0 + 8.0 * libm::sin(TAU * t_s / 240.0 + self.phases[0]) + 2.0 * libm::sin(TAU * t_s / 37.0 + self.phases[1])
+    }
+
+    /// Course and its rate, rad and rad/s, clockwise.
+    fn course(&mut self, t_s: f64) -> (f64, f64) {
+        // An edge is over, to the last digit, after forty of its time constants.
+        let reach_s = 40.0 * EDGE_S;
+        self.work_out(t_s + reach_s);
+        let next = self.turns.partition_point(|turn| turn.to_s + reach_s < t_s).min(self.turns.len() - 1);
+        let begun = self.turns[next..].iter().take_while(|turn| turn.from_s - reach_s < t_s);
+        begun.fold((self.turns[next].course_rad, 0.0), |(course_rad, rate_rad_s), turn| {
+            let (since, until) = ((t_s - turn.from_s) / EDGE_S, (t_s - turn.to_s) / EDGE_S);
+            let share = logistic(since) - logistic(until);
+            let turned_s = EDGE_S * (logistic_integral(since) - logistic_integral(until));
+            (course_rad + turn.rate_rad_s * turned_s, rate_rad_s + turn.rate_rad_s * share)
+        })
+    }
+
+    /// Draws turns until one ends after `t_s`.
+    fn work_out(&mut self, t_s: f64) {
+        while let Some(last) = self.turns.last().copied().filter(|last| last.to_s <= t_s) {
+            let from_s = last.to_s + self.to_come.between(60.0, 180.0);
+            let to_s = from_s + self.to_come.between(20.0, 60.0);
+            let rate_rad_s = self.to_come.sign() * self.to_come.between(2.0, 3.0).to_radians();
+            let course_rad = last.course_rad + last.rate_rad_s * (last.to_s - last.from_s);
+            self.turns.push(Turning { from_s, to_s, rate_rad_s, course_rad });
+        }
+    }
+}
+
+impl Air {
+    fn new(seed: u64) -> Self {
+        let mut noise = Noise::new(seed, Use::Air);
+        let (sin, cos) = libm::sincos(noise.phase());
+        let gust_phases = [(); GUST_PERIODS_S.len()].map(|()| [noise.phase(), noise.phase()]);
+        Self { wind_m_s: Vector3::new(sin, cos, 0.0) * WIND_M_S, gust_phases, slip_phase: noise.phase() }
+    }
+
+    fn velocity_m_s(&self, t_s: f64) -> Vector3<f64> {
+        // A sine of amplitude a has a power of a²/2.
+        let amplitude_m_s = GUST_M_S * libm::sqrt(2.0 / GUST_PERIODS_S.len() as f64);
+        GUST_PERIODS_S.iter().zip(self.gust_phases).fold(self.wind_m_s, |sum, (period_s, [east, north])| {
+            let gust = |phase: f64| amplitude_m_s * libm::sin(TAU * t_s / period_s + phase);
+            sum + Vector3::new(gust(east), gust(north), 0.0)
+        })
+    }
+
+    fn slip_rad(&self, t_s: f64) -> f64 {
+        SLIP_RAD * libm::sin(TAU * t_s / SLIP_PERIOD_S + self.slip_phase)
+    }
+}
+
+fn logistic(x: f64) -> f64 {
+    1.0 / (1.0 + libm::exp(-x))
+}
+
+/// ln(1 + eˣ), the integral of the logistic function.
+fn logistic_integral(x: f64) -> f64 {
+    x.max(0.0) + libm::log1p(libm::exp(-libm::fabs(x)))
+}

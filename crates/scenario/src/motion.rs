@@ -1,0 +1,115 @@
+//! How a body moves, and the truth at one time.
+
+use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, turn::Turn};
+
+use crate::{coning::Coning, cruise::Flight, cruise::Plan, s1, s3, tumble};
+
+/// How a body moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    /// The reference scenario of Matveev 2025: yaw 1 °/s, pitch 25° and roll 30° at 0.05 Hz.
+    S1,
+    /// A constant rate about an axis fixed in the body, rad/s, from level.
+    Tumble(Vector3<f64>),
+    /// One full turn about each axis in turn.
+    S3,
+    /// Classical coning.
+    Coning(Coning),
+    /// An aircraft in cruise.
+    Cruise(Flight),
+}
+
+/// The truth at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// Attitude.
+    pub attitude: Attitude,
+    /// Body rate, rad/s.
+    pub rate_rad_s: Vector3<f64>,
+    /// Specific force, m/s², body axes; where the body does not fly, it turns in place.
+    pub force_m_s2: Vector3<f64>,
+}
+
+impl Motion {
+    /// The motions that have a name, with the name.
+    pub const NAMES: [&'static str; 6] = ["s1", "tumble", "s3", "coning", "cruise", "cruise-hard"];
+
+    /// The motion of that name; `tumble` turns at 500 °/s about an axis oblique to all three, the flights are those of seed 1.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "s1" => Some(Self::S1),
+            "tumble" => Some(Self::Tumble(tumble::rate_rad_s())),
+            "s3" => Some(Self::S3),
+            "coning" => Some(Self::Coning(Coning::default())),
+            "cruise" => Some(Self::Cruise(Flight { seed: 1, hard: false })),
+            "cruise-hard" => Some(Self::Cruise(Flight { seed: 1, hard: true })),
+            _ => None,
+        }
+    }
+
+    /// The truth at `t_s` seconds.
+    pub fn at(self, t_s: f64) -> Truth {
+        Body::new(self).at(t_s)
+    }
+
+    /// The turn of the body from one time to another, exactly.
+    pub fn turn(self, from_s: f64, to_s: f64) -> Turn {
+        let mut body = Body::new(self);
+        Turn::between(body.at(from_s).attitude, body.at(to_s).attitude)
+    }
+
+    /// The mean body rate from one time to another, rad/s: what an integrating gyro reads. Where the rate changes its direction
+    /// on the way this is not the rate of the [`turn`](Self::turn). The halves of an interval are asked for one by one.
+    pub fn mean_rate_rad_s(self, from_s: f64, to_s: f64) -> Vector3<f64> {
+        Body::new(self).mean_rate_rad_s(from_s, to_s)
+    }
+}
+
+/// A motion with what was worked out about it.
+#[derive(Debug, Clone)]
+pub(crate) struct Body {
+    motion: Motion,
+    plan: Option<Plan>,
+}
+
+impl Body {
+    pub(crate) fn new(motion: Motion) -> Self {
+        let plan = if let Motion::Cruise(flight) = motion { Some(Plan::new(flight)) } else { None };
+        Self { motion, plan }
+    }
+
+    pub(crate) fn at(&mut self, t_s: f64) -> Truth {
+        let (attitude, rate_rad_s) = match self.motion {
+            Motion::S1 => s1::at(t_s),
+            Motion::Tumble(rate_rad_s) => (tumble::at(rate_rad_s, t_s), rate_rad_s),
+            Motion::S3 => s3::at(t_s),
+            Motion::Coning(coning) => coning.at(t_s),
+            Motion::Cruise(flight) => return self.plan.get_or_insert_with(|| Plan::new(flight)).at(t_s),
+        };
+        Truth { attitude, rate_rad_s, force_m_s2: attitude.up.direction() * GRAVITY_M_S2 }
+    }
+
+    /// Velocity over ground, m/s, east, north, up.
+    pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
+        self.plan.as_mut().map_or(Vector3::zeros(), |plan| plan.velocity_m_s(t_s))
+    }
+
+    pub(crate) fn mean_rate_rad_s(&mut self, from_s: f64, to_s: f64) -> Vector3<f64> {
+        let length_s = to_s - from_s;
+        if length_s == 0.0 {
+            return self.at(to_s).rate_rad_s;
+        }
+        match self.motion {
+            Motion::Tumble(rate_rad_s) => rate_rad_s,
+            Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / length_s,
+            Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / length_s,
+            // Gauss and Legendre's rule of three points: exact to the sixth order of the interval, and these motions are slow.
+            Motion::S1 | Motion::Cruise(_) => {
+                let middle_s = 0.5 * (from_s + to_s);
+                let off_s = 0.5 * length_s * libm::sqrt(0.6);
+                let mut rate = |t_s: f64| self.at(t_s).rate_rad_s;
+                (rate(middle_s - off_s) * 5.0 + rate(middle_s) * 8.0 + rate(middle_s + off_s) * 5.0) / 18.0
+            }
+        }
+    }
+}

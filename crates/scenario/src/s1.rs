@@ -1,0 +1,20 @@
+//! The reference scenario of Matveev 2025: ψ = 1°/s t, ϑ = 25° cos(2π 0.05 t), γ = 30° sin(2π 0.05 t).
+
+use attitude::{Vector3, angles::Angles, state::Attitude};
+
+/// Attitude and body rate, rad/s, at `t_s`; the body rates of a motion given in angles.
+pub(crate) fn at(t_s: f64) -> (Attitude, Vector3<f64>) {
+    let (pitch_amplitude, roll_amplitude) = (25f64.to_radians(), 30f64.to_radians());
+    let frequency_rad_s = core::f64::consts::TAU * 0.05;
+    let (sin, cos) = libm::sincos(frequency_rad_s * t_s);
+    let (yaw_dot, pitch_dot, roll_dot) =
+        (1f64.to_radians(), -pitch_amplitude * frequency_rad_s * sin, roll_amplitude * frequency_rad_s * cos);
+    let (yaw, pitch, roll) = (yaw_dot * t_s, pitch_amplitude * cos, roll_amplitude * sin);
+    let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(pitch), libm::sincos(roll));
+    let rate_rad_s = Vector3::new(
+        pitch_dot * cos_roll - yaw_dot * cos_pitch * sin_roll,
+        roll_dot + yaw_dot * sin_pitch,
+        yaw_dot * cos_pitch * cos_roll + pitch_dot * sin_roll,
+    );
+    (Attitude::of_angles(Angles { yaw_rad: yaw, pitch_rad: pitch, roll_rad: roll }), rate_rad_s)
+}

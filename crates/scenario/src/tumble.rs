@@ -1,0 +1,13 @@
+//! A constant rate about an axis fixed in the body, from level.
+
+use attitude::{Vector3, state::Attitude, turn::Turn};
+
+/// The rate of the scenario of that name, rad/s: 500 °/s about (1, −2, 3).
+pub fn rate_rad_s() -> Vector3<f64> {
+    Vector3::new(1.0, -2.0, 3.0).normalize() * 500f64.to_radians()
+}
+
+/// Attitude at `t_s`.
+pub(crate) fn at(rate_rad_s: Vector3<f64>, t_s: f64) -> Attitude {
+    Attitude::default().turned(Turn::of_rotation_vector(rate_rad_s * t_s)).attitude
+}
