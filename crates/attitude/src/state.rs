@@ -46,9 +46,9 @@ impl Attitude {
     pub fn of_quaternion(q: Quaternion<f64>) -> Self {
         let (alpha, beta) = (Complex::new(q.w, q.k), Complex::new(q.i, q.j));
         if alpha.norm_sqr() >= beta.norm_sqr() {
-            Self { up: Point { w: J * beta / alpha, chart: Chart::Upright }, z_rad: double_arg(alpha) }
+            Self { up: Point { w: J * beta / alpha, chart: Chart::Upright }, z_rad: wrapped_rad(double_arg(alpha)) }
         } else {
-            Self { up: Point { w: -J * alpha / beta, chart: Chart::Inverted }, z_rad: double_arg(beta) }
+            Self { up: Point { w: -J * alpha / beta, chart: Chart::Inverted }, z_rad: wrapped_rad(double_arg(beta)) }
         }
     }
 

@@ -9,7 +9,7 @@ use crate::{
 
 /// Inputs before the hand-over, and those after which the receiver has settled.
 const BEFORE: usize = 4000;
-const SETTLED: usize = 6000;
+const SETTLED: usize = 8000;
 /// Most that the attitude may differ at the tick after the hand-over, degrees.
 const JUMP_DEG: f64 = 0.5;
 /// The receiver's later error may be above its own by this factor, and this much.
@@ -40,8 +40,11 @@ fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(giver: &G, receiver: &R, what: &
         return vec![Check::holds(what, Some(refusal.to_string()))];
     }
     let (_, next) = &inputs[BEFORE];
-    let (given, taken) = (L::quaternion(&giver.step(next)), L::quaternion(&receiver.clone().step(next)));
-    let angle = if L::HEADS { angle_deg } else { inclination_deg };
+    let (given, taken) = (giver.step(next), receiver.clone().step(next));
+    // A receiver that knows north where the giver did not sets the heading anew.
+    let heading = L::heading(&given).filter(|reference| L::heading(&taken) == Some(*reference));
+    let angle = if heading.is_some() { angle_deg } else { inclination_deg };
+    let (given, taken) = (L::quaternion(&given), L::quaternion(&taken));
     let jump = Figure { value: Some(angle(given, taken)), limit: Some(JUMP_DEG), unit: "°" };
     let jump = Check::most(format!("{what}: the attitude goes on"), jump, || {
         format!("{:.3}° of it inclination", inclination_deg(given, taken))

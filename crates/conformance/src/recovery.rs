@@ -55,7 +55,8 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
 
 /// From the fault's end to the last error above the bound, s; `None` when the error is above it at the script's end.
 fn recovery_s(fault: &Fault, errors_deg: &[(f64, f64)], bound_deg: f64) -> Option<f64> {
-    let last = errors_deg.iter().rposition(|(t_s, error_deg)| *t_s >= BEGIN_S && !(*error_deg <= bound_deg));
+    let last =
+        errors_deg.iter().rposition(|(t_s, error_deg)| *t_s >= BEGIN_S && !(0.0..=bound_deg).contains(error_deg));
     let Some(last) = last else { return Some(0.0) };
     let (t_s, _) = errors_deg.get(last + 1)?;
     Some((t_s - BEGIN_S - fault.duration_s - ROUNDING_S).max(0.0))

@@ -2,7 +2,7 @@
 
 use attitude::{
     Complex, Quaternion, Vector3,
-    accel::{Accelerometer, FORCE_MIN_M_S2, Inclination, Projector},
+    accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
     fuser::{Estimate, Fused, Fuser, FuserInput},
     gyro::{Gyro, Motion, RateKind, RateSample},
@@ -37,8 +37,6 @@ pub(crate) trait Slot: Sized {
     const NAMES: &'static [&'static str];
     /// The sign of the output's quaternion must not jump.
     const SIGNED: bool = false;
-    /// The output tells the turn about the vertical too.
-    const HEADS: bool = true;
     /// The inclination of a stage that hears exact sensors is exact.
     const LEVELS: bool;
 
@@ -52,6 +50,9 @@ pub(crate) trait Slot: Sized {
 
     /// What is wrong with an output of finite numbers.
     fn flaw(output: &Self::Output) -> Option<&'static str>;
+
+    /// What the heading of an output is counted from; `None` where it has none.
+    fn heading(output: &Self::Output) -> Option<Reference>;
 
     /// The attitude that an output tells, body → reference.
     fn quaternion(output: &Self::Output) -> Quaternion<f64>;
@@ -104,6 +105,10 @@ impl Slot for GyroSlot {
         attitude_flaw(output.attitude).or(((size2 - 1.0).abs() > 1e-9).then_some("a turn that is not of unit length"))
     }
 
+    fn heading(_: &Motion) -> Option<Reference> {
+        Some(Reference::Arbitrary)
+    }
+
     fn quaternion(output: &Motion) -> Quaternion<f64> {
         output.attitude.quaternion()
     }
@@ -121,7 +126,6 @@ impl Slot for AccelSlot {
 
     const NAME: &'static str = "accel";
     const NAMES: &'static [&'static str] = &Accelerometer::NAMES;
-    const HEADS: bool = false;
     const LEVELS: bool = true;
 
     fn named(name: &str) -> Option<Accelerometer> {
@@ -142,6 +146,10 @@ impl Slot for AccelSlot {
     fn flaw(output: &Inclination) -> Option<&'static str> {
         let trusted = (0.0..=1.0).contains(&output.trust);
         attitude_flaw(Attitude::levelled(output.up)).or((!trusted).then_some("a trust outside 0 to 1"))
+    }
+
+    fn heading(_: &Inclination) -> Option<Reference> {
+        None
     }
 
     fn quaternion(output: &Inclination) -> Quaternion<f64> {
@@ -172,14 +180,14 @@ impl Slot for FuserSlot {
     }
 
     fn inputs(script: &Script) -> Vec<(usize, FuserInput)> {
-        let (mut gyro, mut projector) = (Gyro::named("mobius"), Projector::default());
+        let (mut gyro, mut projector) = (Gyro::named("mobius"), Accelerometer::named("projector"));
         let mut motions = GyroSlot::inputs(script).into_iter().peekable();
         let mut input = |(i, tick): (usize, &Tick)| {
             let sample = motions.next_if(|(place, _)| *place == i);
             let motion = gyro.as_mut().zip(sample).map(|(gyro, (_, sample))| gyro.step(&sample));
             let motion = motion.filter(|motion| run::flaw::<GyroSlot>(motion).is_none());
             let usable = tick.force_m_s2.filter(|force| force.norm() >= FORCE_MIN_M_S2 && force.norm().is_finite());
-            let inclination = usable.map(|force| projector.step(&force));
+            let inclination = projector.as_mut().zip(usable).map(|(projector, force)| projector.step(&force));
             let input = FuserInput {
                 motion,
                 inclination,
@@ -209,6 +217,10 @@ impl Slot for FuserSlot {
         let sds = [output.innovation_rad, output.inclination_sd_rad, output.heading_sd_rad];
         let negative = sds.iter().any(|sd| *sd < 0.0);
         attitude_flaw(output.attitude).or(negative.then_some("a standard deviation or innovation below zero"))
+    }
+
+    fn heading(output: &Fused) -> Option<Reference> {
+        Some(output.reference)
     }
 
     fn quaternion(output: &Fused) -> Quaternion<f64> {
@@ -275,6 +287,7 @@ impl Slot for CourseSlot {
         visit("reference", f64::from(output.reference as u8));
         visit("course_sd_rad", output.course_sd_rad);
         visit("near_gimbal", f64::from(u8::from(output.near_gimbal)));
+        visit("aligned", f64::from(u8::from(output.aligned)));
     }
 
     fn flaw(output: &Reading) -> Option<&'static str> {
@@ -287,22 +300,30 @@ impl Slot for CourseSlot {
         (output.course_sd_rad < 0.0).then_some("a standard deviation below zero")
     }
 
+    fn heading(_: &Reading) -> Option<Reference> {
+        Some(Reference::Arbitrary)
+    }
+
     fn quaternion(output: &Reading) -> Quaternion<f64> {
         output.quaternion
     }
 
     fn garbage() -> Vec<(&'static str, LastReading)> {
-        let north = Bearing { course_rad: 0.0, reference: Reference::Magnetic, sd_rad: 0.1 };
-        let turned = |w, x, y| LastReading { quaternion: Quaternion::new(w, x, y, 0.0), bearing: Some(north) };
-        let heads = |bearing| LastReading { quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0), bearing: Some(bearing) };
+        let quaternion =
+            |w: f64, x: f64, y: f64| LastReading { quaternion: Quaternion::new(w, x, y, 0.0), bearing: None };
+        let bearing = |course_rad: f64, sd_rad: f64| {
+            let bearing = Some(Bearing { course_rad, reference: Reference::True, sd_rad });
+            LastReading { bearing, ..quaternion(1.0, 0.0, 0.0) }
+        };
         vec![
-            ("a quaternion of zero", turned(0.0, 0.0, 0.0)),
-            ("a quaternion of length 2", turned(0.0, 2.0, 0.0)),
-            ("a quaternion that is not a number", turned(1.0, 0.0, f64::NAN)),
-            ("a quaternion that is infinite", turned(f64::INFINITY, 0.0, 0.0)),
-            ("a course that is not a number", heads(Bearing { course_rad: f64::NAN, ..north })),
-            ("a course beyond 2π", heads(Bearing { course_rad: 7.0, ..north })),
-            ("a standard deviation below zero", heads(Bearing { sd_rad: -0.1, ..north })),
+            ("a quaternion of zero", quaternion(0.0, 0.0, 0.0)),
+            ("a quaternion of length 2", quaternion(0.0, 2.0, 0.0)),
+            ("a quaternion that is not a number", quaternion(1.0, 0.0, f64::NAN)),
+            ("a quaternion that is infinite", quaternion(f64::INFINITY, 0.0, 0.0)),
+            ("a course that is not a number", bearing(f64::NAN, 0.1)),
+            ("a course of 400°", bearing(7.0, 0.1)),
+            ("a standard deviation below zero", bearing(1.0, -0.1)),
+            ("a standard deviation that is not a number", bearing(1.0, f64::NAN)),
         ]
     }
 }

@@ -13,6 +13,9 @@ use crate::{
 /// Numbers that are finite and no measurement.
 const ABSURD: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
 
+/// Puts a number into one place of a tick; a fix is given as a pattern.
+type Put = fn(&mut Tick, f64, Option<Fix>);
+
 pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let scripts = || SHORT.iter().chain([&*S1]);
     let clean = scripts().find_map(|script| unsound::<L, S>(&mut make(), script));
@@ -41,7 +44,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
 fn absurd<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Option<String> {
     let good = &S1.ticks[..1500];
     let fix = S1.ticks[0].fix;
-    let places: [(&str, fn(&mut Tick, f64, Option<Fix>)); 6] = [
+    let places: [(&str, Put); 6] = [
         ("rate", |tick, x, _| tick.rate_rad_s = Some(Vector3::new(x, -x, 0.1))),
         ("force", |tick, x, _| tick.force_m_s2 = Some(Vector3::new(0.1, x, -x))),
         ("field", |tick, x, _| tick.field_ut = Some(Vector3::new(-x, 0.1, x))),

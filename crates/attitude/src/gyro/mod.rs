@@ -141,7 +141,7 @@ impl Stage for Gyro {
                 turn
             }
             Method::MobiusConing => {
-                let rotation = self.coning.step(sample);
+                let rotation = self.coning.step(&RateSample { rate_rad_s: after, ..*sample });
                 mean = rotation.mean_rate_rad_s;
                 let turn = Turn::of_rotation_vector(rotation.vector_rad);
                 self.attitude = from.turned(turn).attitude;
