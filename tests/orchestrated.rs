@@ -95,6 +95,7 @@ fn readings(motion: Motion, errors: Errors, count: u64) -> Vec<SensorReading> {
                 t_sensor_ns: (count as f64 * 1e9 / RATE_HZ).round() as i64,
                 rate_rad_s: reading.rate_rad_s.into(),
                 force_m_s2: reading.force_m_s2.into(),
+                field_ut: [f64::NAN; 3],
             }
         })
         .collect()

@@ -21,18 +21,22 @@
 //! | [`kinematics`] | the differential equations (18)–(20) |
 //! | [`stage`] | the contract of a stage, its snapshot |
 //! | [`parameters`] | the numbers by which a stage can be set |
+//! | [`calibration`] | from a sensor's raw axes to exact body axes |
 //! | [`gnss`] | what a satellite receiver tells |
+//! | [`metrics`] | how far an estimate is from the truth |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
 #![forbid(unsafe_code)]
 
 pub mod accel;
 pub mod angles;
+pub mod calibration;
 pub mod course;
 pub mod fuser;
 pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
+pub mod metrics;
 pub mod parameters;
 pub mod point;
 pub mod stage;

@@ -87,14 +87,14 @@ impl core::error::Error for ParameterError {}
 macro_rules! settings {
     (
         $(#[$meta:meta])*
-        pub struct $Settings:ident {
+        $vis:vis struct $Settings:ident {
             $(#[doc = $about:literal] $name:ident: $default:literal in $least:literal .. $most:literal, $unit:literal;)*
         }
     ) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, PartialEq)]
-        pub struct $Settings {
-            $(#[doc = $about] pub $name: f64,)*
+        $vis struct $Settings {
+            $(#[doc = $about] $vis $name: f64,)*
         }
 
         impl Default for $Settings {
@@ -138,7 +138,7 @@ mod tests {
 
     settings! {
         /// For the tests.
-        pub struct Settings {
+        struct Settings {
             /// Time constant of the tilt.
             time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
             /// Pure number.

@@ -1,10 +1,11 @@
 //! The identities between the forms of an attitude, for attitudes anywhere on the sphere.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use attitude::{
     Complex, Matrix3, Quaternion, Vector3,
-    accel::Projector,
+    accel::{Accelerometer, Projector},
     angles::Angles,
     kinematics,
     point::{Chart, Point},
@@ -187,6 +188,32 @@ proptest! {
         prop_assert!((seen.up.direction() - attitude.up.direction()).amax() < 1e-14);
         prop_assert!((seen.norm_m_s2 - norm_m_s2).abs() < 1e-12);
     }
+
+    #[test]
+    fn the_inclinometers_see_what_the_projector_sees(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
+        let force_m_s2 = Attitude::of_quaternion(q).up.direction() * norm_m_s2;
+        let projected = Projector::default().step(&force_m_s2);
+        for name in ["inclinometer-matrix", "inclinometer-quaternion"] {
+            let seen = Accelerometer::named(name).unwrap().step(&force_m_s2);
+            prop_assert!((seen.up.direction() - projected.up.direction()).amax() < 1e-12, "{name}: {:?}", seen.up);
+            if projected.up.direction().z.abs() > 1e-12 {
+                prop_assert_eq!(seen.up.chart, projected.up.chart);
+                prop_assert!(size(seen.up.w - projected.up.w) < 1e-12);
+            }
+            prop_assert_eq!((seen.norm_m_s2, seen.trust), (projected.norm_m_s2, projected.trust));
+        }
+    }
+}
+
+#[test]
+fn the_papers_pitch_and_roll_are_those_of_the_attitude() {
+    let (pitch_rad, roll_rad) = (0.3f64, -0.7f64);
+    let n = Attitude::of_angles(Angles { yaw_rad: 1.0, pitch_rad, roll_rad }).up.direction();
+    let (gx, gy, gz) = (-n.y, -n.x, n.z);
+    let papers = (-pitch_rad.sin(), roll_rad.sin() * pitch_rad.cos(), roll_rad.cos() * pitch_rad.cos());
+    for (got, want) in [(gx, papers.0), (gy, papers.1), (gz, papers.2)] {
+        assert!((got - want).abs() < 1e-15);
+    }
 }
 
 #[test]
@@ -198,8 +225,12 @@ fn a_half_turn_from_level_leads_to_the_inverted_chart() {
 
 #[test]
 fn a_force_without_direction_keeps_the_point_and_has_no_trust() {
-    let mut projector = Projector::default();
-    let seen = projector.step(&Vector3::new(0.0, 6.0, 8.0));
-    let kept = projector.step(&Vector3::new(0.0, 0.01, -0.01));
-    assert_eq!((kept.up, kept.trust), (seen.up, 0.0));
+    for name in Accelerometer::NAMES {
+        let mut stage = Accelerometer::named(name).unwrap();
+        let seen = stage.step(&Vector3::new(0.0, 6.0, 8.0));
+        for force_m_s2 in [Vector3::new(0.0, 0.01, -0.01), Vector3::zeros(), Vector3::new(1e300, -1e300, 1e300)] {
+            let kept = stage.step(&force_m_s2);
+            assert_eq!((kept.up, kept.trust), (seen.up, 0.0), "{name}");
+        }
+    }
 }

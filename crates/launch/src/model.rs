@@ -1,7 +1,9 @@
 //! What a launch file says, and the defaults.
 
+use attitude::gyro::RateKind;
+use scenario::Scenario;
 use serde::{Deserialize, Serialize};
-use std::{fmt, path::PathBuf};
+use std::{collections::BTreeMap, fmt, path::PathBuf};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -21,7 +23,7 @@ pub struct Launch {
     pub ingest: Ingest,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
     pub gyro: Stage,
-    /// Which of `attitude::accel::Projector::NAMES` runs.
+    /// Which of `attitude::accel::Accelerometer::NAMES` runs.
     pub accel: Stage,
     /// Which of `attitude::fuser::Fuser::NAMES` runs.
     pub fuser: Stage,
@@ -34,6 +36,8 @@ pub struct Launch {
 pub struct Stage {
     /// The stage's name, one of the slot's `NAMES`.
     pub stage: String,
+    /// Its parameters that are not to have their defaults, by name.
+    pub set: BTreeMap<String, f64>,
 }
 
 /// Where samples come from, and what is wrong with a sample.
@@ -49,7 +53,40 @@ pub struct Ingest {
     pub bus: BusSource,
     /// What is flagged.
     pub limits: Limits,
+    /// What the sensors' readings are in the sensors' axes.
+    pub calibration: Calibrations,
+    /// The rotation from the sensors' axes to the body's, v_body = M v_sensor, row by row.
+    pub mounting: [[f64; 3]; 3],
 }
+
+/// The calibration of each sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Calibrations {
+    /// Raw to rad/s.
+    pub gyro: Calibration,
+    /// Raw to m/s².
+    pub accel: Calibration,
+    /// Raw to µT.
+    pub mag: Calibration,
+}
+
+/// The calibration of a sensor with three axes: out = M (raw − bias).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// In raw units.
+    pub bias: [f64; 3],
+    /// SI units (µT) per raw unit, row by row.
+    pub matrix: [[f64; 3]; 3],
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { bias: [0.0; 3], matrix: IDENTITY }
+    }
+}
+
+/// No turn, no scale.
+pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// Simulated sensors on a body in motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,6 +103,16 @@ pub struct Sim {
     pub accel_noise_g: f64,
 }
 
+impl Sim {
+    /// What a rate sample of the scenario says about its interval.
+    pub fn gyro_samples(&self) -> GyroSamples {
+        match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
+            Ok(RateKind::Mean) => GyroSamples::Means,
+            _ => GyroSamples::Instants,
+        }
+    }
+}
+
 /// A recorded flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Replay {
@@ -73,6 +120,21 @@ pub struct Replay {
     pub file: PathBuf,
     /// What a rate sample says about its interval.
     pub gyro_samples: GyroSamples,
+    /// The magnetometer's columns are used.
+    pub mag: bool,
+    /// Where the satellite receiver's fixes are.
+    pub gnss: Gnss,
+}
+
+/// Where the fixes that go with a recording are.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Gnss {
+    /// In `NAME_gnss.csv` beside `NAME_imu.csv` or `NAME_imu.csv.gz`, if that is there.
+    Auto,
+    /// Nowhere.
+    Off,
+    /// In this file.
+    File(PathBuf),
 }
 
 /// Samples that another process publishes on the bus.
@@ -95,6 +157,8 @@ pub struct Limits {
     pub gap_s: f64,
     /// A sensor that repeats itself for so long is flagged as stuck, s.
     pub stuck_s: f64,
+    /// A component of the magnetic field at or beyond it makes the sample worthless, µT.
+    pub field_max_ut: f64,
 }
 
 /// A service of the system.
@@ -137,7 +201,7 @@ pub enum GyroSamples {
 
 impl Default for Launch {
     fn default() -> Self {
-        let stage = |name: &str| Stage { stage: name.into() };
+        let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         Self {
             name: "plumbline".into(),
             services: Service::ALL.into(),
@@ -146,9 +210,17 @@ impl Default for Launch {
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
-                replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means },
+                replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
-                limits: Limits { rate_max_deg_s: 2000.0, force_max_g: 16.0, gap_s: 0.1, stuck_s: 0.5 },
+                limits: Limits {
+                    rate_max_deg_s: 2000.0,
+                    force_max_g: 16.0,
+                    gap_s: 0.1,
+                    stuck_s: 0.5,
+                    field_max_ut: 2000.0,
+                },
+                calibration: Calibrations::default(),
+                mounting: IDENTITY,
             },
             gyro: stage("mobius"),
             accel: stage("projector"),

@@ -2,24 +2,32 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, Problems, Service, Source,
-    model::{Ingest, Stage, TOPIC_MESSAGES_MAX},
+    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
+    sensors::{calibration, mounting},
     walk::{self, Section},
 };
-use attitude::{accel::Projector, course::Course, fuser::Fuser, gyro::Gyro};
+use attitude::{
+    accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
+};
 use scenario::Motion;
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative `ingest.replay.file` is taken from the launch file's folder.
+    /// Reads a launch file. A relative file of `ingest.replay` is taken from the launch file's folder.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
         let mut launch = Self::parse(&path.display().to_string(), &text)?;
-        let file = &mut launch.ingest.replay.file;
-        if let Some(folder) = path.parent().filter(|_| !file.as_os_str().is_empty()) {
-            *file = folder.join(&*file);
+        let Replay { file, gnss, .. } = &mut launch.ingest.replay;
+        if let Some(folder) = path.parent() {
+            if !file.as_os_str().is_empty() {
+                *file = folder.join(&*file);
+            }
+            if let Gnss::File(file) = gnss {
+                *file = folder.join(&*file);
+            }
         }
         Ok(launch)
     }
@@ -53,10 +61,28 @@ impl Launch {
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
-        stage(section, "gyro", Gyro::NAMES, &mut self.gyro);
-        stage(section, "accel", Projector::NAMES, &mut self.accel);
-        stage(section, "fuser", Fuser::NAMES, &mut self.fuser);
-        stage(section, "course", Course::NAMES, &mut self.course);
+        stage(section, "gyro", Gyro::NAMES, |name| Gyro::named(name).map(|stage| stage.parameters()), &mut self.gyro);
+        stage(
+            section,
+            "accel",
+            Accelerometer::NAMES,
+            |name| Accelerometer::named(name).map(|stage| stage.parameters()),
+            &mut self.accel,
+        );
+        stage(
+            section,
+            "fuser",
+            Fuser::NAMES,
+            |name| Fuser::named(name).map(|stage| stage.parameters()),
+            &mut self.fuser,
+        );
+        stage(
+            section,
+            "course",
+            Course::NAMES,
+            |name| Course::named(name).map(|stage| stage.parameters()),
+            &mut self.course,
+        );
     }
 }
 
@@ -139,6 +165,8 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         file_taken = section.text("file", "a path", |path| Some(path.into()), &mut out.replay.file);
         file_span = section.span("file");
         section.choice("gyro_samples", gyro_samples, &mut out.replay.gyro_samples);
+        section.flag("mag", &mut out.replay.mag);
+        section.text("gnss", r#""auto", "off" or a path"#, gnss, &mut out.replay.gnss);
     });
     section.section("bus", |section| {
         section.number("rate_hz", rates_hz, &mut out.bus.rate_hz);
@@ -149,7 +177,15 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.number("force_max_g", 0.1..=10_000.0, &mut out.limits.force_max_g);
         section.number("gap_s", 0.001..=10.0, &mut out.limits.gap_s);
         section.number("stuck_s", 0.01..=60.0, &mut out.limits.stuck_s);
+        section.number("field_max_ut", 1.0..=1e6, &mut out.limits.field_max_ut);
     });
+
+    section.section("calibration", |section| {
+        calibration(section, "gyro", &mut out.calibration.gyro);
+        calibration(section, "accel", &mut out.calibration.accel);
+        calibration(section, "mag", &mut out.calibration.mag);
+    });
+    mounting(section, &mut out.mounting);
 
     if out.source == Source::Replay && file_taken && out.replay.file.as_os_str().is_empty() {
         let span = file_span.or_else(|| section.span("source")).unwrap_or_default();
@@ -160,10 +196,34 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     }
 }
 
-fn stage<const N: usize>(section: &mut Section<'_, '_>, slot: &'static str, names: [&'static str; N], out: &mut Stage) {
+fn stage<const N: usize>(
+    section: &mut Section<'_, '_>,
+    slot: &'static str,
+    names: [&'static str; N],
+    parameters: impl Fn(&str) -> Option<&'static [Parameter]>,
+    out: &mut Stage,
+) {
     section.section(slot, |section| {
         section.choice("stage", names.map(named), &mut out.stage);
+        let Some(parameters) = parameters(&out.stage) else { return };
+        section.section("set", |section| {
+            for Parameter { name, least, most, default, .. } in parameters {
+                let mut value = *default;
+                if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
+                    out.set.insert((*name).into(), value);
+                }
+            }
+        });
     });
+}
+
+fn gnss(text: &str) -> Option<Gnss> {
+    match text {
+        "" => None,
+        "auto" => Some(Gnss::Auto),
+        "off" => Some(Gnss::Off),
+        path => Some(Gnss::File(path.into())),
+    }
 }
 
 fn named(name: &'static str) -> (&'static str, String) {
@@ -173,7 +233,8 @@ fn named(name: &'static str) -> (&'static str, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BusSource, Limits, Replay, Sim};
+    use crate::{BusSource, Limits, Sim};
+    use std::collections::BTreeMap;
 
     fn problems(text: &str) -> String {
         Launch::parse("launch.toml", text).unwrap_err().to_string()
@@ -192,7 +253,7 @@ mod tests {
         assert!(launch.lateness_s < launch.buffer_s);
         assert!(Motion::named(&launch.ingest.sim.scenario).is_some());
         assert!(Gyro::NAMES.contains(&launch.gyro.stage.as_str()));
-        assert!(Projector::NAMES.contains(&launch.accel.stage.as_str()));
+        assert!(Accelerometer::NAMES.contains(&launch.accel.stage.as_str()));
         assert!(Fuser::NAMES.contains(&launch.fuser.stage.as_str()));
         assert!(Course::NAMES.contains(&launch.course.stage.as_str()));
     }
@@ -217,6 +278,8 @@ mod tests {
             [ingest.replay]
             file = "flight.csv.gz"
             gyro_samples = "instants"
+            mag = false
+            gnss = "gnss.csv"
             [ingest.bus]
             rate_hz = 1
             gyro_samples = "instants"
@@ -225,12 +288,14 @@ mod tests {
             force_max_g = 0.1
             gap_s = 0.001
             stuck_s = 60
+            field_max_ut = 100
             [fuser]
             stage = "wz-closed"
             [course]
             stage = "angles"
+            set.declination_deg = -3.5
         "#;
-        let stage = |name: &str| Stage { stage: name.into() };
+        let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
             name: "wing-2_b".into(),
             services: Service::ALL.into_iter().rev().collect(),
@@ -245,14 +310,26 @@ mod tests {
                     gyro_bias_deg_s: 0.0,
                     accel_noise_g: 10.0,
                 },
-                replay: Replay { file: "flight.csv.gz".into(), gyro_samples: GyroSamples::Instants },
+                replay: Replay {
+                    file: "flight.csv.gz".into(),
+                    gyro_samples: GyroSamples::Instants,
+                    mag: false,
+                    gnss: Gnss::File("gnss.csv".into()),
+                },
                 bus: BusSource { rate_hz: 1.0, gyro_samples: GyroSamples::Instants },
-                limits: Limits { rate_max_deg_s: 100_000.0, force_max_g: 0.1, gap_s: 0.001, stuck_s: 60.0 },
+                limits: Limits {
+                    rate_max_deg_s: 100_000.0,
+                    force_max_g: 0.1,
+                    gap_s: 0.001,
+                    stuck_s: 60.0,
+                    field_max_ut: 100.0,
+                },
+                ..Launch::default().ingest
             },
             gyro: stage("rk4"),
             accel: stage("projector"),
             fuser: stage("wz-closed"),
-            course: stage("angles"),
+            course: Stage { stage: "angles".into(), set: [("declination_deg".into(), -3.5)].into() },
         };
         assert_eq!(Launch::parse("launch.toml", text), Ok(expected));
     }
@@ -276,7 +353,7 @@ error: fuser.stage: unknown value "wz-opn"
   |         ^^^^^^^^ not known here
   |
   = help: did you mean "wz-open"?
-  = note: allowed: "wz", "wz-closed", "wz-open"
+  = note: allowed: "wz", "wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling", "levelling-pi", "aided", "vqf"
 
 launch.toml: 2 problems"#;
         assert_eq!(shown, expected);
@@ -301,6 +378,12 @@ launch.toml: 2 problems"#;
             ("ingest.sim.rate_hz = 0", &["rate_hz: expected 1 to 10000, found 0", ":1:22\n", "^ expected 1 to 10000"]),
             ("ingest.limits.gap_s = nan", &["expected 0.001 to 10, found nan", ":1:23\n", "^^^ expected 0.001"]),
             ("ingest.limits.stuck_s = -inf", &["expected 0.01 to 60, found -inf", ":1:25\n", "^^^^ expected 0.01"]),
+            (
+                "course.set.declination = 3",
+                &["unknown key \"declination\" in [course.set]", ":1:12\n", "did you mean \"declination_deg\"?"],
+            ),
+            ("course.set.declination_deg = 181", &["declination_deg: expected -180 to 180, found 181", ":1:30\n"]),
+            ("ingest.replay.mag = 1", &["ingest.replay.mag: expected true or false, found an integer", ":1:21\n"]),
             ("ingest.sim.seed = -1", &["expected 0 to 9223372036854775807, found -1", ":1:19\n", "^^ expected 0"]),
             ("ingest.sim.seed = 9223372036854775808", &["found 9223372036854775808", ":1:19\n"]),
             (

@@ -1,8 +1,10 @@
 //! Between payloads and the quantities of the mathematics. What comes from another process is checked here.
 
-use attitude::{Complex, Vector3, gyro::Motion, point, point::Point, state::Attitude, turn::Turn};
+use attitude::{
+    Complex, Vector3, course::Reference, gnss::Fix, gyro::Motion, point, point::Point, state::Attitude, turn::Turn,
+};
 
-use crate::{AccelPoint, Chart, FusedState, GyroStep};
+use crate::{AccelPoint, Chart, CourseReference, FusedState, GnssFix, GyroStep, MagSample};
 
 impl From<point::Chart> for Chart {
     fn from(chart: point::Chart) -> Self {
@@ -34,6 +36,46 @@ impl FusedState {
     /// The attitude; `None` when a number is not finite or the chart unknown.
     pub fn attitude(&self) -> Option<Attitude> {
         attitude(self.w, self.z_rad, self.chart)
+    }
+}
+
+impl MagSample {
+    /// The field, µT; `None` when a component is not finite.
+    pub fn field_ut(&self) -> Option<Vector3<f64>> {
+        finite(self.field_ut)
+    }
+}
+
+impl GnssFix {
+    /// The fix; `None` when the velocity is not finite.
+    pub fn fix(&self) -> Option<Fix> {
+        let told = |value: f64| value.is_finite().then_some(value);
+        Some(Fix {
+            velocity_m_s: finite(self.velocity_m_s)?,
+            sd_m_s: told(self.velocity_sd_m_s),
+            age_s: told(self.age_s),
+            latitude_rad: told(self.latitude_rad),
+        })
+    }
+}
+
+impl From<Reference> for CourseReference {
+    fn from(reference: Reference) -> Self {
+        match reference {
+            Reference::Arbitrary => Self::ARBITRARY,
+            Reference::Magnetic => Self::MAGNETIC,
+            Reference::True => Self::TRUE,
+        }
+    }
+}
+
+impl From<CourseReference> for Reference {
+    fn from(reference: CourseReference) -> Self {
+        match reference {
+            CourseReference::MAGNETIC => Self::Magnetic,
+            CourseReference::TRUE => Self::True,
+            _ => Self::Arbitrary,
+        }
     }
 }
 

@@ -56,6 +56,18 @@ flags! {
     NEAR_GIMBAL = 17 "near-gimbal",
     /// No accelerometer has yet been heard: the attitude is only a start.
     UNALIGNED = 18 "unaligned",
+    /// A sample of the magnetic field goes with this tick, on the topic `mag`.
+    FIELD = 19 "field",
+    /// A fix goes with this tick, on the topic `gnss`.
+    FIX = 20 "fix",
+    /// The magnetic field was beyond its range or not finite, and was left out.
+    FIELD_INVALID = 21 "field-invalid",
+    /// The fix was not one, and was left out.
+    FIX_INVALID = 22 "fix-invalid",
+    /// The magnetic field is not that of the place; heading follows the gyro.
+    FIELD_DISTURBED = 23 "field-disturbed",
+    /// A sample of the magnetic field, or a fix, did not arrive.
+    AIDING_MISSING = 24 "aiding-missing",
 }
 
 impl Flags {

@@ -6,7 +6,10 @@
 //! | topic | type | from | to |
 //! | --- | --- | --- | --- |
 //! | `sensor` | [`SensorReading`] | an injector | ingest with source `bus` |
+//! | `receiver` | [`ReceiverReading`] | an injector | ingest with source `bus` |
 //! | `imu` | [`ImuSample`] | ingest | gyro, accel |
+//! | `mag` | [`MagSample`] | ingest | fuser |
+//! | `gnss` | [`GnssFix`] | ingest | fuser, course |
 //! | `reference` | [`Reference`] | ingest, where the source knows the truth | supervisor |
 //! | `gyro` | [`GyroStep`] | gyro | fuser |
 //! | `accel` | [`AccelPoint`] | accel | fuser |
@@ -25,14 +28,17 @@ pub use convert::{finite, pair};
 pub use flags::Flags;
 pub use layout::{Field, Layout};
 pub use topics::{
-    AccelPoint, AttitudeOutput, Chart, CourseReference, Credit, FusedState, GyroStep, Header, Health, ImuSample,
-    Reference, SensorReading, State,
+    AccelPoint, AttitudeOutput, Chart, CourseReference, Credit, FusedState, GnssFix, GyroStep, Header, Health,
+    ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
 };
 
 /// Every topic, in the order of the table above.
-pub const TOPICS: [&str; 9] = [
+pub const TOPICS: [&str; 12] = [
     SensorReading::TOPIC,
+    ReceiverReading::TOPIC,
     ImuSample::TOPIC,
+    MagSample::TOPIC,
+    GnssFix::TOPIC,
     Reference::TOPIC,
     GyroStep::TOPIC,
     AccelPoint::TOPIC,

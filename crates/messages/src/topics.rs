@@ -62,6 +62,10 @@ pub struct CourseReference(pub u64);
 impl CourseReference {
     /// From wherever the attitude began: gyro and accelerometer alone cannot know north.
     pub const ARBITRARY: Self = Self(0);
+    /// From magnetic north.
+    pub const MAGNETIC: Self = Self(1);
+    /// From true north.
+    pub const TRUE: Self = Self(2);
 }
 
 /// What a service does.
@@ -97,6 +101,22 @@ payload! {
         rate_rad_s: [f64; 3],
         /// Specific force, m/s².
         force_m_s2: [f64; 3],
+        /// Magnetic field, µT; NaN where this reading brings none.
+        field_ut: [f64; 3],
+    }
+}
+
+payload! {
+    /// A fix as it comes from a satellite receiver, before anything was checked; it belongs to the next sensor reading.
+    ReceiverReading = "plumbline.ReceiverReading.1" on "receiver" {
+        /// Velocity over ground, m/s, east, north, up.
+        velocity_m_s: [f64; 3],
+        /// Standard deviation of each component, m/s; NaN where unknown.
+        velocity_sd_m_s: f64,
+        /// How old the velocity is on arrival, s; NaN where unknown.
+        age_s: f64,
+        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        latitude_rad: f64,
     }
 }
 
@@ -109,6 +129,32 @@ payload! {
         rate_rad_s: [f64; 3],
         /// Specific force, m/s², body axes; up at rest.
         force_m_s2: [f64; 3],
+    }
+}
+
+payload! {
+    /// The magnetic field at a tick; the sample of that tick is flagged `field`.
+    MagSample = "plumbline.MagSample.1" on "mag" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// Magnetic field, µT, body axes.
+        field_ut: [f64; 3],
+    }
+}
+
+payload! {
+    /// What a satellite receiver said, at the tick at which it arrived; the sample of that tick is flagged `fix`.
+    GnssFix = "plumbline.GnssFix.1" on "gnss" {
+        /// Tick, interval, flags.
+        header: Header,
+        /// Velocity over ground, m/s, east, north, up.
+        velocity_m_s: [f64; 3],
+        /// Standard deviation of each component, m/s; NaN where unknown.
+        velocity_sd_m_s: f64,
+        /// How old the velocity was on arrival, s; NaN where unknown.
+        age_s: f64,
+        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        latitude_rad: f64,
     }
 }
 
@@ -181,6 +227,10 @@ payload! {
         innovation_rad: f64,
         /// Standard deviation of the inclination, rad.
         inclination_sd_rad: f64,
+        /// Standard deviation of the heading, rad; π where nothing is known.
+        heading_sd_rad: f64,
+        /// What the heading is counted from.
+        course_reference: CourseReference,
         /// Times the attitude was set anew.
         reset_counter: u64,
     }
@@ -203,11 +253,15 @@ payload! {
         course_rad: f64,
         /// What the course is counted from.
         course_reference: CourseReference,
+        /// Standard deviation of the course, rad; π where nothing is known.
+        course_sd_rad: f64,
+        /// Magnetic declination by which a magnetic course was made true, rad, east positive; 0 where none was.
+        declination_rad: f64,
         /// Body rate less the bias, rad/s, body axes.
         rate_rad_s: [f64; 3],
         /// Standard deviation of the inclination, rad.
         inclination_sd_rad: f64,
-        /// Times the attitude was set anew.
+        /// Times the attitude or the course was set anew.
         reset_counter: u64,
         /// The jump of the last time: the turn from the attitude expected to the attitude set, w x y z.
         jump: [f64; 4],
@@ -267,16 +321,16 @@ macro_rules! ticked {
     )* };
 }
 
-whole!(SensorReading, Reference, Credit, Health);
-ticked!(ImuSample, GyroStep, AccelPoint, FusedState, AttitudeOutput);
+whole!(SensorReading, ReceiverReading, Reference, Credit, Health);
+ticked!(ImuSample, MagSample, GnssFix, GyroStep, AccelPoint, FusedState, AttitudeOutput);
 
 const _: () = {
     assert!(size_of::<Header>() == 64);
     assert!(size_of::<ImuSample>() == 112);
     assert!(size_of::<GyroStep>() == 152);
     assert!(size_of::<AccelPoint>() == 128);
-    assert!(size_of::<FusedState>() == 168);
-    assert!(size_of::<AttitudeOutput>() == 208);
+    assert!(size_of::<FusedState>() == 184);
+    assert!(size_of::<AttitudeOutput>() == 224);
     assert!(size_of::<Health>() == 64);
 };
 
@@ -288,7 +342,10 @@ mod tests {
     fn layouts() -> Vec<Layout> {
         vec![
             SensorReading::layout(),
+            ReceiverReading::layout(),
             ImuSample::layout(),
+            MagSample::layout(),
+            GnssFix::layout(),
             Reference::layout(),
             GyroStep::layout(),
             AccelPoint::layout(),
@@ -335,7 +392,9 @@ mod tests {
         ];
         for layout in layouts() {
             for field in layout.fields {
-                let unit = ["_ns", "_rad", "_rad_s", "_m_s2"].iter().any(|unit| field.name.ends_with(unit));
+                let unit = ["_ns", "_s", "_rad", "_rad_s", "_m_s", "_m_s2", "_ut"]
+                    .iter()
+                    .any(|unit| field.name.ends_with(unit));
                 assert!(unit || plain.contains(&field.name), "{}: {} has no unit", layout.name, field.name);
             }
         }

@@ -1,16 +1,18 @@
 //! Recordings of an inertial sensor: CSV, plain or gzip.
 //!
-//! Input: a file with one header line; columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s², optionally `qw,qx,qy,qz`,
-//! `mov` and `mx,my,mz` (not read for now), in any order.
+//! Input: a file with one header line; columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s², optionally `mx,my,mz` in
+//! µT, `qw,qx,qy,qz` and `mov`, in any order; a receiver's fixes in a file beside it, see [`gnss`].
 //! Output: its rows one by one, in constant memory, or a survey of the whole. Time: the recording's own.
 //! Failure: the first malformed line ends the reading, with its place, what was found and what was expected.
 #![forbid(unsafe_code)]
 
 mod columns;
 mod error;
+pub mod gnss;
 mod input;
 mod reader;
 mod survey;
+mod table;
 mod time;
 
 pub use error::{Fault, Place, RecordingError};

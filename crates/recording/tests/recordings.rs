@@ -72,10 +72,24 @@ fn quaternions_that_turn_nothing_are_no_reference() {
 }
 
 #[test]
+fn a_field_with_a_component_that_is_nan_is_no_sample() {
+    let rows = rows(
+        b"t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n0,0,0,0,0,0,0,1,-2.5,3e1\n1,0,0,0,0,0,0,nan,nan,nan\n2,0,0,0,0,0,0,1,nan,3\n",
+    );
+    assert_eq!(rows.iter().map(|row| row.field_ut).collect::<Vec<_>>(), [Some([1.0, -2.5, 30.0]), None, None]);
+}
+
+#[test]
 fn blanks_quotes_crlf_a_byte_order_mark_and_any_order_of_columns_are_read() {
     let odd =
-        b"\xef\xbb\xbf\"az\" , mx,ay,ax,gz,gy,gx,t_s\r\n\r\n 9.8,?,5 ,\t4,\" 3 \",2,1,0.5 \r\n \r\n9.8,,5,4,3,2,1,1.5";
-    let row = Row { t_ns: 500_000_000, rate_rad_s: [1.0, 2.0, 3.0], force_m_s2: [4.0, 5.0, 9.8], reference: None };
+        b"\xef\xbb\xbf\"az\" , qw,ay,ax,gz,gy,gx,t_s,qx,qy,qz\r\n\r\n 9.8,0 ,5 ,\t4,\" 3 \",2,1,0.5 ,0,0,0\r\n \r\n9.8,0,5,4,3,2,1,1.5,0,0,0";
+    let row = Row {
+        t_ns: 500_000_000,
+        rate_rad_s: [1.0, 2.0, 3.0],
+        force_m_s2: [4.0, 5.0, 9.8],
+        field_ut: None,
+        reference: None,
+    };
     assert_eq!(rows(odd), [row, Row { t_ns: 1_500_000_000, ..row }]);
 }
 
@@ -175,6 +189,7 @@ fn headers_that_do_not_say_what_is_needed_are_refused() {
         ),
         ("t_s,gx,gy,gz,ax,ay,az,gx", "line 1, column 8 (gx): found the name again, expected it in column 2 only"),
         ("t_s,gx,gy,ax,ay", "line 1: found no column gz, az, expected all of t_s, gx, gy, gz, ax, ay, az"),
+        ("t_s,gx,gy,gz,ax,ay,az,mx,mz", "line 1: found no column my, expected all of mx, my, mz"),
         ("t_s,gx,gy,gz,ax,ay,az,qw,qx", "line 1: found no column qy, qz, expected all of qw, qx, qy, qz"),
     ] {
         assert_eq!(malformed(header.as_bytes()), message);
@@ -226,8 +241,8 @@ fn bytes_that_are_no_text_are_refused_even_where_nobody_reads_them() {
             "line 2, column 5 (ax): found \"9.\u{fffd}8\", expected UTF-8 text",
         ),
         (
-            b"t_s,gx,gy,gz,ax,ay,az,mx\n0,0,0,0,0,0,0,\xc3\n",
-            "line 2, column 8 (mx): found \"\u{fffd}\", expected UTF-8 text",
+            b"t_s,gx,gy,gz,ax,ay,az,mov\n0,0,0,0,0,0,0,\xc3\n",
+            "line 2, column 8 (mov): found \"\u{fffd}\", expected UTF-8 text",
         ),
     ] {
         assert_eq!(malformed(contents), message);

@@ -6,20 +6,25 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | [`slot`] | a slot's work without clock or bus, for one input or for two joined by tick |
+//! | [`slot`] | a slot's work without clock or bus |
+//! | [`join`] | several inputs in the order of ticks |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`service`] | the loop over the bus |
+//! | [`stage`] | filling a slot with what the launch file names |
 //! | [`clock`] | the monotonic clock |
 #![forbid(unsafe_code)]
 
 pub mod clock;
+pub mod join;
 pub mod orders;
 pub mod service;
 pub mod slot;
+pub mod stage;
 
+pub use join::{Beside, Join, Joined};
 pub use orders::{Orders, Pace};
 pub use service::{Member, RuntimeError, serve};
-pub use slot::{EachTick, Join, Joined, Sequence, Slot, Work};
+pub use slot::{EachTick, Sequence, Slot, Work};
 
 /// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.
 pub const BRIDGE_S: f64 = 1.0;

@@ -54,7 +54,7 @@ impl Orders {
     /// What a rate sample of the source means.
     pub fn gyro_samples(&self) -> GyroSamples {
         match self.launch.ingest.source {
-            Source::Sim => GyroSamples::Instants,
+            Source::Sim => self.launch.ingest.sim.gyro_samples(),
             Source::Replay => self.launch.ingest.replay.gyro_samples,
             Source::Bus => self.launch.ingest.bus.gyro_samples,
         }

@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use attitude::parameters::ParameterError;
 use bus::{Bus, BusError, Domain, Publisher, Subscriber, Woken};
 use launch::Service;
 use messages::{Flags, Header, Health, Message, State, Ticked};
@@ -53,6 +54,18 @@ pub enum RuntimeError {
         slot: Service,
         /// The name asked for.
         stage: String,
+    },
+    /// A parameter that the stage does not take.
+    #[error("setting `{name}` of the stage `{stage}` in the slot `{slot}`: {cause}")]
+    Parameter {
+        /// The slot.
+        slot: Service,
+        /// The stage.
+        stage: String,
+        /// The parameter.
+        name: String,
+        /// What is wrong with it.
+        cause: ParameterError,
     },
 }
 

@@ -5,23 +5,22 @@
 #![forbid(unsafe_code)]
 
 use attitude::{
-    accel::{FORCE_MIN_M_S2, Projector},
+    accel::{Accelerometer, FORCE_MIN_M_S2},
     stage::Stage,
 };
 use launch::Service;
 use messages::{AccelPoint, Flags, Header, ImuSample, pair};
-use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve};
+use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve, stage};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
 pub struct AccelWork {
-    stage: Projector,
+    stage: Accelerometer,
 }
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<AccelWork>, RuntimeError> {
-    let name = &orders.launch.accel.stage;
-    let stage = Projector::named(name).ok_or(RuntimeError::Stage { slot: Service::Accel, stage: name.clone() })?;
+    let stage = stage::filled(Service::Accel, &orders.launch.accel, Accelerometer::named)?;
     Ok(EachTick::new(AccelWork { stage }))
 }
 

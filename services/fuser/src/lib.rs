@@ -1,20 +1,22 @@
-//! The slot `fuser`: from `gyro` and `accel`, joined by tick, to `fused`.
+//! The slot `fuser`: from `gyro` and `accel`, joined by tick, with `mag` and `gnss` where a tick has them, to `fused`.
 //!
-//! Input: the motion and the point of each tick. Output: one attitude for each tick. Time: the samples' own. Failure: what is
+//! Input: the motion and the point of each tick, a field and a fix of some. Output: one attitude for each tick. Time: the samples' own. Failure: what is
 //! missing or cannot be used is left out and flagged; over a gap longer than the gyro bridges the level is set anew.
 #![forbid(unsafe_code)]
 
 use attitude::{
+    Vector3,
     accel::Inclination,
     fuser::{Fused, Fuser, FuserInput, innovation_rad},
+    gnss::Fix,
     gyro::Motion,
     stage::Stage,
     state::Attitude,
     turn::Turn,
 };
 use launch::Service;
-use messages::{AccelPoint, Flags, FusedState, GyroStep, Header, Ticked, finite, pair};
-use runtime::{BRIDGE_S, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve};
+use messages::{AccelPoint, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
+use runtime::{BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage};
 
 /// A time without a rate after which the attitude may be anywhere, s.
 const BLIND_S: f64 = 0.2;
@@ -31,6 +33,10 @@ pub enum FuserMessage {
     Gyro(GyroStep),
     /// Of the topic `accel`.
     Accel(AccelPoint),
+    /// Of the topic `mag`.
+    Mag(MagSample),
+    /// Of the topic `gnss`.
+    Gnss(GnssFix),
 }
 
 impl From<GyroStep> for FuserMessage {
@@ -45,12 +51,27 @@ impl From<AccelPoint> for FuserMessage {
     }
 }
 
+impl From<MagSample> for FuserMessage {
+    fn from(message: MagSample) -> Self {
+        Self::Mag(message)
+    }
+}
+
+impl From<GnssFix> for FuserMessage {
+    fn from(message: GnssFix) -> Self {
+        Self::Gnss(message)
+    }
+}
+
 /// The slot.
 #[derive(Debug, Clone)]
 pub struct FuserSlot {
     join: Join<GyroStep, AccelPoint>,
+    field: Beside<MagSample>,
+    fixes: Beside<GnssFix>,
     stage: Fuser,
-    name: String,
+    /// The stage as it began.
+    fresh: Fuser,
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
@@ -64,11 +85,14 @@ pub struct FuserSlot {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
-    let name = orders.launch.fuser.stage.clone();
+    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, Fuser::named)?;
+    let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
-        join: Join::new(orders.lateness_ticks()),
-        stage: Fuser::named(&name).ok_or(RuntimeError::Stage { slot: Service::Fuser, stage: name.clone() })?,
-        name,
+        join: Join::new(lateness_ticks),
+        field: Beside::new(Flags::FIELD, lateness_ticks),
+        fixes: Beside::new(Flags::FIX, lateness_ticks),
+        fresh: stage.clone(),
+        stage,
         gyro_before: None,
         aligned: false,
         reset_counter: 0,
@@ -84,7 +108,8 @@ pub fn run() -> Result<(), RuntimeError> {
     let member = Member::join(Service::Fuser)?;
     let slot = slot(&member.orders)?;
     let (gyro, accel) = (member.subscriber::<GyroStep>()?, member.subscriber::<AccelPoint>()?);
-    serve(member, slot, &[&gyro, &accel])
+    let (mag, gnss) = (member.subscriber::<MagSample>()?, member.subscriber::<GnssFix>()?);
+    serve(member, slot, &[&gyro, &accel, &mag, &gnss])
 }
 
 impl Slot for FuserSlot {
@@ -95,8 +120,11 @@ impl Slot for FuserSlot {
         match input {
             FuserMessage::Gyro(message) => self.join.offer_first(message),
             FuserMessage::Accel(message) => self.join.offer_second(message),
+            FuserMessage::Mag(message) => self.field.offer(message),
+            FuserMessage::Gnss(message) => self.fixes.offer(message),
         }
-        while let Some(tick) = self.join.take() {
+        while self.waits_for().is_none() {
+            let Some(tick) = self.join.take() else { break };
             if let Some(state) = self.fuse(&tick) {
                 publish(state);
             }
@@ -108,11 +136,20 @@ impl Slot for FuserSlot {
     }
 
     fn lacks(&self) -> usize {
-        self.join.lacks()
+        self.waits_for().unwrap_or_else(|| self.join.lacks())
     }
 }
 
 impl FuserSlot {
+    /// Which of `mag` and `gnss` the next tick waits for, although motion and point are there.
+    fn waits_for(&self) -> Option<usize> {
+        let (next, newest_tick) = (self.join.peek()?, self.join.newest_tick());
+        if !self.field.is_ready(&next, newest_tick) {
+            return Some(2);
+        }
+        (!self.fixes.is_ready(&next, newest_tick)).then_some(3)
+    }
+
     fn fuse(&mut self, tick: &Joined<GyroStep, AccelPoint>) -> Option<FusedState> {
         let origin = tick.first.as_ref().map(Ticked::header).or(tick.second.as_ref().map(Ticked::header))?;
         let mut header = self.join.sequence().mark(*origin, tick.missing);
@@ -129,7 +166,8 @@ impl FuserSlot {
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
         let rest_credible = !header.flags.any(suspect);
-        let fused = self.step(&FuserInput { motion, inclination, rest_credible, ..FuserInput::default() }, &mut header);
+        let (field_ut, fix) = self.aiding(&mut header);
+        let fused = self.step(&FuserInput { motion, inclination, field_ut, fix, rest_credible }, &mut header);
         Some(FusedState {
             header,
             w: pair(fused.attitude.up.w),
@@ -139,8 +177,20 @@ impl FuserSlot {
             bias_rad_s: fused.bias_rad_s.into(),
             innovation_rad: fused.innovation_rad,
             inclination_sd_rad: fused.inclination_sd_rad,
+            heading_sd_rad: fused.heading_sd_rad,
+            course_reference: fused.reference.into(),
             reset_counter: self.reset_counter,
         })
+    }
+
+    /// The field and the fix of a tick whose flags say that it has them.
+    fn aiding(&mut self, header: &mut Header) -> (Option<Vector3<f64>>, Option<Fix>) {
+        let field_ut = self.field.take(header.tick).and_then(|mag| mag.field_ut());
+        let fix = self.fixes.take(header.tick).and_then(|gnss| gnss.fix());
+        let missing =
+            header.flags.any(Flags::FIELD) && field_ut.is_none() || header.flags.any(Flags::FIX) && fix.is_none();
+        header.flags |= Flags::AIDING_MISSING.when(missing);
+        (field_ut, fix)
     }
 
     /// The inclination of a point, unless its flags say that it is not one.
@@ -173,7 +223,7 @@ impl FuserSlot {
         let mut fused = self.stage.step(input);
         if !is_finite(&fused) {
             header.flags |= Flags::RESET;
-            self.stage = Fuser::named(&self.name).unwrap_or_else(|| self.stage.clone());
+            self.stage = self.fresh.clone();
             fused = self.stage.step(input);
         }
         self.attitude = fused.attitude;
@@ -182,7 +232,8 @@ impl FuserSlot {
         self.aligned |= aligned_now;
         header.flags |= Flags::ALIGNED.when(aligned_now)
             | Flags::UNALIGNED.when(!self.aligned)
-            | Flags::AT_REST.when(fused.corrections.rest);
+            | Flags::AT_REST.when(fused.corrections.rest)
+            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
         fused
     }
 
@@ -206,6 +257,6 @@ impl FuserSlot {
 
 fn is_finite(fused: &Fused) -> bool {
     let q = fused.attitude.quaternion();
-    let numbers = [fused.innovation_rad, fused.inclination_sd_rad];
+    let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
     q.coords.iter().chain(&fused.bias_rad_s).chain(&fused.rate_rad_s).chain(&numbers).all(|x| x.is_finite())
 }

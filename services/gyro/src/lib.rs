@@ -13,7 +13,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{Flags, GyroStep, Header, ImuSample, pair};
-use runtime::{BRIDGE_S, EachTick, Member, Orders, RuntimeError, Work, serve};
+use runtime::{BRIDGE_S, EachTick, Member, Orders, RuntimeError, Work, serve, stage};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
@@ -25,8 +25,7 @@ pub struct GyroWork {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<GyroWork>, RuntimeError> {
-    let name = &orders.launch.gyro.stage;
-    let stage = Gyro::named(name).ok_or(RuntimeError::Stage { slot: Service::Gyro, stage: name.clone() })?;
+    let stage = stage::filled(Service::Gyro, &orders.launch.gyro, Gyro::named)?;
     Ok(EachTick::new(GyroWork { stage, aligned: false, t_end_ns: None }))
 }
 

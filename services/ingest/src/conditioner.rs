@@ -1,11 +1,13 @@
 //! From readings to checked samples: every reading that can be placed in time becomes a tick.
 //!
-//! Input: readings as a sensor gives them. Output: samples with finite values, growing time and contiguous ticks, with flags for what
+//! Input: readings as a sensor gives them; what is wrong with them is judged before calibration and mounting are applied. Output: samples with finite values, growing time and contiguous ticks, with flags for what
 //! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
 //!
 //! | reading | becomes |
 //! | --- | --- |
 //! | a rate or force that is not finite, or beyond all sense | the last good one, flagged; the rate 0 after `gap_s` |
+//! | a field that is not finite or at the end of the range; a fix without sense | left out, flagged |
+//! | the same field as before | no new sample of it |
 //! | at the end of the range | as it is, flagged |
 //! | \|f\| near zero | as it is, flagged by accel; not used |
 //! | the same vector for `stuck_s` | as it is, flagged; a force that is stuck while the rate lives is not used |
@@ -15,10 +17,18 @@
 //! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew |
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
-use launch::{GyroSamples, Limits};
-use messages::{Flags, Header, ImuSample};
+use attitude::{
+    Matrix3,
+    calibration::{Calibration, CalibrationError, Mounting},
+    gnss::Fix,
+};
+use launch::{GyroSamples, Ingest};
+use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
-use crate::source::Reading;
+use crate::{
+    channel::{Channel, FieldChannel, checked},
+    source::Reading,
+};
 
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
 const LEAP_NS: i64 = 10_000_000_000;
@@ -26,14 +36,27 @@ const LEAP_NS: i64 = 10_000_000_000;
 const START_MAX_NS: i64 = 9_000_000_000_000_000_000;
 /// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
 const PAST_MAX: i64 = 10;
-/// A value this many times beyond the range is not a measurement.
-const SENSE: f64 = 10.0;
+
+/// What becomes of a reading: one tick.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Rate and force.
+    pub imu: ImuSample,
+    /// The field, where the reading brought a new one.
+    pub mag: Option<MagSample>,
+    /// The fix, where the reading brought one.
+    pub gnss: Option<GnssFix>,
+}
 
 /// Checks readings and numbers them.
 #[derive(Debug, Clone)]
 pub struct Conditioner {
     rate: Channel,
     force: Channel,
+    field: FieldChannel,
+    /// Of a reading that was refused; it goes with the next.
+    fix: Option<Fix>,
+    body: Body,
     gap_ns: i64,
     kind: Flags,
     tick: u64,
@@ -47,6 +70,23 @@ pub struct Conditioner {
     refused_before: bool,
 }
 
+/// From the sensors' axes to the body's.
+#[derive(Debug, Clone)]
+struct Body {
+    mounting: Mounting,
+    gyro: Calibration,
+    accel: Calibration,
+    mag: Calibration,
+}
+
+fn in_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
+    mounting.apply(calibration.apply(raw.into())).into()
+}
+
+fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| rows[row][column])
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Last {
     t_end_ns: i64,
@@ -54,11 +94,13 @@ struct Last {
 }
 
 impl Conditioner {
-    /// For a sensor of this rate with these limits.
-    pub fn new(limits: &Limits, rate_hz: f64, kind: GyroSamples) -> Self {
+    /// For sensors of this rate, limited, calibrated and mounted as `ingest` says.
+    pub fn new(ingest: &Ingest, rate_hz: f64, kind: GyroSamples) -> Result<Self, CalibrationError> {
+        let limits = &ingest.limits;
+        let calibration = |of: &launch::Calibration| Calibration::new(of.bias.into(), matrix(of.matrix));
         let stuck_ns = (limits.stuck_s * 1e9) as i64;
         let gap_ns = (limits.gap_s * 1e9) as i64;
-        Self {
+        Ok(Self {
             rate: Channel {
                 limit: limits.rate_max_deg_s.to_radians(),
                 invalid: Flags::RATE_INVALID,
@@ -75,6 +117,14 @@ impl Conditioner {
                 stuck_ns,
                 ..Channel::default()
             },
+            field: FieldChannel { limit_ut: limits.field_max_ut, last_ut: None },
+            fix: None,
+            body: Body {
+                mounting: Mounting::of_matrix(matrix(ingest.mounting))?,
+                gyro: calibration(&ingest.calibration.gyro)?,
+                accel: calibration(&ingest.calibration.accel)?,
+                mag: calibration(&ingest.calibration.mag)?,
+            },
             gap_ns,
             kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
             tick: 0,
@@ -84,11 +134,12 @@ impl Conditioner {
             past: None,
             refused: 0,
             refused_before: false,
-        }
+        })
     }
 
     /// The sample of a reading; `None` when it is refused.
-    pub fn condition(&mut self, reading: &Reading) -> Option<ImuSample> {
+    pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
+        self.fix = reading.fix.or(self.fix);
         let Some((t_start_ns, t_end_ns, time_flags)) = self.place(reading) else {
             self.refused += 1;
             self.refused_before = true;
@@ -98,18 +149,27 @@ impl Conditioner {
         let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, dt_ns);
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
         let dead = self.rate.invalid_ns > self.gap_ns;
-        let rate_rad_s = if dead { [0.0; 3] } else { rate_rad_s };
+        let Body { mounting, gyro, accel, mag } = &self.body;
+        let rate_rad_s = if dead { [0.0; 3] } else { in_body(mounting, gyro, rate_rad_s) };
+        let force_m_s2 = in_body(mounting, accel, force_m_s2);
+        let (field_ut, field_flags) = self.field.check(reading.field_ut);
+        let (fix, fix_flags) = checked(self.fix.take());
         let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
-        let header = Header {
-            tick: self.tick,
-            t_start_ns,
-            t_end_ns,
-            flags: time_flags | rate_flags | force_flags | refused | self.kind,
-            ..bytemuck::Zeroable::zeroed()
-        };
+        let flags = time_flags | rate_flags | force_flags | field_flags | fix_flags | refused | self.kind;
+        let header = Header { tick: self.tick, t_start_ns, t_end_ns, flags, ..bytemuck::Zeroable::zeroed() };
         self.tick += 1;
         self.last = Some(Last { t_end_ns, reading: *reading });
-        Some(ImuSample { header, rate_rad_s, force_m_s2 })
+        Some(Sample {
+            imu: ImuSample { header, rate_rad_s, force_m_s2 },
+            mag: field_ut.map(|field_ut| MagSample { header, field_ut: in_body(mounting, mag, field_ut) }),
+            gnss: fix.map(|fix| GnssFix {
+                header,
+                velocity_m_s: fix.velocity_m_s.into(),
+                velocity_sd_m_s: fix.sd_m_s.unwrap_or(f64::NAN),
+                age_s: fix.age_s.unwrap_or(f64::NAN),
+                latitude_rad: fix.latitude_rad.unwrap_or(f64::NAN),
+            }),
+        })
     }
 
     /// Ticks given so far.
@@ -170,32 +230,4 @@ impl Conditioner {
 fn is_repeated(reading: &Reading, before: &Reading) -> bool {
     let bits = |reading: &Reading| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
     bits(reading) == bits(before)
-}
-
-/// One vector of the sensor.
-#[derive(Debug, Clone, Copy, Default)]
-struct Channel {
-    limit: f64,
-    invalid: Flags,
-    clipped: Flags,
-    stuck: Flags,
-    stuck_ns: i64,
-    good: [f64; 3],
-    repeated_ns: i64,
-    invalid_ns: i64,
-}
-
-impl Channel {
-    /// The value to go on with, and what is to be said about it.
-    fn check(&mut self, value: [f64; 3], dt_ns: i64) -> ([f64; 3], Flags) {
-        if !value.iter().all(|x| x.abs() < self.limit * SENSE) {
-            self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
-            return (self.good, self.invalid);
-        }
-        self.invalid_ns = 0;
-        self.repeated_ns = if value == self.good { self.repeated_ns.saturating_add(dt_ns) } else { 0 };
-        self.good = value;
-        let clipped = value.iter().any(|x| x.abs() >= self.limit);
-        (value, self.clipped.when(clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
-    }
 }

@@ -4,6 +4,7 @@
 //! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`mod@conditioner`].
 #![forbid(unsafe_code)]
 
+mod channel;
 pub mod conditioner;
 pub mod source;
 
@@ -11,15 +12,15 @@ use std::time::Duration;
 
 use bus::{BusError, Publisher, Subscriber};
 use launch::{Service, Source};
-use messages::{Credit, Flags, ImuSample, Reference, SensorReading, State};
+use messages::{Credit, Flags, GnssFix, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State};
 use runtime::{
     Member, Orders, Pace, RuntimeError,
     clock::{monotonic_ns, sleep_until_ns},
     orders::BUFFER_BESIDE,
 };
 
-use conditioner::Conditioner;
-use source::{Reading, Readings, SourceError, Truth, reading_of};
+use conditioner::{Conditioner, Sample};
+use source::{Reading, Readings, SourceError, Truth, fix_of};
 
 /// Samples sent at most before the readers are woken.
 const BATCH: usize = 64;
@@ -44,8 +45,8 @@ impl From<BusError> for IngestError {
 }
 
 /// The conditioner for the source that `orders` name.
-pub fn conditioner(orders: &Orders) -> Conditioner {
-    Conditioner::new(&orders.launch.ingest.limits, orders.rate_hz, orders.gyro_samples())
+pub fn conditioner(orders: &Orders) -> Result<Conditioner, SourceError> {
+    Ok(Conditioner::new(&orders.launch.ingest, orders.rate_hz, orders.gyro_samples())?)
 }
 
 /// The service.
@@ -62,6 +63,8 @@ struct Ingest {
     member: Member,
     conditioner: Conditioner,
     imu: Publisher<ImuSample>,
+    mag: Publisher<MagSample>,
+    gnss: Publisher<GnssFix>,
     reference: Publisher<Reference>,
     credit: Subscriber<Credit>,
     allowed_ticks: u64,
@@ -74,8 +77,10 @@ impl Ingest {
         let member = Member::join(Service::Ingest)?;
         runtime::clock::wake_on_time();
         Ok(Self {
-            conditioner: conditioner(&member.orders),
+            conditioner: conditioner(&member.orders)?,
             imu: member.publisher()?,
+            mag: member.publisher()?,
+            gnss: member.publisher()?,
             reference: member.bus.publisher(member.orders.buffer_ticks())?,
             credit: member.bus.subscriber(BUFFER_BESIDE)?,
             member,
@@ -93,11 +98,11 @@ impl Ingest {
         let mut start = None;
         while let (false, Some((sample, _))) = (self.member.ends(), &next) {
             self.drain_credit()?;
-            if sample.header.tick >= self.allowed_ticks {
+            if sample.imu.header.tick >= self.allowed_ticks {
                 self.member.wait::<Credit>(&self.credit);
                 continue;
             }
-            let t_end_ns = sample.header.t_end_ns;
+            let t_end_ns = sample.imu.header.t_end_ns;
             let (start_ns, first_ns) = *start.get_or_insert((monotonic_ns(), t_end_ns));
             let due_ns = match self.member.orders.pace {
                 Pace::Max => 0,
@@ -110,7 +115,8 @@ impl Ingest {
             }
             let batch = if self.member.orders.pace == Pace::Max { BATCH } else { 1 };
             for _ in 0..batch {
-                let Some((sample, truth)) = next.take_if(|(sample, _)| sample.header.tick < self.allowed_ticks) else {
+                let Some((sample, truth)) = next.take_if(|(sample, _)| sample.imu.header.tick < self.allowed_ticks)
+                else {
                     break;
                 };
                 self.publish(sample, truth)?;
@@ -131,6 +137,7 @@ impl Ingest {
     /// Publishes the readings of the topic `sensor` as they come.
     fn relay(&mut self) -> Result<(), IngestError> {
         let sensor: Subscriber<SensorReading> = self.member.subscriber()?;
+        let receiver: Subscriber<ReceiverReading> = self.member.subscriber()?;
         self.say(State::READY)?;
         while !self.member.ends() {
             self.drain_credit()?;
@@ -139,9 +146,11 @@ impl Ingest {
                 self.member.wait::<Credit>(&self.credit);
                 continue;
             }
-            let mut published = Ok(());
+            let (mut published, mut fix) = (Ok(()), None);
+            receiver.drain(BATCH, |reading| fix = Some(fix_of(reading)))?;
             sensor.drain(BATCH, |reading| {
-                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading_of(reading))) {
+                let reading = Reading { fix: fix.take(), ..reading.into() };
+                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading)) {
                     published = self.publish(sample, None);
                 }
             })?;
@@ -162,7 +171,7 @@ impl Ingest {
     }
 
     /// The next reading that can be placed, as a sample.
-    fn read(&mut self, readings: &mut Readings) -> Result<Option<(ImuSample, Option<Truth>)>, IngestError> {
+    fn read(&mut self, readings: &mut Readings) -> Result<Option<(Sample, Option<Truth>)>, IngestError> {
         if self.conditioner.ticks() >= self.ticks_max() {
             return Ok(None);
         }
@@ -175,15 +184,25 @@ impl Ingest {
         Ok(None)
     }
 
-    fn publish(&mut self, mut sample: ImuSample, truth: Option<Truth>) -> Result<(), IngestError> {
+    fn publish(&mut self, sample: Sample, truth: Option<Truth>) -> Result<(), IngestError> {
+        let Sample { mut imu, mag, gnss } = sample;
         if let Some(Truth { quaternion, scored }) = truth {
-            let tick = sample.header.tick;
+            let tick = imu.header.tick;
             self.reference.send(&Reference { tick, scored: scored.into(), quaternion })?;
         }
-        self.flags |= sample.header.flags;
-        self.member.stamp(&mut sample.header);
-        sample.header.t_born_ns = sample.header.t_sent_ns;
-        self.imu.send(&sample)?;
+        self.flags |= imu.header.flags;
+        self.member.stamp(&mut imu.header);
+        imu.header.t_born_ns = imu.header.t_sent_ns;
+        // Before the tick that they go with, so that nobody has to wait for them.
+        if let Some(mag) = mag {
+            self.mag.send(&MagSample { header: imu.header, ..mag })?;
+            self.mag.wake();
+        }
+        if let Some(gnss) = gnss {
+            self.gnss.send(&GnssFix { header: imu.header, ..gnss })?;
+            self.gnss.wake();
+        }
+        self.imu.send(&imu)?;
         self.published_ticks += 1;
         Ok(())
     }

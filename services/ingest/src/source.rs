@@ -1,19 +1,59 @@
 //! Where readings come from: a simulation or a recording. (The third source, the bus, is read where the bus is.)
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use launch::{Launch, Source};
-use messages::SensorReading;
-use recording::{Reader, RecordingError};
+use attitude::{calibration::CalibrationError, gnss::Fix};
+use launch::{Gnss, Launch, Replay, Source};
+use messages::{ReceiverReading, SensorReading};
+use recording::{
+    Reader, RecordingError, Row,
+    gnss::{self, Fixes},
+};
 use scenario::{Motion, Scenario, ScenarioError, Sensors};
 
-/// A reading as its source gives it; any value may be NaN.
-pub use recording::{Reference as Truth, Row as Reading};
+pub use recording::Reference as Truth;
 
-/// A reading from the bus, where nobody knows the truth.
-pub fn reading_of(reading: SensorReading) -> Reading {
-    let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2 } = reading;
-    Reading { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, reference: None }
+/// A reading as its source gives it; any value may be NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Time on the source's clock, ns.
+    pub t_ns: i64,
+    /// Body rate, rad/s, sensor axes.
+    pub rate_rad_s: [f64; 3],
+    /// Specific force, m/s², sensor axes.
+    pub force_m_s2: [f64; 3],
+    /// Magnetic field, µT, sensor axes, where there is a sample.
+    pub field_ut: Option<[f64; 3]>,
+    /// What a satellite receiver said since the reading before.
+    pub fix: Option<Fix>,
+    /// The true attitude, where the source knows it.
+    pub reference: Option<Truth>,
+}
+
+impl From<Row> for Reading {
+    fn from(row: Row) -> Self {
+        let Row { t_ns, rate_rad_s, force_m_s2, field_ut, reference } = row;
+        Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix: None, reference }
+    }
+}
+
+impl From<SensorReading> for Reading {
+    fn from(reading: SensorReading) -> Self {
+        let SensorReading { t_sensor_ns, rate_rad_s, force_m_s2, field_ut } = reading;
+        let field_ut = (!field_ut.iter().all(|x| x.is_nan())).then_some(field_ut);
+        Self { t_ns: t_sensor_ns, rate_rad_s, force_m_s2, field_ut, fix: None, reference: None }
+    }
+}
+
+/// What a receiver says over the bus.
+pub fn fix_of(reading: ReceiverReading) -> Fix {
+    let told = |value: f64| value.is_finite().then_some(value);
+    Fix {
+        velocity_m_s: reading.velocity_m_s.into(),
+        sd_m_s: told(reading.velocity_sd_m_s),
+        age_s: told(reading.age_s),
+        latitude_rad: told(reading.latitude_rad),
+    }
 }
 
 /// Readings that are there before they are asked for.
@@ -28,7 +68,7 @@ pub enum Readings {
         count: u64,
     },
     /// A recording.
-    Replay(Box<Reader>),
+    Replay(Box<Recorded>),
 }
 
 impl Readings {
@@ -44,7 +84,10 @@ impl Readings {
                 }
                 Ok(Self::Sim { sensors: Box::new(scenario.sensors()), rate_hz: sim.rate_hz, count: 0 })
             }
-            Source::Replay => Ok(Self::Replay(Box::new(Reader::open(Path::new(&launch.ingest.replay.file))?))),
+            Source::Replay => {
+                let Replay { file, gnss, mag, .. } = &launch.ingest.replay;
+                Ok(Self::Replay(Box::new(Recorded::open(file, fixes_of(file, gnss).as_deref(), *mag)?)))
+            }
             Source::Bus => Err(SourceError::NoBus),
         }
     }
@@ -64,11 +107,56 @@ impl Iterator for Readings {
                     t_ns: (t_s * 1e9).round() as i64,
                     rate_rad_s: reading.rate_rad_s.into(),
                     force_m_s2: reading.force_m_s2.into(),
+                    field_ut: reading.field_ut.map(Into::into),
+                    fix: reading.fix,
                     reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }
-            Self::Replay(reader) => Some(reader.next()?.map_err(SourceError::from)),
+            Self::Replay(recorded) => Some(recorded.next()?.map_err(SourceError::from)),
         }
+    }
+}
+
+/// A recording with the fixes beside it.
+pub struct Recorded {
+    rows: Reader,
+    fixes: Option<Fixes>,
+    mag: bool,
+}
+
+impl Recorded {
+    /// Opens both. Without `mag` the magnetic field is left out.
+    pub fn open(file: &Path, fixes: Option<&Path>, mag: bool) -> Result<Self, RecordingError> {
+        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(Fixes::open).transpose()?, mag })
+    }
+
+    fn read(&mut self, row: Row) -> Result<Reading, RecordingError> {
+        let fix = self.fixes.as_mut().map_or(Ok(None), |fixes| fixes.until(row.t_ns))?;
+        let fix = fix.map(|fix| Fix {
+            velocity_m_s: fix.velocity_m_s.into(),
+            sd_m_s: None,
+            age_s: None,
+            latitude_rad: fix.latitude_deg.map(f64::to_radians),
+        });
+        let reading = Reading::from(row);
+        Ok(Reading { fix, field_ut: reading.field_ut.filter(|_| self.mag), ..reading })
+    }
+}
+
+impl Iterator for Recorded {
+    type Item = Result<Reading, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        Some(self.rows.next()?.and_then(|row| self.read(row)))
+    }
+}
+
+/// The file with the fixes that go with a recording, where there is one.
+pub fn fixes_of(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
+    match gnss {
+        Gnss::Auto => gnss::beside(recording),
+        Gnss::Off => None,
+        Gnss::File(path) => Some(path.clone()),
     }
 }
 
@@ -81,6 +169,9 @@ pub enum SourceError {
     /// There is no such scenario.
     #[error("simulating: {0}")]
     Scenario(#[from] ScenarioError),
+    /// A calibration or a mounting that is none.
+    #[error("placing the sensors in the body: {0}")]
+    Body(#[from] CalibrationError),
     /// Readings from the bus need the bus.
     #[error("reading sensors from the bus: there is no bus inside one process; leave out --in-process")]
     NoBus,

@@ -1,6 +1,7 @@
 //! Every row of the conditioner's table, and a storm of whatever 64 bits can say.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+use attitude::gnss::Fix;
 use ingest::{conditioner::Conditioner, source::Reading};
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
@@ -13,13 +14,20 @@ const YEAR_NS: i64 = 365 * 24 * HOUR_NS;
 const NO_PLACES: [usize; 0] = [];
 
 fn conditioner(kind: GyroSamples) -> Conditioner {
-    Conditioner::new(&Launch::default().ingest.limits, RATE_HZ, kind)
+    Conditioner::new(&Launch::default().ingest, RATE_HZ, kind).unwrap()
 }
 
 /// A good reading that no other count gives.
 fn reading(count: i64) -> Reading {
     let x = count as f64 * 1e-3;
-    Reading { t_ns: count * USUAL_NS, rate_rad_s: [x, -x, 0.1], force_m_s2: [0.1, x, 9.8], reference: None }
+    Reading {
+        t_ns: count * USUAL_NS,
+        rate_rad_s: [x, -x, 0.1],
+        force_m_s2: [0.1, x, 9.8],
+        field_ut: None,
+        fix: None,
+        reference: None,
+    }
 }
 
 fn readings(count: i64) -> Vec<Reading> {
@@ -29,7 +37,8 @@ fn readings(count: i64) -> Vec<Reading> {
 /// What becomes of each reading, in order, time and number checked.
 fn conditioned(readings: &[Reading]) -> Vec<Option<ImuSample>> {
     let mut conditioner = conditioner(GyroSamples::Means);
-    let samples: Vec<_> = readings.iter().map(|reading| conditioner.condition(reading)).collect();
+    let samples: Vec<_> =
+        readings.iter().map(|reading| conditioner.condition(reading).map(|sample| sample.imu)).collect();
     let given: Vec<_> = samples.iter().flatten().copied().collect();
     assert_sound(&given);
     assert_eq!(conditioner.ticks(), given.len() as u64);
@@ -80,7 +89,7 @@ fn good_readings_pass_as_they_are() {
 #[test]
 fn instants_are_said_to_be_instants() {
     let sample = conditioner(GyroSamples::Instants).condition(&reading(0)).unwrap();
-    assert_eq!(sample.header.flags, Flags::RATE_INSTANT);
+    assert_eq!(sample.imu.header.flags, Flags::RATE_INSTANT);
 }
 
 #[test]
@@ -361,10 +370,60 @@ fn whatever_comes_samples_are_finite_and_time_grows() {
                 let good = reading(count);
                 t_ns = choices.stamp(t_ns, wildness);
                 let rate_rad_s = choices.values(good.rate_rad_s, wildness);
-                Reading { t_ns, rate_rad_s, force_m_s2: choices.values(good.force_m_s2, wildness), reference: None }
+                Reading { t_ns, rate_rad_s, force_m_s2: choices.values(good.force_m_s2, wildness), ..good }
             })
             .collect();
         let given = conditioned(&readings).iter().flatten().count();
         assert!(given >= readings.len() / 12, "seed {seed}: {given} samples of {} readings", readings.len());
     }
+}
+
+/// For each reading: whether its tick has a field and a fix, and its flags of both.
+fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
+    let mut conditioner = conditioner(GyroSamples::Means);
+    let of = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;
+    let samples = readings.iter().filter_map(|reading| conditioner.condition(reading));
+    samples.map(|s| (s.mag.is_some(), s.gnss.is_some(), Flags(s.imu.header.flags.0 & of.0))).collect()
+}
+
+#[test]
+fn a_field_is_given_on_once_and_only_if_it_is_one() {
+    let fields = [None, Some([20.0, 0.0, -40.0]), Some([20.0, 0.0, -40.0]), Some([f64::NAN, 0.0, 0.0]), Some([2e3; 3])];
+    let readings: Vec<_> = (0..).zip(fields).map(|(count, field_ut)| Reading { field_ut, ..reading(count) }).collect();
+    let expected = [Flags::NONE, Flags::FIELD, Flags::NONE, Flags::FIELD_INVALID, Flags::FIELD_INVALID];
+    assert_eq!(aiding(&readings), expected.map(|flags| (flags == Flags::FIELD, false, flags)));
+}
+
+#[test]
+fn a_fix_goes_with_the_first_tick_after_it_even_when_its_reading_is_refused() {
+    let fix = |speed: f64| {
+        Some(Fix { velocity_m_s: [speed, 0.0, 0.0].into(), sd_m_s: None, age_s: None, latitude_rad: None })
+    };
+    let mut readings = readings(5);
+    readings[1].fix = fix(30.0);
+    readings[2] = Reading { fix: fix(31.0), ..readings[1] };
+    readings[4].fix = fix(f64::INFINITY);
+    let given = aiding(&readings);
+    let flags: Vec<_> = given.iter().map(|(_, fix, flags)| (*fix, *flags)).collect();
+    let (none, fix, invalid) = ((false, Flags::NONE), (true, Flags::FIX), (false, Flags::FIX_INVALID));
+    assert_eq!(flags, [none, fix, fix, invalid], "the third reading came twice and is no tick");
+}
+
+#[test]
+fn readings_are_calibrated_in_the_sensors_axes_and_then_turned_into_the_bodys() {
+    let text = r#"
+        [ingest]
+        mounting.axes = "x-forward-y-left"
+        calibration.gyro.bias = [0.5, 0, 0]
+        calibration.accel.scale = [1, 2, 1]
+        calibration.mag.matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 3]]
+    "#;
+    let ingest = Launch::parse("launch.toml", text).unwrap().ingest;
+    let mut conditioner = Conditioner::new(&ingest, RATE_HZ, GyroSamples::Means).unwrap();
+    let raw = [1.0, 2.0, 3.0];
+    let reading = Reading { rate_rad_s: raw, force_m_s2: raw, field_ut: Some(raw), ..reading(0) };
+    let sample = conditioner.condition(&reading).unwrap();
+    assert_eq!(sample.imu.rate_rad_s, [-2.0, 0.5, 3.0]);
+    assert_eq!(sample.imu.force_m_s2, [-4.0, 1.0, 3.0]);
+    assert_eq!(sample.mag.unwrap().field_ut, [-2.0, 1.0, 9.0]);
 }

@@ -8,7 +8,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use attitude::Quaternion;
+use attitude::{
+    Quaternion,
+    metrics::{Accuracy, AttitudeError},
+};
 use hdrhistogram::Histogram;
 use messages::{AttitudeOutput, Flags, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
@@ -26,36 +29,11 @@ pub struct Collector {
     sequence: Sequence,
     pending: VecDeque<Reference>,
     latency_ns: Histogram<u64>,
-    error: InclinationError,
+    accuracy: Accuracy,
     digest: u64,
     flags: Flags,
     last: Option<AttitudeOutput>,
     out: Option<Csv>,
-}
-
-/// Inclination of the estimate against the truth, degrees.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct InclinationError {
-    count: u64,
-    sum_deg2: f64,
-    /// The largest.
-    pub max_deg: f64,
-    /// The last.
-    pub now_deg: f64,
-}
-
-impl InclinationError {
-    /// Root of the mean square; `None` without a single reference.
-    pub fn rmse_deg(&self) -> Option<f64> {
-        (self.count > 0).then(|| (self.sum_deg2 / self.count as f64).sqrt())
-    }
-
-    fn add(&mut self, error_deg: f64) {
-        self.count += 1;
-        self.sum_deg2 += error_deg * error_deg;
-        self.max_deg = self.max_deg.max(error_deg);
-        self.now_deg = error_deg;
-    }
 }
 
 impl Collector {
@@ -68,7 +46,7 @@ impl Collector {
                 doing: "making a histogram".into(),
                 cause: std::io::Error::other(cause.to_string()),
             })?,
-            error: InclinationError::default(),
+            accuracy: Accuracy::default(),
             digest: HASH_START,
             flags: Flags::NONE,
             last: None,
@@ -97,7 +75,7 @@ impl Collector {
         }
         let reference = self.pending.pop_front_if(|reference| reference.tick == header.tick);
         if let Some(reference) = reference.filter(|reference| reference.scored != 0) {
-            self.error.add(inclination_error_deg(output.quaternion, reference.quaternion));
+            self.accuracy.add(AttitudeError::between(quaternion(output.quaternion), quaternion(reference.quaternion)));
         }
         self.last = Some(*output);
         match &mut self.out {
@@ -122,8 +100,8 @@ impl Collector {
     }
 
     /// Accuracy against the truth.
-    pub fn error(&self) -> &InclinationError {
-        &self.error
+    pub fn accuracy(&self) -> &Accuracy {
+        &self.accuracy
     }
 
     /// A number that two runs share when every attitude was the same to the last bit.
@@ -142,11 +120,8 @@ impl Collector {
     }
 }
 
-/// Angle between the up vectors: 2 acos √(e_w² + e_z²) of e = q_est q_ref*, degrees (Laidig 2021).
-fn inclination_error_deg(estimate: [f64; 4], truth: [f64; 4]) -> f64 {
-    let quaternion = |[w, x, y, z]: [f64; 4]| Quaternion::new(w, x, y, z);
-    let e = quaternion(estimate) * quaternion(truth).conjugate();
-    (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).to_degrees()
+fn quaternion([w, x, y, z]: [f64; 4]) -> Quaternion<f64> {
+    Quaternion::new(w, x, y, z)
 }
 
 /// `t_s,qw,qx,qy,qz`, one line per tick, every number with all its digits.
@@ -181,19 +156,5 @@ impl Csv {
 
     fn failed(&self, cause: std::io::Error) -> UpError {
         UpError::Out { path: self.path.clone(), cause }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn heading_does_not_count_as_inclination() {
-        let half = 0.3f64;
-        let tilt = [half.cos(), half.sin(), 0.0, 0.0];
-        let turn = [half.cos(), 0.0, 0.0, half.sin()];
-        assert!((inclination_error_deg(tilt, [1.0, 0.0, 0.0, 0.0]) - 0.6f64.to_degrees()).abs() < 1e-12);
-        assert_eq!(inclination_error_deg(turn, [1.0, 0.0, 0.0, 0.0]), 0.0);
     }
 }

@@ -2,9 +2,12 @@
 
 use std::{sync::atomic::Ordering, time::Duration};
 
-use ingest::source::{Readings, Truth};
+use ingest::{
+    conditioner::Sample,
+    source::{Readings, Truth},
+};
 use launch::Service;
-use messages::{AttitudeOutput, ImuSample, Reference};
+use messages::{AttitudeOutput, FusedState, Reference};
 use runtime::{
     Pace, RuntimeError, Slot,
     clock::{monotonic_ns, sleep_until_ns},
@@ -28,7 +31,7 @@ pub struct Path {
     gyro: runtime::EachTick<gyro::GyroWork>,
     accel: runtime::EachTick<accel::AccelWork>,
     fuser: fuser::FuserSlot,
-    course: runtime::EachTick<course::CourseWork>,
+    course: course::CourseSlot,
 }
 
 impl Path {
@@ -44,11 +47,21 @@ impl Path {
     }
 
     /// Hands every attitude that follows from `sample` to `publish`.
-    pub fn offer(&mut self, sample: ImuSample, publish: &mut dyn FnMut(AttitudeOutput)) {
+    pub fn offer(&mut self, sample: Sample, publish: &mut dyn FnMut(AttitudeOutput)) {
         let Self { gyro, accel, fuser, course } = self;
-        let mut fused = |state| course.offer(state, publish);
-        accel.offer(sample, &mut |point| fuser.offer(point.into(), &mut fused));
-        gyro.offer(sample, &mut |step| fuser.offer(step.into(), &mut fused));
+        let Sample { imu, mag, gnss } = sample;
+        if let Some(fix) = gnss {
+            course.offer(fix.into(), publish);
+        }
+        let mut fused = |state: FusedState| course.offer(state.into(), publish);
+        if let Some(field) = mag {
+            fuser.offer(field.into(), &mut fused);
+        }
+        if let Some(fix) = gnss {
+            fuser.offer(fix.into(), &mut fused);
+        }
+        accel.offer(imu, &mut |point| fuser.offer(point.into(), &mut fused));
+        gyro.offer(imu, &mut |step| fuser.offer(step.into(), &mut fused));
     }
 }
 
@@ -56,7 +69,7 @@ impl Path {
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
     let ends = crate::asked_to_end()?;
     let mut collector = Collector::new(plan.out.as_deref())?;
-    let mut conditioner = ingest::conditioner(&plan.orders);
+    let mut conditioner = ingest::conditioner(&plan.orders)?;
     let mut path = Path::new(plan)?;
     let mut view = View::new(plan);
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
@@ -68,17 +81,17 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
             break;
         }
         let Some(mut sample) = conditioner.condition(&reading) else { continue };
-        let since_first_ns = sample.header.t_end_ns - *first_ns.get_or_insert(sample.header.t_end_ns);
+        let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
         if let Pace::Speed(speed) = plan.orders.pace {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
             while monotonic_ns() < due_ns && !ends.load(Ordering::SeqCst) {
                 sleep_until_ns(due_ns, SLEEP_LIMIT);
             }
         }
-        sample.header.t_born_ns = monotonic_ns();
-        sample.header.epoch = runtime::service::FIRST_EPOCH;
+        sample.imu.header.t_born_ns = monotonic_ns();
+        sample.imu.header.epoch = runtime::service::FIRST_EPOCH;
         if let Some(Truth { quaternion, scored }) = reading.reference {
-            collector.reference(Reference { tick: sample.header.tick, scored: scored.into(), quaternion });
+            collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
         let mut taken = Ok(());
         path.offer(sample, &mut |mut output| {
@@ -88,8 +101,8 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
             }
         });
         taken?;
-        if sample.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
-            seen_ns = sample.header.t_born_ns;
+        if sample.imu.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
+            seen_ns = sample.imu.header.t_born_ns;
             view.show(&collector, &[]);
         }
     }

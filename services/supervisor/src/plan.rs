@@ -100,7 +100,8 @@ fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
     }
 }
 
-fn is_same_file(one: &Path, other: &Path) -> bool {
+/// Two names of one file.
+pub fn is_same_file(one: &Path, other: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
     identity(one).is_some_and(|one| Some(one) == identity(other))
 }

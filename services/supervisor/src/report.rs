@@ -90,7 +90,7 @@ impl Report {
     /// The report of a run.
     pub fn new(collector: &Collector, account: Account) -> Self {
         let sequence = collector.sequence();
-        let error = collector.error();
+        let accuracy = collector.accuracy();
         // What ingest said last may be older than what came out.
         let ticks_in = account.ticks_in.max(sequence.next_tick);
         Self {
@@ -100,9 +100,10 @@ impl Report {
             duplicated: sequence.duplicated,
             latency_us: LatencyUs::of(collector),
             cpu_s_per_s: account.cpu_s_per_s,
-            error_deg: error
-                .rmse_deg()
-                .map(|rmse_deg| ErrorDeg { inclination_rmse: rmse_deg, inclination_max: error.max_deg }),
+            error_deg: accuracy.rmse().map(|rmse| ErrorDeg {
+                inclination_rmse: rmse.inclination_deg,
+                inclination_max: accuracy.max.inclination_deg,
+            }),
             services: account.services,
             digest: collector.digest(),
             refused: account.refused,

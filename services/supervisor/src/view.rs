@@ -90,10 +90,11 @@ impl View {
     }
 
     fn error(&self, collector: &Collector) -> String {
-        let error = collector.error();
-        match error.rmse_deg() {
-            Some(rmse_deg) => {
-                let (now_deg, max_deg) = (error.now_deg, error.max_deg);
+        let accuracy = collector.accuracy();
+        match accuracy.rmse() {
+            Some(rmse) => {
+                let [now_deg, rmse_deg, max_deg] =
+                    [accuracy.now, rmse, accuracy.max].map(|error| error.inclination_deg);
                 format!("inclination error {now_deg:.3}° now, {rmse_deg:.3}° RMSE, {max_deg:.3}° max")
             }
             None if self.has_reference => "no reference yet".into(),

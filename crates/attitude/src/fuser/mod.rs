@@ -10,13 +10,16 @@
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
 //! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
-//! | [`levelling`](levelling::Levelling), `levelling-pi` | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`levelling`](levelling::Levelling) | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
+mod compass;
 pub mod levelling;
 pub mod madgwick;
+mod spread;
 pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
@@ -32,7 +35,18 @@ use crate::{
     stage::{RestoreError, Stage, bias_flaw},
     state::{Attitude, arg},
 };
-use {aided::Aided, levelling::Levelling, madgwick::Madgwick, vqf::Vqf, wz::Wz, wz_closed::WzClosed, wz_open::WzOpen};
+use {
+    aided::Aided,
+    levelling::{Levelling, LevellingPi},
+    madgwick::Madgwick,
+    vqf::Vqf,
+    wz::Wz,
+    wz_closed::WzClosed,
+    wz_open::WzOpen,
+};
+
+/// Below this a field has no direction, µT: a thousandth of the earth's.
+const FIELD_MIN_UT: f64 = 0.05;
 
 /// What a fuser is offered at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -147,8 +161,8 @@ fusers! {
     "wz-open" => WzOpen(WzOpen) = WzOpen::default(),
     "madgwick" => Madgwick(Madgwick) = Madgwick::original(),
     "madgwick-improved" => Madgwick(Madgwick) = Madgwick::improved(),
-    "levelling" => Levelling(Levelling) = Levelling::as_printed(),
-    "levelling-pi" => Levelling(Levelling) = Levelling::with_integral(),
+    "levelling" => Levelling(Levelling) = Levelling::default(),
+    "levelling-pi" => LevellingPi(LevellingPi) = LevellingPi::default(),
     "aided" => Aided(Aided) = Aided::default(),
     "vqf" => Vqf(Vqf) = Vqf::default(),
 }
@@ -165,8 +179,10 @@ pub enum Fuser {
     WzOpen(WzOpen),
     /// `madgwick`, `madgwick-improved`
     Madgwick(Madgwick),
-    /// `levelling`, `levelling-pi`
+    /// `levelling`
     Levelling(Levelling),
+    /// `levelling-pi`
+    LevellingPi(LevellingPi),
     /// `aided`
     Aided(Aided),
     /// `vqf`
@@ -181,6 +197,7 @@ macro_rules! each {
             Fuser::WzOpen($stage) => $do,
             Fuser::Madgwick($stage) => $do,
             Fuser::Levelling($stage) => $do,
+            Fuser::LevellingPi($stage) => $do,
             Fuser::Aided($stage) => $do,
             Fuser::Vqf($stage) => $do,
         }
@@ -237,6 +254,22 @@ impl Stage for Fuser {
 pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
     let up = inclination.up.direction();
     arg(Complex::new(up.dot(&attitude.up.direction()), libm::sqrt(attitude.horizontal(up).norm_sqr())))
+}
+
+/// By how much the heading of an attitude must grow for the field to point to η0, rad, (−π, π].
+///
+/// z_mag − z, z_mag = atan2(m'_ξ, m'_η) of the levelled field m' = A(w)ᵀ m, which is here turned by z too.
+fn north_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
+    let h = attitude.horizontal(field);
+    let (sin, cos) = libm::sincos(attitude.z_rad);
+    // Turned by z into the reference frame, whose η0 is north.
+    arg(Complex::new(h.re * sin + h.im * cos, h.re * cos - h.im * sin))
+}
+
+/// The direction of a field that has one.
+fn field_direction(field_ut: Vector3<f64>) -> Option<Vector3<f64>> {
+    let norm_ut = field_ut.norm();
+    (norm_ut > FIELD_MIN_UT && norm_ut.is_finite()).then(|| field_ut / norm_ut)
 }
 
 /// The gain of a first-order low-pass over one step, exact for an input that holds still: 1 − e^{−dt/T}.

@@ -1,0 +1,342 @@
+//! The fuser `vqf`: VQF as vqf-rs has it, with its default parameters; the yardstick.
+//!
+//! Laidig and Seel, VQF: highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection,
+//! *Information Fusion* 91, 2023, 187–204. Frames and signs are those used here, east, north, up; heading is that of its
+//! magnetometer-free part until the first field.
+//!
+//! vqf-rs filters with a sampling time fixed when it is made. It is the mean of the first intervals here; the attitude itself is
+//! integrated over each interval's own length.
+
+mod numbers;
+
+use super::{Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, spread::Spread};
+use crate::{
+    GRAVITY_M_S2, Quaternion, Vector3,
+    course::Reference,
+    gyro::Motion,
+    point::Point,
+    stage::{Numbers, RestoreError, Stage, bias_flaw},
+    state::Attitude,
+};
+use core::fmt;
+use numbers::visit_numbers;
+use vqf_rs::{Params, VQF};
+
+/// Intervals that make the sampling time.
+const INTERVALS: f64 = 16.0;
+/// The sampling time before the first interval, s.
+const FIRST_INTERVAL_S: f64 = 0.01;
+/// Shortest and longest interval that makes it, s.
+const INTERVAL_S: (f64, f64) = (1e-5, 1.0);
+/// Interval of the field from which on it is not smoothed, s: the low-pass of 0.05 s would be beyond its Nyquist frequency.
+const SMOOTHED_FIELD_S: f64 = 0.1;
+/// Largest component of a reading, in its SI unit or µT: far beyond any sensor, and its squares stay finite.
+const READING_MAX: f64 = 1e6;
+
+/// The fuser stage `vqf`.
+pub struct Vqf {
+    filter: VQF,
+    motion: Period,
+    field: Period,
+    levelled: bool,
+    magnetic: bool,
+    tilt: Spread,
+    heading: Spread,
+}
+
+/// The mean of the first intervals of an input.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Period {
+    mean_s: f64,
+    intervals: f64,
+    /// Since the last sample.
+    since_s: f64,
+}
+
+impl Default for Period {
+    fn default() -> Self {
+        Self { mean_s: FIRST_INTERVAL_S, intervals: 0.0, since_s: 0.0 }
+    }
+}
+
+impl Period {
+    /// A sample came; true when the mean is another.
+    fn sampled(&mut self) -> bool {
+        let interval_s = core::mem::take(&mut self.since_s);
+        if interval_s <= 0.0 || self.intervals >= INTERVALS {
+            return false;
+        }
+        let interval_s = interval_s.clamp(INTERVAL_S.0, INTERVAL_S.1);
+        self.intervals += 1.0;
+        let first = if self.intervals > 1.0 { self.mean_s } else { interval_s };
+        self.mean_s = first + (interval_s - first) / self.intervals;
+        true
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        let mean = (INTERVAL_S.0..=INTERVAL_S.1).contains(&self.mean_s);
+        let count = (0.0..=INTERVALS).contains(&self.intervals) && self.since_s >= 0.0;
+        (!(mean && count)).then_some("a sampling time that no sensor has")
+    }
+}
+
+impl Numbers for Period {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.mean_s.visit(visit);
+        self.intervals.visit(visit);
+        self.since_s.visit(visit);
+    }
+}
+
+impl Default for Vqf {
+    fn default() -> Self {
+        Self {
+            filter: VQF::new(FIRST_INTERVAL_S, None, None, None),
+            motion: Period::default(),
+            field: Period::default(),
+            levelled: false,
+            magnetic: false,
+            tilt: Spread::UNKNOWN,
+            heading: Spread::UNKNOWN,
+        }
+    }
+}
+
+impl Vqf {
+    pub(super) fn realign(&mut self) {
+        self.levelled = false;
+    }
+
+    /// The filter for the sampling times as they are known, in the state it is in.
+    fn retime(&mut self) {
+        let state = *self.filter.state();
+        let field_s = self.field.mean_s;
+        let smoothing_s = if field_s < SMOOTHED_FIELD_S { Params::default().mag_current_tau } else { 0.0 };
+        let params = Params { mag_current_tau: smoothing_s, ..Params::default() };
+        self.filter = VQF::new(self.motion.mean_s, None, Some(field_s), Some(params));
+        *self.filter.state_mut() = state;
+    }
+
+    fn attitude(&self) -> Attitude {
+        let q = if self.magnetic { self.filter.quat_9d() } else { self.filter.quat_6d() };
+        Attitude::of_quaternion(to_ours(q))
+    }
+
+    /// Puts the magnetometer-free attitude elsewhere; what was averaged in its frame begins anew.
+    fn put(&mut self, attitude: Attitude) {
+        let q = attitude.quaternion();
+        let state = self.filter.state_mut();
+        let gyro = state.gyr_quat;
+        let mut level = of_ours(q) * conjugate(gyro);
+        level.normalize();
+        state.acc_quat = level;
+        state.acc_lp_state = [[f64::NAN; 2]; 3];
+        state.motion_bias_est_rlp_state = [[f64::NAN; 2]; 9];
+        state.motion_bias_est_bias_lp_state = [[f64::NAN; 2]; 2];
+    }
+
+    fn level(&mut self, up: Point) {
+        self.put(Attitude::of_quaternion(to_ours(self.filter.quat_6d())).realigned(up).attitude);
+        self.levelled = true;
+        self.tilt = Spread::FIRST;
+    }
+
+    /// The averaged force begins as gravity in the level as it is, not as the next sample.
+    fn trust_level(&mut self) {
+        let coefficients = self.filter.coeffs();
+        let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
+        let state = self.filter.state_mut();
+        let level = state.acc_quat;
+        let up = conjugate(level).rotate([0.0, 0.0, GRAVITY_M_S2]);
+        state.last_acc_lp = up;
+        state.acc_lp_state = up.map(|x| [x * (1.0 - b[0]), x * (b[2] - a[1])]);
+    }
+
+    fn turn(&mut self, motion: &Motion) {
+        self.motion.since_s += motion.dt_s;
+        self.field.since_s += motion.dt_s;
+        if self.motion.sampled() {
+            self.retime();
+        }
+        self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
+        let bias_sd_rad_s = self.filter.bias_estimate().1;
+        self.tilt.drift(bias_sd_rad_s, motion.dt_s);
+        self.heading.drift(bias_sd_rad_s, motion.dt_s);
+    }
+
+    /// The correction by a field; true when the heading was set anew.
+    fn point(&mut self, field_ut: Vector3<f64>) -> bool {
+        let interval_s = self.field.since_s;
+        if self.field.sampled() {
+            self.retime();
+        }
+        self.filter.update_mag(bounded(field_ut));
+        let first = !self.magnetic;
+        self.magnetic = true;
+        let state = self.filter.state();
+        if first {
+            self.heading = Spread::FIRST;
+        } else if state.last_mag_corr_angular_rate != 0.0 {
+            let taken_off_rad = state.last_mag_corr_angular_rate * self.filter.coeffs().mag_ts;
+            self.heading.corrected(state.last_mag_dis_angle, taken_off_rad / state.last_mag_dis_angle, interval_s);
+        }
+        first
+    }
+
+    fn reference(&self) -> Reference {
+        if self.magnetic { Reference::Magnetic } else { Reference::Arbitrary }
+    }
+
+    fn timing_flaw(&self) -> Option<&'static str> {
+        self.motion.flaw().or_else(|| self.field.flaw())
+    }
+
+    fn bias_rad_s(&self) -> Vector3<f64> {
+        Vector3::from(self.filter.state().bias)
+    }
+}
+
+fn of_ours(q: Quaternion<f64>) -> vqf_rs::Quaternion {
+    vqf_rs::Quaternion(q.w, q.i, q.j, q.k)
+}
+
+fn to_ours(q: vqf_rs::Quaternion) -> Quaternion<f64> {
+    Quaternion::new(q.0, q.1, q.2, q.3)
+}
+
+fn conjugate(q: vqf_rs::Quaternion) -> vqf_rs::Quaternion {
+    vqf_rs::Quaternion(q.0, -q.1, -q.2, -q.3)
+}
+
+fn bounded(reading: Vector3<f64>) -> [f64; 3] {
+    reading.map(|x| x.clamp(-READING_MAX, READING_MAX)).into()
+}
+
+impl Stage for Vqf {
+    type Input = FuserInput;
+    type Output = Fused;
+    type Common = Estimate;
+
+    fn name(&self) -> &'static str {
+        "vqf"
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        let mut innovation = 0.0;
+        if let Some(motion) = &input.motion {
+            self.turn(motion);
+        }
+        if let Some(inclination) = &input.inclination {
+            if self.levelled {
+                innovation = innovation_rad(inclination, self.attitude());
+                corrections.tilt = true;
+            } else {
+                self.level(inclination.up);
+                corrections.aligned = true;
+            }
+            if !input.rest_credible {
+                let state = self.filter.state_mut();
+                (state.rest_detected, state.rest_t) = (false, 0.0);
+            }
+            self.filter.update_acc(bounded(inclination.force_m_s2));
+            let dt_s = self.motion.mean_s;
+            self.tilt.corrected(innovation, dt_s / (self.filter.params().tau_acc + dt_s), dt_s);
+            corrections.bias = true;
+            corrections.rest = self.filter.rest_detected();
+        }
+        if let (true, Some(field_ut)) =
+            (self.levelled, input.field_ut.filter(|field| field_direction(*field).is_some()))
+        {
+            corrections.aligned |= self.point(field_ut);
+            corrections.disturbed = self.filter.mag_dist_detected();
+            corrections.magnetic = self.filter.state().last_mag_corr_angular_rate != 0.0;
+        }
+        let bias_rad_s = self.bias_rad_s();
+        Fused {
+            attitude: self.attitude(),
+            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - bias_rad_s),
+            bias_rad_s,
+            innovation_rad: innovation,
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.heading.sd_rad(),
+            reference: self.reference(),
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let timed = (self.motion.mean_s, self.field.mean_s);
+        self.motion.visit(visit);
+        self.field.visit(visit);
+        self.levelled.visit(visit);
+        self.magnetic.visit(visit);
+        self.tilt.visit(visit);
+        self.heading.visit(visit);
+        visit_numbers(self.filter.state_mut(), visit);
+        if timed != (self.motion.mean_s, self.field.mean_s) && self.timing_flaw().is_none() {
+            self.retime();
+        }
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        self.timing_flaw()
+            .or_else(|| numbers::flaw(self.filter.state()))
+            .or_else(|| bias_flaw(self.bias_rad_s()))
+            .or_else(|| self.tilt.flaw())
+            .or_else(|| self.heading.flaw())
+    }
+
+    fn common(&self) -> Estimate {
+        Estimate {
+            attitude: self.attitude(),
+            reference: self.reference(),
+            bias_rad_s: self.bias_rad_s(),
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.heading.sd_rad(),
+            bias_sd_rad_s: self.filter.bias_estimate().1,
+        }
+    }
+
+    /// A heading from true north is kept until the next field, which sets it anew. The bias is held to what VQF allows.
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        self.put(common.attitude);
+        self.trust_level();
+        self.levelled = true;
+        self.magnetic = common.reference == Reference::Magnetic;
+        let params = self.filter.params();
+        let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
+        let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
+        self.filter.set_bias_estimate(bias_rad_s.into(), Some(common.bias_sd_rad_s.min(sd_max)));
+        let state = self.filter.state_mut();
+        state.delta = 0.0;
+        state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
+        self.tilt = Spread::of(common.inclination_sd_rad);
+        self.heading = Spread::of(common.heading_sd_rad);
+        Ok(())
+    }
+}
+
+impl Clone for Vqf {
+    fn clone(&self) -> Self {
+        let mut clone = Self { filter: VQF::new(FIRST_INTERVAL_S, None, None, None), ..*self };
+        *clone.filter.state_mut() = *self.filter.state();
+        clone.retime();
+        clone
+    }
+}
+
+impl PartialEq for Vqf {
+    fn eq(&self, other: &Self) -> bool {
+        self.snapshot() == other.snapshot()
+    }
+}
+
+impl fmt::Debug for Vqf {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut debug = f.debug_struct("Vqf");
+        debug.field("attitude", &self.attitude()).field("bias_rad_s", &self.bias_rad_s());
+        debug.field("motion", &self.motion).field("field", &self.field).finish_non_exhaustive()
+    }
+}

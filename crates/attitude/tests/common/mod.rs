@@ -1,0 +1,96 @@
+//! The trials of BROAD for the stages, and its metrics.
+
+use std::{io::Read, path::PathBuf};
+
+use attitude::{
+    Quaternion, Vector3,
+    accel::Projector,
+    fuser::{Fuser, FuserInput},
+    gyro::{Gyro, RateKind, RateSample},
+    stage::Stage,
+};
+
+/// One row of a trial.
+pub(crate) struct Row {
+    pub(crate) rate_rad_s: Vector3<f64>,
+    pub(crate) force_m_s2: Vector3<f64>,
+    pub(crate) field_ut: Vector3<f64>,
+    /// Where the cameras saw the sensor move.
+    pub(crate) scored: Option<Quaternion<f64>>,
+}
+
+/// Interval of BROAD's sensor, s.
+pub(crate) const DT_S: f64 = 0.0035;
+
+/// The trials; `None`, and a word on the standard error, where there are none.
+pub(crate) fn broad() -> Option<Vec<Vec<Row>>> {
+    let here = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
+    let Ok(files) = folder.join("broad").read_dir() else {
+        assert!(std::env::var_os("PLUMBLINE_DATA").is_none(), "no recordings at {}", folder.display());
+        eprintln!("skipped: no recordings at {} (PLUMBLINE_DATA names another place)", folder.display());
+        return None;
+    };
+    let mut paths: Vec<_> =
+        files.map(|file| file.unwrap().path()).filter(|path| path.to_string_lossy().ends_with(".csv.gz")).collect();
+    paths.sort();
+    Some(paths.into_iter().map(trial).collect())
+}
+
+fn trial(path: PathBuf) -> Vec<Row> {
+    let mut text = String::new();
+    flate2::read::MultiGzDecoder::new(std::fs::File::open(path).unwrap()).read_to_string(&mut text).unwrap();
+    let row = |line: &str| {
+        let x: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+        let scored = (x[14] == 1.0 && x[10].is_finite()).then(|| Quaternion::new(x[10], x[11], x[12], x[13]));
+        let vector = |i: usize| Vector3::new(x[i], x[i + 1], x[i + 2]);
+        Row { rate_rad_s: vector(1), force_m_s2: vector(4), field_ut: vector(7), scored }
+    };
+    text.lines().skip(1).map(row).collect()
+}
+
+/// RMSE over one trial, or their mean, degrees.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Rmse {
+    pub(crate) total: f64,
+    pub(crate) heading: f64,
+    pub(crate) inclination: f64,
+}
+
+/// Runs a fuser over a trial.
+pub(crate) fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
+    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for (index, row) in trial.iter().enumerate() {
+        let dt_s = if index == 0 { 0.0 } else { DT_S };
+        let motion = gyro.step(&RateSample { rate_rad_s: row.rate_rad_s, dt_s, kind: RateKind::Mean });
+        let out = fuser.step(&FuserInput {
+            motion: Some(motion),
+            inclination: Some(accel.step(&row.force_m_s2)),
+            field_ut: magnetic.then_some(row.field_ut),
+            rest_credible: true,
+            ..FuserInput::default()
+        });
+        let Some(truth) = row.scored else { continue };
+        let e = out.attitude.quaternion() * truth.conjugate();
+        let errors = [
+            2.0 * e.w.abs().min(1.0).acos(),
+            2.0 * (e.k / e.w).abs().atan(),
+            2.0 * (e.w * e.w + e.k * e.k).sqrt().min(1.0).acos(),
+        ];
+        errors.iter().zip(&mut sum).for_each(|(error, sum)| *sum += error * error);
+        count += 1.0;
+    }
+    let [total, heading, inclination] = sum.map(|sum| (sum / count).sqrt().to_degrees());
+    Rmse { total, heading, inclination }
+}
+
+/// The mean over the trials.
+pub(crate) fn mean(fuser: &Fuser, trials: &[Vec<Row>], magnetic: bool) -> Rmse {
+    let count = trials.len() as f64;
+    trials.iter().map(|trial| run(fuser.clone(), trial, magnetic)).fold(Rmse::default(), |sum, one| Rmse {
+        total: sum.total + one.total / count,
+        heading: sum.heading + one.heading / count,
+        inclination: sum.inclination + one.inclination / count,
+    })
+}

@@ -1,0 +1,30 @@
+//! Scores: what stages make of recordings, against their reference attitude, and what a step of them costs.
+//!
+//! Input: files or simulations, and the stages to run over them side by side. Output: errors per trial and their mean, time per
+//! update, attitudes as CSV, figures as SVG. Time: the samples' own; the clock only to time the stages. Failure: what was asked
+//! for and does not exist, a file that cannot be read or written.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`stages`] | which stages run, and how they are set |
+//! | [`chain`] | the stages of one path |
+//! | [`catalogue`] | what there is to choose from |
+//! | [`trial`] | a recording or a simulation, moment by moment |
+//! | [`mod@run`] | the stages over the trials, through the slots of the running system |
+//! | [`timing`] | nanoseconds per update of the bare stages |
+//! | [`table`] | the scores, for people and for scripts |
+//! | [`plot`] | figures of a run |
+#![forbid(unsafe_code)]
+
+pub mod catalogue;
+pub mod chain;
+mod error;
+pub mod plot;
+pub mod run;
+pub mod stages;
+pub mod table;
+pub mod timing;
+pub mod trial;
+
+pub use error::ScoreError;
+pub use run::{Request, run};

@@ -1,0 +1,142 @@
+//! `plumb score`: what stages make of recordings. `plumb stage list`: which stages there are.
+
+use std::{
+    fmt::Display,
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
+
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use launch::GyroSamples;
+use score::{
+    Request,
+    catalogue::Catalogue,
+    stages::{Choice, Setting},
+    trial::{Gnss, Options},
+};
+
+use crate::fail;
+
+/// The command line of `plumb score`.
+#[derive(Args)]
+#[command(after_help = "\
+Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan |e_z/e_w|, inclination 2 acos √(e_w² + e_z²); the RMSE \
+is over the samples with mov = 1 and a reference, the mean over the trials. No heading offset is taken out.\n\n\
+ns/update is the time of the bare estimator: one step each of gyro, accel and fuser, without reading, checking, messages and course. It is \
+taken over the first 30000 checked samples of a trial, in memory, in 7 rounds in which the fusers take turns; the median of the \
+rounds' means counts.\n\n\
+A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov.")]
+pub(crate) struct Score {
+    /// Recordings (CSV or CSV.gz), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
+    #[arg(required_unless_present = "list", value_name = "FILE")]
+    files: Vec<String>,
+    /// Stage of the slot `gyro`.
+    #[arg(long, value_name = "STAGE")]
+    gyro: Option<String>,
+    /// Stage of the slot `accel`.
+    #[arg(long, value_name = "STAGE")]
+    accel: Option<String>,
+    /// Stage of the slot `fuser` [default: wz]; again for another one beside it.
+    #[arg(long = "fuser", value_name = "STAGE")]
+    fusers: Vec<String>,
+    /// Stage of the slot `course`.
+    #[arg(long, value_name = "STAGE")]
+    course: Option<String>,
+    /// A parameter of the chosen stages, as `key=value`, `slot.key=value` or `stage.key=value`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<Setting>,
+    /// Whether the magnetic field is used.
+    #[arg(long, value_name = "on|off", default_value = "on")]
+    mag: Switch,
+    /// Fixes of a satellite receiver; `auto` is `NAME_gnss.csv` beside `NAME_imu.csv.gz`.
+    #[arg(long, value_name = "FILE|auto|off", default_value = "auto", value_parser = gnss)]
+    gnss: Gnss,
+    /// What a rate sample is: the mean of its interval, or the value at its end [default: means for recordings; a simulation says it].
+    #[arg(long, value_name = "means|instants")]
+    gyro_samples: Option<Samples>,
+    /// Write `t_s,qw,qx,qy,qz` of each tick to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write figures to DIR/TRIAL.*.svg; of several fusers to DIR/FUSER/TRIAL.*.svg.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Print one JSON object at the end, on the last line of standard output.
+    #[arg(long)]
+    json: bool,
+    /// Print every stage and its parameters instead.
+    #[arg(long)]
+    list: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Samples {
+    Means,
+    Instants,
+}
+
+pub(crate) fn run(score: Score) -> ExitCode {
+    let Score { files, gyro, accel, fusers, course, settings, mag, gnss, gyro_samples, out, plot, json, list } = score;
+    if list {
+        return self::list(json);
+    }
+    let gyro_samples = gyro_samples.map(|samples| match samples {
+        Samples::Means => GyroSamples::Means,
+        Samples::Instants => GyroSamples::Instants,
+    });
+    let request = Request {
+        files,
+        options: Options { gnss, without_field: mag == Switch::Off, gyro_samples },
+        choice: Choice { gyro, accel, course, fusers, settings },
+        out,
+        plot,
+    };
+    let bar = ProgressBar::new(0).with_style(style());
+    let scores = score::run(&request, &mut |done, of| {
+        bar.set_length(of);
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    match scores {
+        Ok(scores) if json => {
+            supervisor::tell(&scores);
+            print(&scores.json())
+        }
+        Ok(scores) => print(&scores),
+        Err(error) => fail(&error, error.exit_code()),
+    }
+}
+
+/// Every stage and its parameters.
+pub(crate) fn list(json: bool) -> ExitCode {
+    let catalogue = Catalogue::new();
+    if json { print(&catalogue.json()) } else { print(&catalogue) }
+}
+
+fn print(text: &dyn Display) -> ExitCode {
+    match writeln!(io::stdout(), "{text}") {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) => fail(&"printing the result: standard output is closed", 1),
+    }
+}
+
+/// Drawn on standard error, and only on a terminal.
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{bar:40} {percent:>3} % of {human_len} samples, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+fn gnss(text: &str) -> Result<Gnss, String> {
+    Ok(match text {
+        "auto" => Gnss::Auto,
+        "off" => Gnss::Off,
+        file => Gnss::File(file.into()),
+    })
+}

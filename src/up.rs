@@ -1,0 +1,77 @@
+//! `plumb up`: runs a system.
+
+use std::{
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
+
+use clap::Args;
+use runtime::Pace;
+use supervisor::Request;
+
+use crate::fail;
+
+/// The command line of `plumb up`.
+#[derive(Args, Default)]
+pub(crate) struct Up {
+    /// What runs [default: ./launch.toml, else the one built in].
+    launch: Option<PathBuf>,
+    /// A recording (CSV or CSV.gz) in place of the launch file's source.
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
+    /// Seconds of the source per second, or `max`: as fast as the slowest service.
+    #[arg(long, value_name = "X|max", value_parser = pace)]
+    speed: Option<Pace>,
+    /// How much of the source to run, as `10s`, `500ms`, `2m`, `1h`.
+    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
+    duration_s: Option<f64>,
+    /// Run every slot in this process, without the bus.
+    #[arg(long)]
+    in_process: bool,
+    /// Write `t_s,qw,qx,qy,qz` of each tick.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Print one JSON object at the end, on the last line of standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(up: Up) -> ExitCode {
+    let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
+    match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
+        Ok(report) => {
+            supervisor::tell(&report);
+            if json && writeln!(io::stdout(), "{}", report.json()).is_err() {
+                return fail(&"printing the report: standard output is closed", 1);
+            }
+            if report.whole {
+                ExitCode::SUCCESS
+            } else {
+                fail(&"the last ticks never came out: a service does not answer", 1)
+            }
+        }
+        Err(error) => fail(&error, error.exit_code()),
+    }
+}
+
+fn pace(text: &str) -> Result<Pace, String> {
+    match text.parse() {
+        _ if text == "max" => Ok(Pace::Max),
+        Ok(speed) if (1e-3..=1e6).contains(&speed) => Ok(Pace::Speed(speed)),
+        _ => Err("expected `max` or a number from 0.001 to 1000000".into()),
+    }
+}
+
+fn duration_s(text: &str) -> Result<f64, String> {
+    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let scale = match &text[split..] {
+        "ms" => 1e-3,
+        "s" | "" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err("expected a number with ms, s, m or h".into()),
+    };
+    let number: f64 = text[..split].trim().parse().map_err(|_| "expected a number with ms, s, m or h")?;
+    Some(number * scale).filter(|s| (1e-3..=1e8).contains(s)).ok_or_else(|| "expected 1 ms to 27000 h".into())
+}
