@@ -33,7 +33,7 @@ struct Front {
 
 impl Front {
     fn new(kind: RateKind) -> Self {
-        let (gyro, accel) = (Gyro::named("mobius").unwrap(), Projector::named("projector").unwrap());
+        let (gyro, accel) = (Gyro::named("mobius").unwrap(), Projector::default());
         Self { gyro, accel, kind, before_s: None }
     }
 
@@ -289,7 +289,7 @@ fn levelling_anew_keeps_heading_and_bias() {
     fly(&scenario, &mut fuser, |_, _, _| ());
     let before = fuser.common();
     fuser.realign();
-    let inclination = Projector::named("projector").unwrap().step(&Vector3::new(0.0, 0.0, GRAVITY_M_S2));
+    let inclination = Projector::default().step(&Vector3::new(0.0, 0.0, GRAVITY_M_S2));
     let out = fuser.step(&FuserInput { inclination: Some(inclination), ..FuserInput::default() });
     assert!(out.corrections.aligned && out.attitude.up.w.norm_sqr() < 1e-20);
     assert_eq!(fuser.common().bias_rad_s, before.bias_rad_s);
@@ -334,7 +334,7 @@ prop_compose! {
             let turned = (rate_rad_s * dt_s).map(|x| x.clamp(-1e3, 1e3));
             Motion { attitude: Attitude::default(), turn: Turn::of_rotation_vector(turned), rate_rad_s, dt_s }
         });
-        let inclination = force.map(|force| Projector::named("projector").unwrap().step(&force));
+        let inclination = force.map(|force| Projector::default().step(&force));
         let fix = fix.map(|(velocity_m_s, sd_m_s, age_s, latitude_rad)| Fix { velocity_m_s, sd_m_s, age_s, latitude_rad });
         FuserInput { motion, inclination, field_ut, fix, rest_credible }
     }
