@@ -75,22 +75,28 @@ impl Covariance {
             tilting.column_mut(2).fill(0.0);
         }
         let biasing = to_reference * -*dt_s;
-        // Rows, then columns; the velocity first, because it needs the rotation's as they were.
+        // Rows; the velocity first, because it needs the rotation's as they were.
         let velocity = tilting * self.0.fixed_rows::<3>(ROTATION) + biasing * self.0.fixed_rows::<3>(ACCEL);
         let rotation = biasing * self.0.fixed_rows::<3>(GYRO);
-        add_rows(&mut self.0, VELOCITY, &velocity);
-        add_rows(&mut self.0, ROTATION, &rotation);
-        let velocity = tilting * self.0.fixed_columns::<3>(ROTATION).transpose()
-            + biasing * self.0.fixed_columns::<3>(ACCEL).transpose();
-        let rotation = biasing * self.0.fixed_columns::<3>(GYRO).transpose();
-        add_columns(&mut self.0, VELOCITY, &velocity);
-        add_columns(&mut self.0, ROTATION, &rotation);
+        let mut rows = self.0.fixed_rows_mut::<3>(VELOCITY);
+        rows += velocity;
+        let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
+        rows += rotation;
+        // Columns: those of the biases do not move, so that only the corner of velocity and rotation is left.
+        let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilting.transpose()
+            + self.0.fixed_view::<6, 3>(0, ACCEL) * biasing.transpose();
+        let rotation = self.0.fixed_view::<6, 3>(0, GYRO) * biasing.transpose();
+        let mut columns = self.0.fixed_view_mut::<6, 3>(0, VELOCITY);
+        columns += velocity;
+        let mut columns = self.0.fixed_view_mut::<6, 3>(0, ROTATION);
+        columns += rotation;
         for i in 0..COUNT {
             self.0[(i, i)] += noise[i];
-            for j in 0..i {
-                let mean = 0.5 * (self.0[(i, j)] + self.0[(j, i)]);
-                self.0[(i, j)] = mean;
-                self.0[(j, i)] = mean;
+            for j in 0..i.min(GYRO) {
+                let above = self.0[(j, i)];
+                let both = if i < GYRO { 0.5 * (self.0[(i, j)] + above) } else { above };
+                self.0[(i, j)] = both;
+                self.0[(j, i)] = both;
             }
         }
     }
@@ -170,16 +176,6 @@ impl Covariance {
         }
         None
     }
-}
-
-fn add_rows(to: &mut SMatrix<f64, COUNT, COUNT>, first: usize, rows: &SMatrix<f64, 3, COUNT>) {
-    let mut view = to.fixed_rows_mut::<3>(first);
-    view += rows;
-}
-
-fn add_columns(to: &mut SMatrix<f64, COUNT, COUNT>, first: usize, rows: &SMatrix<f64, 3, COUNT>) {
-    let mut view = to.fixed_columns_mut::<3>(first);
-    view += rows.transpose();
 }
 
 impl Numbers for Covariance {

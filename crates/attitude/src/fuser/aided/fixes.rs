@@ -68,7 +68,7 @@ impl Aiding {
 impl Aided {
     /// One fix.
     pub(super) fn told(&mut self, fix: &Fix, corrections: &mut Corrections) {
-        if !(fix.velocity_m_s.amax() < VELOCITY_MAX_M_S) {
+        if fix.velocity_m_s.amax() > VELOCITY_MAX_M_S {
             return;
         }
         if let Some(latitude_rad) = fix.latitude_rad.filter(|rad| libm::fabs(*rad) < 1.6) {

@@ -1,16 +1,9 @@
 //! Attitude, velocity and covariance over one interval.
 
-use super::{Aided, GYRO, INTERVAL_S, LATENCY, square};
-use crate::{
-    GRAVITY_M_S2, Matrix3, Vector3,
-    fuser::{
-        aided::covariance::{ACCEL, Error, HEADING, Interval, ROTATION, VELOCITY},
-        low_pass_gain,
-    },
-    gyro::Motion,
-    stage::Numbers,
-    turn::Turn,
+use super::{
+    ACCEL, Aided, Error, GYRO, HEADING, INTERVAL_S, LATENCY, ROTATION, VELOCITY, covariance::Interval, square,
 };
+use crate::{GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, stage::Numbers, turn::Turn};
 
 /// Rate at which the earth turns, rad/s (WGS 84).
 const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
@@ -51,26 +44,28 @@ impl Aided {
     /// One interval of the gyro, with the specific force at its end.
     pub(super) fn advance(&mut self, motion: &Motion, force_m_s2: Option<Vector3<f64>>) {
         let dt_s = motion.dt_s;
-        let before = self.attitude.matrix();
-        let fed_in_rad = self.pending_rad * low_pass_gain(dt_s, self.settings.smoothing_s);
+        let bias_turn = Turn::of_rotation_vector(self.gyro_bias_rad_s * -dt_s);
+        self.attitude = self.attitude.turned(motion.turn.then(bias_turn)).attitude;
+        let matrix = self.attitude.matrix();
+        // The platform's rate, in body axes.
+        let pending_rad = self.pending_rad;
+        let fed_in_rad = pending_rad * (dt_s / self.settings.smoothing_s).min(1.0);
+        let platform_rad = matrix * (fed_in_rad + self.earth_rate_rad_s() * dt_s);
+        self.attitude = self.attitude.turned(Turn::of_rotation_vector(-platform_rad)).attitude;
         self.pending_rad -= fed_in_rad;
-        let earth_rad = self.earth_rate_rad_s() * dt_s;
-        // The platform's rate in body axes, and the bias.
-        let less_rad = before * (fed_in_rad + earth_rad) + self.gyro_bias_rad_s * dt_s;
-        self.attitude = self.attitude.turned(motion.turn.then(Turn::of_rotation_vector(-less_rad))).attitude;
         if !self.started || dt_s <= 0.0 {
             return;
         }
-        let to_reference = self.attitude.matrix().transpose();
+        let to_reference = matrix.transpose();
         let rate_rad_s = (motion.rate_rad_s - self.gyro_bias_rad_s).map(|x| x.clamp(-1e3, 1e3));
         let up_rad_s = to_reference.row(2).transpose().dot(&rate_rad_s);
-        self.turn_rate_rad_s -= (self.turn_rate_rad_s + up_rad_s) * low_pass_gain(dt_s, TURN_MEMORY_S);
+        self.turn_rate_rad_s -= (self.turn_rate_rad_s + up_rad_s) * (dt_s / TURN_MEMORY_S).min(1.0);
         let force_m_s2 = match force_m_s2 {
             Some(force_m_s2) => {
                 self.sums.see(force_m_s2, dt_s);
                 let force_m_s2 = to_reference * (force_m_s2 - self.accel_bias_m_s2);
                 // As the attitude will have it once the pending correction is in.
-                force_m_s2 - self.pending_rad.cross(&force_m_s2)
+                force_m_s2 - pending_rad.cross(&force_m_s2)
             }
             None => {
                 self.sums.unseen_s += dt_s;
@@ -143,7 +138,7 @@ impl Sums {
         let difference_m_s2 = force_m_s2 - self.force_before_m_s2;
         let power_m2_s3 = difference_m_s2.norm_squared() / 6.0 * dt_s;
         if self.force_before_m_s2 != Vector3::zeros() {
-            self.spread_m2_s3 += (power_m2_s3 - self.spread_m2_s3) * low_pass_gain(dt_s, SPREAD_MEMORY_S);
+            self.spread_m2_s3 += (power_m2_s3 - self.spread_m2_s3) * (dt_s / SPREAD_MEMORY_S).min(1.0);
         }
         self.force_before_m_s2 = force_m_s2;
     }
