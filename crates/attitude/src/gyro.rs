@@ -104,13 +104,14 @@ impl Stage for Gyro {
         }
     }
 
+    #[inline]
     fn step(&mut self, sample: &RateSample) -> Motion {
         let (after, dt_s) = (sample.rate_rad_s, sample.dt_s);
         let before = match sample.kind {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
         };
-        let mean = (before + after) * 0.5;
+        let mean = before * 0.5 + after * 0.5;
         let from = self.attitude;
         let turn = match self.method {
             Method::Mobius => {

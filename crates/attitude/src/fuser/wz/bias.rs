@@ -12,6 +12,7 @@ use super::{T1_S, T2_S, level::Error};
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     stage::{Numbers, bias_flaw},
+    state::Axes,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -59,6 +60,7 @@ pub(super) struct BiasFilter {
     drift_s: [Complex<f64>; 3],
     force_dt_m_s: Complex<f64>,
     since_update_s: f64,
+    tilt_sd_rad: f64,
     noise: Noise,
 }
 
@@ -92,6 +94,7 @@ impl BiasFilter {
             drift_s: [Complex::new(0.0, 0.0); 3],
             force_dt_m_s: Complex::new(0.0, 0.0),
             since_update_s: 0.0,
+            tilt_sd_rad: level_sd,
             noise: Noise {
                 mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
                 mean_product: 0.0,
@@ -110,7 +113,7 @@ impl BiasFilter {
     /// Standard deviation of the inclination, rad.
     #[inline]
     pub(super) fn tilt_sd_rad(&self) -> f64 {
-        libm::sqrt(self.tilt_rad.norm_sqr() + 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]))
+        self.tilt_sd_rad
     }
 
     /// Standard deviation of the worst component of the bias, rad/s.
@@ -127,8 +130,8 @@ impl BiasFilter {
 
     /// The body's axes were in this position for `dt_s`.
     #[inline]
-    pub(super) fn drift(&mut self, axes: [Complex<f64>; 3], dt_s: f64) {
-        for (drift_s, axis) in self.drift_s.iter_mut().zip(axes) {
+    pub(super) fn drift(&mut self, axes: &Axes, dt_s: f64) {
+        for (drift_s, axis) in self.drift_s.iter_mut().zip(axes.horizontal) {
             *drift_s += axis * dt_s;
         }
     }
@@ -140,10 +143,10 @@ impl BiasFilter {
         self.since_update_s += dt_s;
     }
 
-    /// Enough has been seen for an update.
+    /// For how long the force was seen since the last update, s, and its integral, m/s, when that is enough for the next.
     #[inline]
-    pub(super) fn is_due(&self) -> bool {
-        self.since_update_s >= INTERVAL_S
+    pub(super) fn due(&self) -> Option<(f64, Complex<f64>)> {
+        (self.since_update_s >= INTERVAL_S).then_some((self.since_update_s, self.force_dt_m_s))
     }
 
     /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the
@@ -184,6 +187,8 @@ impl BiasFilter {
                 + tilt * self.tilt_share[1],
         };
         self.tilt_rad += tilt - error.tilt;
+        let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
+        self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
         error
     }
 
@@ -253,7 +258,11 @@ impl BiasFilter {
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let asymmetry = (self.covariance - self.covariance.transpose()).amax();
         let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();
-        bias_flaw(self.bias_rad_s).or(indefinite.then_some("a covariance that is not symmetric and positive"))
+        bias_flaw(self.bias_rad_s)
+            .or(indefinite.then_some("a covariance that is not symmetric and positive"))
+            .or((self.noise.mean_square < 0.0).then_some("a mean square below zero"))
+            .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0 || self.noise.memory_s <= 0.0)
+                .then_some("a time or standard deviation below zero"))
     }
 }
 
@@ -287,6 +296,7 @@ impl Numbers for BiasFilter {
         self.drift_s.iter_mut().for_each(|drift_s| drift_s.visit(visit));
         self.force_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);
+        self.tilt_sd_rad.visit(visit);
         self.noise.mean_square.visit(visit);
         self.noise.mean_product.visit(visit);
         self.noise.before.visit(visit);
