@@ -37,10 +37,7 @@ impl Chart {
     /// +1 upright, −1 inverted.
     #[inline]
     pub fn sign(self) -> f64 {
-        match self {
-            Self::Upright => 1.0,
-            Self::Inverted => -1.0,
-        }
+        1.0 - 2.0 * f64::from(self as u8)
     }
 }
 

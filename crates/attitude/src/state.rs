@@ -220,7 +220,14 @@ pub(crate) fn arg(m: Complex<f64>) -> f64 {
     wide_arg(m)
 }
 
-#[cold]
 fn wide_arg(m: Complex<f64>) -> f64 {
+    let t = m.im / m.re;
+    let t2 = t * t;
+    if m.re > 0.0 && t2 < 0.0144 {
+        let low = 1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0)));
+        let high = 1.0 / 11.0 - t2 * (1.0 / 13.0 - t2 * (1.0 / 15.0 - t2 * (1.0 / 17.0)));
+        let t4 = t2 * t2;
+        return t * (1.0 - t2 * (low + t4 * t4 * high));
+    }
     libm::atan2(m.im, m.re)
 }
