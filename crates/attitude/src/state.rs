@@ -113,15 +113,31 @@ impl Attitude {
         self.mapped(p.conj() * w + J * s, p + J * s.conj() * w)
     }
 
-    /// The attitude after a turn of the body during which its level frame was leaned, by a point of that frame before the turn.
+    /// Turns the body while the level frame is leaned, by a point of that frame before the turn; `azimuth` is the unit number that
+    /// takes what is in the level frame to where it does not turn. The body's axes there.
     ///
-    /// w⁺ = (n + l m̄)/(m − l n̄), z⁺ = z + 2 arg(m − l n̄), n = p̄ w + j s, m = p + j s̄ w: both maps in one.
+    /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w: both maps in one. With the azimuth
+    /// r⁺ = r M²/|M|² the axes need one division, by |M|² + |N|².
     #[inline]
-    pub(crate) fn turned_and_leaned(self, turn: Turn, lean: Complex<f64>) -> Moved {
+    pub(crate) fn turn_and_lean(&mut self, turn: Turn, lean: Complex<f64>, azimuth: &mut Complex<f64>) -> Axes {
         let Turn { p, s } = turn.view(self.up.chart);
         let w = self.up.w;
         let (n, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
-        self.mapped(n + lean * m.conj(), m - lean * n.conj())
+        let (numerator, m) = (n + lean * m.conj(), m - lean * n.conj());
+        let (numerator2, m2) = (numerator.norm_sqr(), m.norm_sqr());
+        if numerator2 > CHART_LIMIT * m2 {
+            let moved = self.rechart(numerator, m);
+            *azimuth *= moved.swing.conj();
+            *self = moved.attitude;
+            return self.axes(*azimuth);
+        }
+        let (inverse, half) = (1.0 / m2, 1.0 / (m2 + numerator2));
+        let turned = *azimuth * m;
+        *azimuth = turned * m * inverse;
+        self.up.w = numerator * m.conj() * inverse;
+        self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
+        let tilt = turned * numerator * (2.0 * half);
+        self.axes_of(*azimuth, tilt, 2.0 * m2 * half)
     }
 
     /// The attitude after its level frame was leaned by the rotation that brings ζ0 to the level-frame point `lean`.
@@ -152,11 +168,15 @@ impl Attitude {
     }
 
     /// The body's axes in the level frame turned by `azimuth`, a unit number.
+    fn axes(self, azimuth: Complex<f64>) -> Axes {
+        let scale = 2.0 / (1.0 + self.up.w.norm_sqr());
+        self.axes_of(azimuth, azimuth * self.up.w * scale, scale)
+    }
+
+    /// `scale` is 2/(1 + ρ), `tilt` the azimuth times w times that.
     #[inline]
-    pub(crate) fn axes(self, azimuth: Complex<f64>) -> Axes {
+    fn axes_of(self, azimuth: Complex<f64>, tilt: Complex<f64>, scale: f64) -> Axes {
         let (w, sign) = (self.up.w, self.up.chart.sign());
-        let scale = 2.0 / (1.0 + w.norm_sqr());
-        let tilt = azimuth * w * scale;
         let second = (J * azimuth - tilt * w.im) * sign;
         let up = Vector3::new(scale * w.re, sign * scale * w.im, sign * (scale - 1.0));
         Axes { horizontal: [azimuth - tilt * w.re, second, tilt * -sign], up }

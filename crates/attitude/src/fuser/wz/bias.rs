@@ -1,4 +1,4 @@
-//! Gyro bias from the levelled force: a Kalman filter of the tilt error and the bias, at 10 Hz.
+//! Gyro bias from the levelled force: a Kalman filter of the tilt error and the bias, at 5 Hz.
 //!
 //! A tilt error ε shows as a horizontal force g ε. A bias b drives it by −j Σ a_i b_i, a_i the horizontal parts of the body's axes;
 //! the levelling loop takes from it what it leans, which is known:
@@ -17,7 +17,7 @@ use crate::{
 use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s; less a little, for sums of intervals that are rounded.
-const INTERVAL_S: f64 = 0.1 - 1e-6;
+const INTERVAL_S: f64 = 0.2 - 1e-6;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const SD_MAX_RAD_S: f64 = 0.003;
 /// Random walk of the bias of a body that does not turn, rad/s/√s: 1 °/s in half a day, 0.1 °/s while it warms up for an hour.
@@ -37,7 +37,7 @@ const INNOVATION_MEMORY_S: f64 = 5.0;
 /// Standard deviation of the innovation before there were any, and for how long they have been like that.
 const FORCE_SD_BEFORE: f64 = 0.01;
 const MEMORY_BEFORE_S: f64 = 0.5;
-/// Most innovations that count as one because they are alike: accelerations keep their direction for about 0.4 s. For longer they
+/// Most innovations that count as one because they are alike: accelerations keep their direction for less than 1 s. For longer they
 /// are made up for by others, since they bring a velocity that ends.
 const ALIKE_MAX: f64 = 4.0;
 /// Square of the largest innovation that is believed, in standard deviations.
@@ -143,10 +143,15 @@ impl BiasFilter {
         self.since_update_s += dt_s;
     }
 
-    /// For how long the force was seen since the last update, s, and its integral, m/s, when that is enough for the next.
+    /// Enough has been seen for an update.
     #[inline]
-    pub(super) fn due(&self) -> Option<(f64, Complex<f64>)> {
-        (self.since_update_s >= INTERVAL_S).then_some((self.since_update_s, self.force_dt_m_s))
+    pub(super) fn is_due(&self) -> bool {
+        self.since_update_s >= INTERVAL_S
+    }
+
+    /// For how long the force was seen since the last update, s, and its integral, m/s.
+    pub(super) fn seen(&self) -> (f64, Complex<f64>) {
+        (self.since_update_s, self.force_dt_m_s)
     }
 
     /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the

@@ -77,8 +77,7 @@ impl Level {
     #[inline]
     pub(super) fn turn(&mut self, turn: Turn, dt_s: f64) -> Axes {
         let lean = core::mem::take(&mut self.pending) + self.velocity_m_s * (HALF_TILT_RATE * dt_s);
-        self.moved(self.attitude.turned_and_leaned(turn, lean * self.azimuth.conj()));
-        self.attitude.axes(self.azimuth)
+        self.attitude.turn_and_lean(turn, lean * self.azimuth.conj(), &mut self.azimuth)
     }
 
     /// The shortest turn of the level that brings `up` up.
@@ -110,12 +109,8 @@ impl Level {
         self.pending += error.tilt * 0.5;
     }
 
-    #[inline]
     fn moved(&mut self, moved: Moved) {
-        // Part by part, which compiles to fewer moves than the whole.
-        self.attitude.up.w = moved.attitude.up.w;
-        self.attitude.up.chart = moved.attitude.up.chart;
-        self.attitude.z_rad = moved.attitude.z_rad;
+        self.attitude = moved.attitude;
         self.azimuth *= moved.swing.conj();
     }
 

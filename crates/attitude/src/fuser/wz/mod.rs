@@ -50,9 +50,10 @@ impl Wz {
 
     /// What is done once in a while: the bias, and what it takes back.
     #[inline(never)]
-    fn update(&mut self, rate_rad_s: Vector3<f64>, interval_s: f64, force_dt_m_s: Complex<f64>) {
+    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) {
+        let (interval_s, force_dt_m_s) = self.bias.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
-        self.rest.update(interval_s);
+        self.rest.update(force_m_s2, interval_s);
         let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s());
         self.level.take_back(error);
     }
@@ -67,7 +68,7 @@ impl Stage for Wz {
         "wz"
     }
 
-    #[inline]
+    #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let (turn, rate_rad_s, dt_s) = match &input.motion {
@@ -87,7 +88,7 @@ impl Stage for Wz {
                 innovation_rad = angle_rad(&axes, inclination, force_m_s2);
                 self.level.follow(force_m_s2, dt_s);
                 self.bias.saw(force_m_s2, dt_s);
-                self.rest.saw(rate_rad_s, inclination.force_m_s2, dt_s);
+                self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
                 self.level.align(inclination.up);
@@ -97,8 +98,8 @@ impl Stage for Wz {
         if !(levelling && input.motion.is_some() && input.rest_credible) {
             self.rest.interrupt();
         }
-        if let Some((interval_s, force_dt_m_s)) = self.bias.due() {
-            self.update(rate_rad_s, interval_s, force_dt_m_s);
+        if let (Some(inclination), true) = (inclination, self.bias.is_due()) {
+            self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
         corrections.rest = self.rest.is_found();

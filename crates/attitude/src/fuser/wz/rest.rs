@@ -1,4 +1,4 @@
-//! Rest: the gyro and the accelerometer have not moved from their own mean for a while.
+//! Rest: the gyro has not moved from its own mean for a while, sample by sample, nor the accelerometer, update by update.
 //!
 //! A steady turn about the vertical, slower than 2 °/s and with no other motion, looks the same and is taken for a bias: the
 //! tilt does not suffer, heading does.
@@ -20,14 +20,13 @@ const QUIET_S: f64 = 1.5;
 /// Longest memory of the mean rate at rest, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
-/// Finds rest, and the mean rate during it: sample by sample what moves, update by update the means.
+/// Finds rest, and the mean rate during it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rest {
     rate_mean_rad_s: Vector3<f64>,
     force_mean_m_s2: Vector3<f64>,
     /// Since the last update.
     turned_rad: Vector3<f64>,
-    force_dt_m_s: Vector3<f64>,
     moved: bool,
     quiet_s: f64,
     bias_rad_s: Vector3<f64>,
@@ -40,7 +39,6 @@ impl Default for Rest {
             rate_mean_rad_s: zero,
             force_mean_m_s2: zero,
             turned_rad: zero,
-            force_dt_m_s: zero,
             moved: true,
             quiet_s: 0.0,
             bias_rad_s: zero,
@@ -51,26 +49,24 @@ impl Default for Rest {
 impl Rest {
     /// One sample.
     #[inline]
-    pub(super) fn saw(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>, dt_s: f64) {
+    pub(super) fn saw(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
         let off_rad_s = rate_rad_s - self.rate_mean_rad_s;
-        let off_m_s2 = force_m_s2 - self.force_mean_m_s2;
         self.turned_rad += rate_rad_s * dt_s;
-        self.force_dt_m_s += force_m_s2 * dt_s;
-        self.moved |= !(off_rad_s.norm_squared() < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S)
-            | !(off_m_s2.norm_squared() < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2);
+        self.moved |= !(off_rad_s.norm_squared() < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S);
     }
 
-    /// The samples of `interval_s` make an update.
-    pub(super) fn update(&mut self, interval_s: f64) {
+    /// The samples of `interval_s` make an update; `force_m_s2` is the last of them.
+    pub(super) fn update(&mut self, force_m_s2: Vector3<f64>, interval_s: f64) {
         let rate_rad_s = core::mem::take(&mut self.turned_rad) / interval_s;
-        let force_m_s2 = core::mem::take(&mut self.force_dt_m_s) / interval_s;
+        let off_m_s2 = force_m_s2 - self.force_mean_m_s2;
+        self.moved |= !(off_m_s2.norm_squared() < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2);
         if !(rate_rad_s.amax() < RATE_LIMIT_RAD_S) {
             *self = Self::default();
             return;
         }
         let gain = (interval_s * (1.0 / MEAN_S)).min(1.0);
         self.rate_mean_rad_s += (rate_rad_s - self.rate_mean_rad_s) * gain;
-        self.force_mean_m_s2 += (force_m_s2 - self.force_mean_m_s2) * gain;
+        self.force_mean_m_s2 += off_m_s2 * gain;
         if core::mem::take(&mut self.moved) || self.rate_mean_rad_s.amax() >= RATE_MEAN_RAD_S {
             self.quiet_s = 0.0;
             return;
@@ -108,7 +104,6 @@ impl Numbers for Rest {
         self.rate_mean_rad_s.visit(visit);
         self.force_mean_m_s2.visit(visit);
         self.turned_rad.visit(visit);
-        self.force_dt_m_s.visit(visit);
         self.moved.visit(visit);
         self.quiet_s.visit(visit);
         self.bias_rad_s.visit(visit);
