@@ -169,7 +169,7 @@ impl BiasFilter {
         self.force_dt_m_s = Complex::new(0.0, 0.0);
         self.since_update_s = 0.0;
         let walk2 = WALK_RAD_S * WALK_RAD_S + WALK_BY_RATE * WALK_BY_RATE * rate_rad_s.norm_squared();
-        self.propagate(&drift, walk2 * interval_s, interval_s);
+        self.propagate(&drift, (walk2 * interval_s).min(SD_MAX_RAD_S * SD_MAX_RAD_S), interval_s);
         self.share(&drift, interval_s);
 
         // The force is that of the middle of the interval.
