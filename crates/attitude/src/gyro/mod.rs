@@ -125,6 +125,7 @@ impl Stage for Gyro {
         }
     }
 
+    #[inline]
     fn step(&mut self, sample: &RateSample) -> Motion {
         let dt_s = sample.dt_s;
         let after = sample.rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
@@ -132,7 +133,7 @@ impl Stage for Gyro {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
         };
-        let mut mean = (before + after) * 0.5;
+        let mut mean = before * 0.5 + after * 0.5;
         let from = self.attitude;
         let turn = match self.method {
             Method::Mobius => {

@@ -77,7 +77,7 @@ fn azimuth(attitude: Attitude) -> Complex<f64> {
 
 /// Forward in the level frame, of unit length; zero where the body points straight up or down.
 fn forward(attitude: Attitude) -> Complex<f64> {
-    let [_, axis, _] = attitude.horizontal_axes();
+    let [_, axis, _] = attitude.axes(Complex::new(1.0, 0.0)).horizontal;
     let size = libm::sqrt(axis.norm_sqr());
     if size > 1e-3 { axis / size } else { Complex::new(0.0, 0.0) }
 }
@@ -119,5 +119,7 @@ fn tilt_of(unexplained_m_s2: Complex<f64>) -> Complex<f64> {
 /// much when the level leans by `tilt_rad`.
 fn turned_too_much(attitude: Attitude, tilt_rad: Complex<f64>) -> Vector3<f64> {
     let turned = J * tilt_rad;
-    Vector3::from(attitude.horizontal_axes().map(|axis| axis.re * turned.re + axis.im * turned.im))
+    Vector3::from(
+        attitude.axes(Complex::new(1.0, 0.0)).horizontal.map(|axis| axis.re * turned.re + axis.im * turned.im),
+    )
 }

@@ -7,7 +7,7 @@
 use crate::{
     Complex, Vector3,
     stage::Numbers,
-    state::{Attitude, wrapped_rad},
+    state::{Attitude, Axes, wrapped_rad},
     turn::Turn,
 };
 
@@ -121,8 +121,7 @@ impl Levelled {
         self.follow_phase(attitude.z_rad);
         let earlier = attitude.turned(Turn::of_rotation_vector(-back_rad));
         let phase = self.phase * earlier.swing.conj();
-        let horizontal = earlier.attitude.horizontal_axes().map(|axis| axis * phase);
-        let up = earlier.attitude.up.direction();
+        let Axes { horizontal, up } = earlier.attitude.axes(phase);
         let rows = [
             [horizontal[0].re, horizontal[1].re, horizontal[2].re],
             [horizontal[0].im, horizontal[1].im, horizontal[2].im],
