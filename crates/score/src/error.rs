@@ -3,6 +3,7 @@
 use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
+use ingest::source::SourceError;
 use launch::Service;
 use recording::RecordingError;
 use runtime::RuntimeError;
@@ -90,6 +91,9 @@ pub enum ScoreError {
     /// A slot could not be filled.
     #[error(transparent)]
     Slot(#[from] RuntimeError),
+    /// The source of the readings failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
     /// A file or folder could not be written.
     #[error("writing {}: {cause}", path.display())]
     Write {
@@ -120,7 +124,7 @@ impl ScoreError {
             | Self::NameTwice { .. } => 2,
             Self::Recording(_) => 3,
             Self::Run(error) => error.exit_code(),
-            Self::Slot(_) | Self::Write { .. } => 1,
+            Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }
     }
 }

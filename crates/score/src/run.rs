@@ -88,7 +88,7 @@ fn one(
     let plans: Vec<_> = launches.iter().map(|launch| plan(launch, trial)).collect();
     let mut lanes = plans.iter().map(|plan| Lane::new(request, trial, plan)).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = plans.first() else { return Ok(Vec::new()) };
-    let mut conditioner = ingest::conditioner(&first.orders);
+    let mut conditioner = ingest::conditioner(&first.orders)?;
     let mut steps = Vec::new();
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;

@@ -16,6 +16,7 @@
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
+mod compass;
 pub mod levelling;
 pub mod madgwick;
 mod spread;

@@ -29,13 +29,10 @@
 //! Both need a vehicle that moves where it points. In wind V H' is wrong by wind times H': 10 m/s in a turn of 3 °/s is 3° of
 //! apparent tilt for as long as the turn lasts. Backwards and sideways the law does not hold; for that there is `aided`.
 
-mod aiding;
-mod integral;
-mod matched;
+mod pi;
 mod printed;
-mod still;
 
-pub use integral::{LevellingPi, PiSettings};
+pub use pi::{LevellingPi, PiSettings};
 pub use printed::{Levelling, PrintedSettings};
 
 use crate::{Complex, GRAVITY_M_S2, J, Vector3, accel::Inclination, gnss::Fix, gyro::Motion, state::Attitude};

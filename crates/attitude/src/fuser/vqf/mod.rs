@@ -159,8 +159,9 @@ impl Vqf {
             self.retime();
         }
         self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
-        self.tilt.drift(motion.dt_s);
-        self.heading.drift(motion.dt_s);
+        let bias_sd_rad_s = self.filter.bias_estimate().1;
+        self.tilt.drift(bias_sd_rad_s, motion.dt_s);
+        self.heading.drift(bias_sd_rad_s, motion.dt_s);
     }
 
     /// The correction by a field; true when the heading was set anew.
@@ -170,12 +171,14 @@ impl Vqf {
             self.retime();
         }
         self.filter.update_mag(bounded(field_ut));
-        let (off_rad, first) = (self.filter.state().last_mag_dis_angle, !self.magnetic);
+        let first = !self.magnetic;
         self.magnetic = true;
+        let state = self.filter.state();
         if first {
             self.heading = Spread::FIRST;
-        } else if !self.filter.mag_dist_detected() {
-            self.heading.corrected(off_rad, self.filter.coeffs().k_mag, interval_s);
+        } else if state.last_mag_corr_angular_rate != 0.0 {
+            let taken_off_rad = state.last_mag_corr_angular_rate * self.filter.coeffs().mag_ts;
+            self.heading.corrected(state.last_mag_dis_angle, taken_off_rad / state.last_mag_dis_angle, interval_s);
         }
         first
     }

@@ -1,28 +1,37 @@
 //! The fuser stage `levelling-pi`: levelling by matched increments of velocity, with an estimate of the gyro's bias.
 
-use super::{
-    FLOOR_RAD, FORCE_LIMIT_M_S2, Pull, RATE_LIMIT_RAD_S, aiding::Aiding, azimuth, bounded, carried, credible,
-    interval_s, lean_of, still::Still, tilt_of, turn_rate_rad_s, turned_too_much,
-};
+mod aiding;
+mod heading;
+mod law;
+mod matched;
+mod still;
+
+use super::{FLOOR_RAD, Pull, azimuth, bounded, credible, interval_s, turn_rate_rad_s};
 use crate::{
     Complex, Vector3,
+    accel::Inclination,
     course::Reference,
     fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain},
     gnss::Fix,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
-    state::{Attitude, arg, wrapped_rad},
+    state::Attitude,
     turn::Turn,
 };
 use core::f64::consts::PI;
+use {aiding::Aiding, heading::Heading, still::Still};
 
 settings! {
     /// Settings of `levelling-pi`.
     pub struct PiSettings {
         /// Time constant of levelling with satellite velocity; the gyro's bias follows with twice that.
         time_constant_s: 20.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of the course with a track over ground; the bias about the vertical follows with twice that.
-        course_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
+        /// Time constant of the azimuth with a track over ground; the bias about the vertical follows with twice that.
+        track_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
+        /// The same once turns have told the azimuth, so that a crab angle does not take it back.
+        turned_track_time_constant_s: 100.0 in 5.0 .. 10000.0, "s";
+        /// Time constant of the azimuth with the direction of accelerations, in a turn.
+        turn_time_constant_s: 10.0 in 1.0 .. 10000.0, "s";
         /// Ground speed below which a track says nothing about the course.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
         /// How old a velocity is on arrival where the receiver does not tell.
@@ -60,8 +69,6 @@ const BIAS_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
 const BIAS_STILL_S: f64 = 5.0;
 /// Largest component of the bias, rad/s: 5 °/s. A loop that asks for more is not following a bias.
 const BIAS_MAX_RAD_S: f64 = 5.0 * PI / 180.0;
-/// Wind across the track that is usual, m/s.
-const CRAB_M_S: f64 = 6.0;
 /// Time over which the turn rate is averaged that decides how much the force counts, s.
 const TURN_MEAN_S: f64 = 1.0;
 
@@ -70,7 +77,8 @@ const TURN_MEAN_S: f64 = 1.0;
 /// | | tilt | bias |
 /// | --- | --- | --- |
 /// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the moments at which the fixes were valid, τ = 20 s | its integral in body axes over 4 τ |
-/// | track | azimuth by (H − H_track)/T, T = 50 s | about the vertical, over 4 T |
+/// | track | azimuth by (H − H_track)/T, T = 50 s, 100 s after turns | about the vertical, over 4 T |
+/// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, over 10 s of turning | about the vertical |
 /// | gap | low-pass of f_P less V H' of the remembered speed, over 100 s, less in a turn | its integral over 4000 s |
 /// | cold | low-pass of f_P over 60 s, as S4 | none |
 /// | standstill | as in a gap | the mean rate |
@@ -89,14 +97,13 @@ pub struct LevellingPi {
     /// H', averaged.
     turn_rate_rad_s: f64,
     aiding: Aiding,
+    heading: Heading,
     /// Tilt that is still to be taken away, platform, rad.
     pending_rad: Complex<f64>,
     /// What is left of the force in a gap, low-passed, platform, m/s².
     low_pass_m_s2: Complex<f64>,
     /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
     lag_rad: Complex<f64>,
-    /// Of the heading less the crab angle; π while there is no course.
-    drift_sd_rad: f64,
     still: Still,
 }
 
@@ -112,10 +119,10 @@ impl Default for LevellingPi {
             bias_variance_rad2_s2: BIAS_SD_RAD_S * BIAS_SD_RAD_S,
             turn_rate_rad_s: 0.0,
             aiding: Aiding::default(),
+            heading: Heading::default(),
             pending_rad: none,
             low_pass_m_s2: none,
             lag_rad: none,
-            drift_sd_rad: PI,
             still: Still::default(),
         }
     }
@@ -124,149 +131,50 @@ impl Default for LevellingPi {
 impl LevellingPi {
     pub(in crate::fuser) fn realign(&mut self) {
         self.started = false;
-        self.begin();
     }
 
-    /// What was followed belongs to another attitude.
-    fn begin(&mut self) {
+    /// Levels anew: what was followed belonged to another level.
+    fn level(&mut self, inclination: &Inclination) {
+        self.attitude = self.attitude.realigned(inclination.up).attitude;
         let none = Complex::new(0.0, 0.0);
         (self.pending_rad, self.low_pass_m_s2, self.lag_rad) = (none, none, none);
         self.aiding.interrupt();
-        self.still.interrupt();
+        self.started = true;
     }
 
-    fn bias_known(&self) -> bool {
-        self.bias_variance_rad2_s2 < BIAS_KNOWN_SD_RAD_S * BIAS_KNOWN_SD_RAD_S
-    }
-
-    /// A tilt that levelling takes away has come from a bias, of which an integral time keeps `share`.
-    fn learn(&mut self, tilt_rad: Complex<f64>, share_per_s: f64) {
-        let bias_rad_s = self.bias_rad_s + turned_too_much(self.attitude, tilt_rad) * share_per_s;
-        self.bias_rad_s = bounded(bias_rad_s, BIAS_MAX_RAD_S);
-    }
-
-    fn lean(&mut self, tilt_rad: Complex<f64>) {
-        self.attitude = self.attitude.leaned(lean_of(tilt_rad)).attitude;
-    }
-
-    /// A fix: what levelling has to explain, and the track.
-    fn take(&mut self, fix: &Fix) -> Corrections {
-        let word = self.aiding.take(fix, &self.settings);
-        let settings = self.settings;
-        let axes = azimuth(self.attitude);
-        let mut corrections = Corrections { velocity: true, ..Corrections::default() };
-        if let Some((unexplained_m_s, span_s)) = word.unexplained {
-            let tilt_rad = tilt_of(unexplained_m_s) / settings.time_constant_s;
-            self.pending_rad += tilt_rad;
-            self.learn(axes.conj() * tilt_rad, 0.25 / settings.time_constant_s);
-            let gain = low_pass_gain(span_s, settings.time_constant_s);
-            self.lag_rad += (tilt_of(unexplained_m_s / span_s) - self.lag_rad) * gain;
-            let gain = low_pass_gain(span_s, settings.course_time_constant_s);
-            self.bias_variance_rad2_s2 -= self.bias_variance_rad2_s2 * gain;
-            (corrections.tilt, corrections.bias) = (true, true);
+    /// One force: into the increment, and in a gap into the level. True when it has levelled.
+    fn pull(&mut self, inclination: &Inclination, turn_rate_rad_s: f64) -> bool {
+        let pull = Pull::of(self.attitude, inclination, self.unlevelled_s);
+        if self.unlevelled_s > pull.dt_s {
+            self.aiding.interrupt();
         }
-        if let Some((track, age_s)) = word.track {
-            corrections.aligned = word.first;
-            let span_s = word.unexplained.map_or(0.0, |(_, span_s)| span_s);
-            self.steer(axes, track, age_s, if word.first { None } else { Some(span_s) });
+        self.aiding.push(azimuth(self.attitude) * pull.level_m_s2, pull.dt_s);
+        if self.aiding.is_recent(self.settings.gap_s) {
+            self.low_pass_m_s2 = Complex::new(0.0, 0.0);
+            return false;
         }
-        corrections
-    }
-
-    /// The azimuth moves towards the track over `span_s`; all the way without it.
-    fn steer(&mut self, axes: Complex<f64>, track: Complex<f64>, age_s: f64, span_s: Option<f64>) {
-        let forward = axes * super::forward(self.attitude);
-        if forward.norm_sqr() < 0.5 {
-            return;
-        }
-        // Where the body pointed when the track was valid, less the track; counter-clockwise.
-        let (sin, cos) = libm::sincos(self.turn_rate_rad_s * age_s);
-        let astray_rad = arg(forward * Complex::new(cos, sin) * track.conj());
-        let turn_rad = match span_s {
-            None => {
-                self.pending_rad = Complex::new(0.0, 0.0);
-                self.drift_sd_rad = 0.0;
-                astray_rad
-            }
-            Some(span_s) => {
-                let time_constant_s = self.settings.course_time_constant_s;
-                let share_per_s2 = 0.25 / (time_constant_s * time_constant_s);
-                let bias_rad_s = self.attitude.up.direction() * (astray_rad * share_per_s2 * span_s);
-                self.bias_rad_s = bounded(self.bias_rad_s + bias_rad_s, BIAS_MAX_RAD_S);
-                let gain = low_pass_gain(span_s, time_constant_s);
-                self.drift_sd_rad -= self.drift_sd_rad * gain;
-                astray_rad * gain
-            }
-        };
-        self.attitude.z_rad = wrapped_rad(self.attitude.z_rad - turn_rad);
-    }
-
-    /// Levelling without a fix.
-    fn coast(&mut self, pull: Pull, axes: Complex<f64>, turn_rate_rad_s: f64) {
-        let settings = self.settings;
-        let (time_constant_s, low_pass_s, speed_m_s, weight) = if self.bias_known() {
-            let turns = self.turn_rate_rad_s / settings.gap_turn_deg_s.to_radians();
-            let weight = 1.0 / (1.0 + turns * turns);
-            (settings.gap_time_constant_s, settings.gap_low_pass_s, self.aiding.speed_m_s(), weight)
-        } else {
-            (settings.cold_time_constant_s, settings.cold_low_pass_s, 0.0, 1.0)
-        };
-        let left_m_s2 = pull.level_m_s2 - carried(self.attitude, speed_m_s * turn_rate_rad_s, 0.0);
-        self.low_pass_m_s2 += (axes * left_m_s2 - self.low_pass_m_s2) * low_pass_gain(pull.dt_s, low_pass_s);
-        let gain = weight * low_pass_gain(pull.dt_s, time_constant_s);
-        let seen_rad = tilt_of(self.low_pass_m_s2);
-        let tilt_rad = axes.conj() * seen_rad * gain;
-        self.lag_rad += (seen_rad - self.lag_rad) * gain;
-        if self.bias_known() {
-            self.learn(tilt_rad, 1.0 / settings.gap_integral_s);
-        }
-        self.lean(tilt_rad);
-    }
-
-    /// What time does: biases walk, the heading drifts by what is not known of them, a correction is fed in.
-    fn pass(&mut self, dt_s: f64) {
-        let variance = self.bias_variance_rad2_s2 + BIAS_WALK_RAD_S * BIAS_WALK_RAD_S * dt_s;
-        self.bias_variance_rad2_s2 = variance.min(BIAS_SD_RAD_S * BIAS_SD_RAD_S);
-        self.drift_sd_rad = (self.drift_sd_rad + libm::sqrt(self.bias_variance_rad2_s2) * dt_s).min(PI);
-        self.aiding.since_fix_s += dt_s;
-        self.unlevelled_s += dt_s;
-    }
-
-    fn feed_in(&mut self, axes: Complex<f64>, dt_s: f64) {
-        let share_rad = self.pending_rad * low_pass_gain(dt_s, self.settings.feed_in_s);
-        self.pending_rad -= share_rad;
-        self.lean(axes.conj() * share_rad);
-    }
-
-    /// At standstill the bias is what the gyro reads.
-    fn stand(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>, dt_s: f64) -> bool {
-        let speed_m_s = self.aiding.seen.then(|| self.aiding.speed_m_s());
-        let (rate, force) = (bounded(rate_rad_s, RATE_LIMIT_RAD_S), bounded(force_m_s2, FORCE_LIMIT_M_S2));
-        let Some(mean_rad_s) = self.still.step(rate, force, speed_m_s, dt_s) else { return false };
-        self.bias_rad_s += (mean_rad_s - self.bias_rad_s) * low_pass_gain(dt_s, BIAS_STILL_S);
-        self.bias_variance_rad2_s2 = self.bias_variance_rad2_s2.min(BIAS_STILL_SD_RAD_S * BIAS_STILL_SD_RAD_S);
+        self.coast(pull, turn_rate_rad_s);
         true
     }
 
     /// What levelling lags by, and in a gap what an unknown bias has done since.
     fn inclination_sd_rad(&self) -> f64 {
-        let gap_s = if self.aiding.is_aided(self.settings.gap_s) { 0.0 } else { self.aiding.since_fix_s };
-        let drifted_s = gap_s.min(self.settings.gap_time_constant_s);
-        let drift_rad = libm::sqrt(self.bias_variance_rad2_s2) * drifted_s;
+        let since_s = self.aiding.since_fix_s();
+        let gap_s = if since_s > self.settings.gap_s { since_s.min(self.settings.gap_time_constant_s) } else { 0.0 };
+        let drift_rad = self.bias_sd_rad_s() * gap_s;
         libm::sqrt(self.lag_rad.norm_sqr() + drift_rad * drift_rad + FLOOR_RAD * FLOOR_RAD)
     }
 
-    /// The drift and a crab angle in a wind that is usual.
     fn heading_sd_rad(&self) -> f64 {
-        if !self.aiding.course_known {
-            return PI;
-        }
-        let crab_rad = libm::atan2(CRAB_M_S, self.aiding.speed_m_s());
-        libm::hypot(self.drift_sd_rad, crab_rad).min(PI)
+        self.heading.sd_rad(self.aiding.speed_m_s().unwrap_or(0.0))
     }
 
     fn reference(&self) -> Reference {
-        if self.aiding.course_known { Reference::True } else { Reference::Arbitrary }
+        if self.heading.known { Reference::True } else { Reference::Arbitrary }
+    }
+
+    fn usable<'a>(&self, fix: Option<&'a Fix>) -> Option<&'a Fix> {
+        credible(fix).filter(|fix| fix.sd_m_s.is_none_or(|sd| sd <= self.settings.velocity_sd_max_m_s))
     }
 }
 
@@ -298,41 +206,23 @@ impl Stage for LevellingPi {
         self.pass(dt_s);
         let turn_rate_rad_s = turn_rate_rad_s(self.attitude, sensed_rad_s - self.bias_rad_s);
         self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * low_pass_gain(dt_s, TURN_MEAN_S);
-        let axes = azimuth(self.attitude);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {
                 innovation = innovation_rad(inclination, self.attitude);
-                let pull = Pull::of(self.attitude, inclination, self.unlevelled_s);
-                if self.unlevelled_s > pull.dt_s {
-                    self.aiding.interrupt();
-                }
-                self.aiding.push(axes * pull.level_m_s2, pull.dt_s);
-                if self.aiding.is_aided(self.settings.gap_s) {
-                    self.low_pass_m_s2 = Complex::new(0.0, 0.0);
-                } else {
-                    self.coast(pull, axes, turn_rate_rad_s);
-                    corrections.tilt = true;
-                }
+                corrections.tilt = self.pull(inclination, turn_rate_rad_s);
             } else {
-                self.attitude = self.attitude.realigned(inclination.up).attitude;
-                self.begin();
-                self.started = true;
+                self.level(inclination);
                 corrections.aligned = true;
             }
             self.unlevelled_s = 0.0;
         }
-        let fix = credible(input.fix.as_ref())
-            .filter(|fix| fix.sd_m_s.is_none_or(|sd| sd <= self.settings.velocity_sd_max_m_s));
-        if let (true, Some(fix)) = (self.started, fix) {
+        if let (true, Some(fix)) = (self.started, self.usable(input.fix.as_ref())) {
             let taken = self.take(fix);
-            corrections = Corrections {
-                tilt: corrections.tilt || taken.tilt,
-                aligned: corrections.aligned || taken.aligned,
-                ..taken
-            };
+            let (tilt, aligned) = (corrections.tilt || taken.tilt, corrections.aligned || taken.aligned);
+            corrections = Corrections { tilt, aligned, ..taken };
         }
-        self.feed_in(azimuth(self.attitude), dt_s);
+        self.feed_in(dt_s);
         match (&input.motion, &input.inclination) {
             (Some(_), Some(inclination)) if input.rest_credible => {
                 corrections.rest = self.stand(sensed_rad_s, inclination.force_m_s2, dt_s);
@@ -360,20 +250,21 @@ impl Stage for LevellingPi {
         self.bias_variance_rad2_s2.visit(visit);
         self.turn_rate_rad_s.visit(visit);
         self.aiding.visit(visit);
+        self.heading.visit(visit);
         self.pending_rad.visit(visit);
         self.low_pass_m_s2.visit(visit);
         self.lag_rad.visit(visit);
-        self.drift_sd_rad.visit(visit);
         self.still.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        let negative = self.bias_variance_rad2_s2 < 0.0 || self.drift_sd_rad < 0.0 || self.unlevelled_s < 0.0;
+        let negative = self.bias_variance_rad2_s2 < 0.0 || self.unlevelled_s < 0.0;
         attitude_flaw(self.attitude)
             .or(bias_flaw(self.bias_rad_s))
             .or(negative.then_some("a variance or a time below zero"))
-            .or(self.aiding.flaw())
-            .or(self.still.flaw())
+            .or_else(|| self.aiding.flaw())
+            .or_else(|| self.heading.flaw())
+            .or_else(|| self.still.flaw())
     }
 
     fn common(&self) -> Estimate {
@@ -383,7 +274,7 @@ impl Stage for LevellingPi {
             bias_rad_s: self.bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s: libm::sqrt(self.bias_variance_rad2_s2),
+            bias_sd_rad_s: self.bias_sd_rad_s(),
         }
     }
 
@@ -396,8 +287,7 @@ impl Stage for LevellingPi {
             adopted.bias_variance_rad2_s2 = variance.min(adopted.bias_variance_rad2_s2);
         }
         if common.reference == Reference::True {
-            adopted.aiding.course_known = true;
-            adopted.drift_sd_rad = common.heading_sd_rad.min(PI);
+            adopted.heading = Heading::of(common.heading_sd_rad);
         }
         *self = adopted;
         Ok(())
