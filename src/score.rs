@@ -18,10 +18,11 @@ use crate::{fail, print};
 #[command(after_help = "\
 Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan |e_z/e_w|, inclination 2 acos √(e_w² + e_z²); the RMSE \
 is over the samples with mov = 1 and a reference, the mean over the trials. No heading offset is taken out.\n\n\
-ns/update is the time of the bare estimator: one step each of gyro, accel and fuser, without reading, checking, messages and course. It is \
-taken over the first 30000 checked samples of a trial, in memory, in 7 rounds in which the fusers take turns; the median of the \
+ns/update is the time of the bare estimator: one step each of gyro, accel and fuser, without reading, checking, messages and course. It is the \
+CPU time of the thread over the first 30000 checked samples of a trial, in memory, in 7 rounds in which the fusers take turns; the median of the \
 rounds' means counts.\n\n\
-A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov.")]
+A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
+and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
     /// Recordings (CSV or CSV.gz), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
     #[arg(required = true, value_name = "FILE")]

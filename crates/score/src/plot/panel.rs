@@ -2,7 +2,11 @@
 
 use std::path::Path;
 
-use plotters::{coord::Shift, prelude::*};
+use plotters::{
+    coord::Shift,
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
 
 use super::{Drawn, curve::Curve};
 
@@ -46,7 +50,7 @@ impl Panel<'_> {
         let (least, largest) = self.range();
         let mut chart = ChartBuilder::on(area)
             .margin(8)
-            .margin_right(LEGEND_WIDTH)
+            .margin_right(if self.lines.len() > 1 { LEGEND_WIDTH } else { 24 })
             .x_label_area_size(38)
             .y_label_area_size(72)
             .build_cartesian_2d(0.0..end_s, least..largest)?;
@@ -62,22 +66,21 @@ impl Panel<'_> {
             .x_label_formatter(&number)
             .y_label_formatter(&number)
             .draw()?;
-        for Line { name, color, curve } in &self.lines {
-            let color = *color;
+        for Line { color, curve, .. } in &self.lines {
             let parts = curve.lines(WRAP).map(|points| PathElement::new(points.to_vec(), color.stroke_width(1)));
-            chart
-                .draw_series(parts)?
-                .label(*name)
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 22, y)], color.stroke_width(3)));
+            chart.draw_series(parts)?;
         }
-        let beside = chart.plotting_area().dim_in_pixel().0 as i32 + 8;
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::Coordinate(beside, 0))
-            .label_font(TEXT)
-            .legend_area_size(28)
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
+        if self.lines.len() > 1 { self.legend(area) } else { Ok(()) }
+    }
+
+    /// The names of the curves, to the right of them.
+    fn legend(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Drawn {
+        let left = area.dim_in_pixel().0 as i32 - LEGEND_WIDTH as i32 + 14;
+        let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
+        for (Line { name, color, .. }, y) in self.lines.iter().zip((16..).step_by(22)) {
+            area.draw(&PathElement::new(vec![(left, y), (left + 24, y)], color.stroke_width(3)))?;
+            area.draw(&Text::new(*name, (left + 32, y), text.clone()))?;
+        }
         Ok(())
     }
 
