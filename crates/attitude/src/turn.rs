@@ -74,6 +74,7 @@ fn cos_and_sinc(x2: f64) -> (f64, f64) {
 }
 
 #[cold]
+#[inline(never)]
 fn wide_cos_and_sinc(x2: f64) -> (f64, f64) {
     if !x2.is_finite() {
         return (1.0, 0.0);
