@@ -37,7 +37,7 @@ impl Chart {
     /// +1 upright, −1 inverted.
     #[inline]
     pub fn sign(self) -> f64 {
-        1.0 - 2.0 * f64::from(self as u8)
+        [1.0, -1.0][self as usize]
     }
 }
 

@@ -113,6 +113,21 @@ impl Attitude {
         self.mapped(p.conj() * w + J * s, p + J * s.conj() * w)
     }
 
+    /// [`Attitude::turned`], in place.
+    #[inline]
+    pub(crate) fn turn(&mut self, turn: Turn) {
+        let Turn { p, s } = turn.view(self.up.chart);
+        let w = self.up.w;
+        let (numerator, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
+        let m2 = m.norm_sqr();
+        if numerator.norm_sqr() > CHART_LIMIT * m2 {
+            *self = self.rechart(numerator, m).attitude;
+            return;
+        }
+        self.up.w = numerator * m.conj() * (1.0 / m2);
+        self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
+    }
+
     /// Turns the body while the level frame is leaned, by a point of that frame before the turn; `azimuth` is the unit number that
     /// takes what is in the level frame to where it does not turn. The body's axes there.
     ///
@@ -202,6 +217,7 @@ impl Attitude {
 
     /// ŵ = m/numerator, ẑ = z + 2 arg(numerator) + π.
     #[cold]
+    #[inline(never)]
     fn rechart(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
         let size2 = numerator.norm_sqr();
         let up = Point { w: m * numerator.conj() / size2, chart: self.up.chart.other() };
@@ -224,6 +240,7 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
 }
 
 #[cold]
+#[inline(never)]
 fn far_wrapped_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped.abs() > 4.0 {

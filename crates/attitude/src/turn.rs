@@ -64,16 +64,14 @@ impl Turn {
 #[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {
-        let cos = 1.0
-            - x2 * (1.0 / 2.0
-                - x2 * (1.0 / 24.0 - x2 * (1.0 / 720.0 - x2 * (1.0 / 40_320.0 - x2 * (1.0 / 3_628_800.0)))));
         let sinc = 1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0))));
-        return (cos, sinc);
+        return (libm::sqrt(1.0 - x2 * sinc * sinc), sinc);
     }
     wide_cos_and_sinc(x2)
 }
 
 #[cold]
+#[inline(never)]
 fn wide_cos_and_sinc(x2: f64) -> (f64, f64) {
     if !x2.is_finite() {
         return (1.0, 0.0);

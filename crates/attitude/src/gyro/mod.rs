@@ -138,7 +138,7 @@ impl Stage for Gyro {
         let turn = match self.method {
             Method::Mobius => {
                 let turn = Turn::of_rotation_vector(mean * dt_s);
-                self.attitude = from.turned(turn).attitude;
+                self.attitude.turn(turn);
                 turn
             }
             Method::MobiusConing => {

@@ -87,10 +87,10 @@ impl Level {
         self.started = true;
     }
 
-    /// V' = h − V/T1.
+    /// V' = h − V/T1; h dt is given.
     #[inline]
-    pub(super) fn follow(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
-        self.velocity_m_s += (force_m_s2 - self.velocity_m_s * (1.0 / T1_S)) * dt_s;
+    pub(super) fn follow(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
+        self.velocity_m_s = self.velocity_m_s * (1.0 - dt_s * (1.0 / T1_S)) + force_dt_m_s;
     }
 
     /// What the level has leaned by since the last call, rad, as the velocity told: T1 (∫h dt − ΔV) of the integral of V.

@@ -105,8 +105,9 @@ impl Stage for Wz {
             if levelling {
                 force_m_s2 = axes.horizontal(inclination.force_m_s2);
                 innovation_rad = angle_rad(&axes, inclination, force_m_s2);
-                self.level.follow(force_m_s2, dt_s);
-                self.bias.saw(force_m_s2, dt_s);
+                let force_dt_m_s = force_m_s2 * dt_s;
+                self.level.follow(force_dt_m_s, dt_s);
+                self.bias.saw(force_dt_m_s, dt_s);
                 self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
