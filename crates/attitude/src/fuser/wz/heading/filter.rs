@@ -45,7 +45,7 @@ impl Filter {
     }
 
     /// Field, hard iron and disturbance begin anew; drift and delay stay.
-    pub(super) fn restart(&mut self, settings: &Settings) {
+    pub(super) fn restart(&mut self, settings: &Settings, young: bool) {
         let begun = Self::begun(settings);
         for i in (E..E + 3).chain(B..D + 3) {
             self.x[i] = 0.0;
@@ -54,6 +54,12 @@ impl Filter {
                 self.p[j][i] = 0.0;
             }
             self.p[i][i] = begun.p[i][i];
+        }
+        if young {
+            self.reset(BETA, settings.beta0_rad_s);
+            self.reset(TAU, settings.delay_sd_s);
+            self.x[TAU] = settings.delay_s;
+            return;
         }
         for i in B..B + 3 {
             self.p[i][i] = settings.restart_b_ut * settings.restart_b_ut;

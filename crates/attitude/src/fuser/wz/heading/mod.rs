@@ -32,7 +32,7 @@ settings! {
         /// t
         nu0: 0.02 in 0.0 .. 1e9, "";
         /// t
-        nu1: 0.5 in 0.0 .. 1e9, "";
+        nu1: 0.35 in 0.0 .. 1e9, "";
         /// t
         turn0: 5e-4 in 0.0 .. 1e9, "";
         /// t
@@ -48,15 +48,17 @@ settings! {
         /// t
         gate: 16.0 in 0.0 .. 1e9, "";
         /// t
-        penalty: 0.0 in 0.0 .. 1e9, "";
+        penalty: 1.0 in 0.0 .. 1e9, "";
         /// t
-        margin: 250.0 in 0.0 .. 1e9, "";
+        margin: 150.0 in 0.0 .. 1e9, "";
         /// t
         challenge_ut: 15.0 in 0.0 .. 1e9, "";
         /// t
         renew_s: 60.0 in 0.0 .. 1e9, "";
         /// t
         restart_s: 60.0 in 0.0 .. 1e9, "";
+        /// t
+        young_s: 2.0 in 0.0 .. 1e9, "";
         /// t
         turning: 0.3 in 0.0 .. 1e9, "";
         /// t
@@ -111,6 +113,7 @@ pub(super) struct Heading {
     challenge_s: f64,
     rejecting_s: f64,
     rejected: bool,
+    accepted_s: f64,
     turn_rad: f64,
     sd_rad: f64,
 }
@@ -134,6 +137,7 @@ impl Default for Heading {
             challenge_s: 0.0,
             rejecting_s: 0.0,
             rejected: false,
+            accepted_s: 0.0,
             turn_rad: 0.0,
             sd_rad: PI,
         }
@@ -234,13 +238,16 @@ impl Heading {
         self.rejected = !main.accepted;
         news.magnetic = main.accepted;
         if turning {
-            self.over_main = self.over_main + main.cost - body.cost - s.penalty;
-            self.over_place = self.over_place + place.cost - body.cost - s.penalty;
-            if main.accepted {
-                self.rejecting_s = (self.rejecting_s - 2.0 * t).max(0.0);
-            } else {
-                self.rejecting_s += t;
-            }
+            self.over_main = (self.over_main + main.cost - body.cost - s.penalty).max(0.0);
+            self.over_place = (self.over_place + place.cost - body.cost - s.penalty).max(0.0);
+        }
+        let young = self.accepted_s < 10.0;
+        let limit_s = if young { self.accepted_s.max(s.young_s) } else { s.restart_s };
+        if main.accepted {
+            self.accepted_s += t;
+            self.rejecting_s = (self.rejecting_s - 2.0 * t).max(0.0);
+        } else if turning || young {
+            self.rejecting_s += t;
         }
         self.failing_s = if body.accepted { 0.0 } else { self.failing_s + t };
         self.challenge_s += t;
@@ -251,11 +258,14 @@ impl Heading {
             news.aligned = true;
         } else if self.failing_s > s.fail_s || self.challenge_s > s.renew_s {
             self.renew();
-        } else if self.rejecting_s > s.restart_s {
-            self.main.restart(&s);
+        } else if self.rejecting_s > limit_s {
+            self.main.restart(&s, young);
             self.renew();
             self.rejecting_s = 0.0;
-            self.main.measure(interval, delay_s, noise, f64::INFINITY);
+            self.accepted_s = 0.0;
+            for filter in [&mut self.main, &mut self.body, &mut self.place] {
+                filter.measure(interval, delay_s, noise, f64::INFINITY);
+            }
             news.aligned = true;
         }
         self.publish();
@@ -287,6 +297,7 @@ impl Numbers for Heading {
             &mut self.failing_s,
             &mut self.challenge_s,
             &mut self.rejecting_s,
+            &mut self.accepted_s,
             &mut self.turn_rad,
             &mut self.sd_rad,
         ] {
