@@ -39,7 +39,10 @@ fn magnets_are_told_from_the_field_of_the_place() {
         let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
         println!(
             "{kind:?}: wz {:.2} (most {:.1}), VQF {:.2} (most {:.1})",
-            mean(&ours), most(&ours), mean(&theirs), most(&theirs)
+            mean(&ours),
+            most(&ours),
+            mean(&theirs),
+            most(&theirs)
         );
     }
 }

@@ -107,14 +107,8 @@ impl Contest {
         self.each(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
 
-    /// An interval with a field of this strength and variance.
-    pub(super) fn judge(
-        &mut self,
-        interval: &Interval,
-        settings: &Settings,
-        strength_ut: f64,
-        variance_ut2: f64,
-    ) -> Outcome {
+    /// An interval with a field of this variance.
+    pub(super) fn judge(&mut self, interval: &Interval, settings: &Settings, variance_ut2: f64) -> Outcome {
         let (t_s, delay_s) = (interval.duration_s, self.main.x[TAU]);
         let main = self.main.measure(interval, delay_s, variance_ut2, GATE);
         let body = self.body.measure(interval, delay_s, variance_ut2, GATE);
@@ -145,7 +139,7 @@ impl Contest {
             self.challenge();
             replaced = true;
         } else if self.rejected_s > patience_s {
-            let mut anew = Filter::begun(settings, strength_ut);
+            let mut anew = Filter::begun(settings);
             if !beginner {
                 anew.keep_clockwork(&self.main, CHALLENGE_UT);
             }

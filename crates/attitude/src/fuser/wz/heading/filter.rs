@@ -33,10 +33,10 @@ const DRIFT_WALK_RAD_S: f64 = 1e-4;
 /// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
 const TURN_WALK_RAD: f64 = 5e-4;
 const TURN_WALK_BY_RATE: f64 = 5e-4;
-/// Random walk of the field, as a part of its strength, 1/√s.
-const FIELD_WALK: f64 = 2.3e-4;
-/// What the place adds, as a part of the field's strength: iron in a building.
-const PLACE_SD: f64 = 0.023;
+/// Random walk of the field, µT/√s.
+const FIELD_WALK_UT: f64 = 0.01;
+/// What the place adds: iron in a building, and the sensor's own soft iron.
+const PLACE_SD_UT: f64 = 1.0;
 /// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
 const FADE_AT_REST: f64 = 0.02;
 const FADE_BY_TURN: f64 = 0.35;
@@ -60,20 +60,20 @@ pub(super) struct Passage {
 }
 
 impl Passage {
-    /// Of an interval, where the field has this strength.
-    pub(super) fn of(interval: &Interval, strength_ut: f64) -> Self {
+    /// The interval's.
+    pub(super) fn of(interval: &Interval) -> Self {
         let (t_s, turning) = (interval.duration_s, interval.turning_rad_s);
         let acceleration = (interval.acceleration_m_s2 - ACCELERATION_OF_REST_M_S2).max(0.0);
         let fade = FADE_AT_REST + FADE_BY_TURN * turning + FADE_BY_ACCELERATION * acceleration;
         let kept = libm::exp(-fade * t_s);
-        let (place_sd, walk) = (PLACE_SD * strength_ut, TURN_WALK_RAD + TURN_WALK_BY_RATE * turning);
+        let walk_rad = TURN_WALK_RAD + TURN_WALK_BY_RATE * turning;
         Self {
             duration_s: t_s,
             moved: !interval.at_rest,
             kept,
-            place_variance_ut2: place_sd * place_sd * (1.0 - kept * kept),
-            turn_variance_rad2: walk * walk * t_s,
-            field_variance_ut2: FIELD_WALK * FIELD_WALK * strength_ut * strength_ut * t_s,
+            place_variance_ut2: PLACE_SD_UT * PLACE_SD_UT * (1.0 - kept * kept),
+            turn_variance_rad2: walk_rad * walk_rad * t_s,
+            field_variance_ut2: FIELD_WALK_UT * FIELD_WALK_UT * t_s,
         }
     }
 }
@@ -99,12 +99,12 @@ pub(super) struct Filter {
 
 impl Filter {
     /// Nothing is known but what the settings say.
-    pub(super) fn begun(settings: &Settings, strength_ut: f64) -> Self {
+    pub(super) fn begun(settings: &Settings) -> Self {
         let mut filter = Self { x: [0.0; STATES], p: [[0.0; COLUMNS]; STATES] };
         filter.x[TAU] = settings.magnetometer_delay_s;
         filter.open(E, FIELD_SD_UT);
         filter.open(B, settings.hard_iron_sd_ut);
-        filter.open(D, PLACE_SD * strength_ut);
+        filter.open(D, PLACE_SD_UT);
         filter.reset(BETA, DRIFT_SD_RAD_S);
         filter.p[TAU][TAU] = settings.magnetometer_delay_sd_s * settings.magnetometer_delay_sd_s;
         filter
@@ -202,8 +202,7 @@ impl Filter {
     /// An interval's field, of this variance on each axis; it is used if the innovation passes the gate.
     pub(super) fn measure(&mut self, interval: &Interval, delay_s: f64, variance_ut2: f64, gate: f64) -> Verdict {
         let (rate, e) = (interval.rate_rad_s, [self.x[0], self.x[1], self.x[2]]);
-        let swept =
-            [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
+        let swept = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
         let late_s = self.x[TAU] - delay_s;
         let mut innovation = [0.0; 3];
         let mut w = [[0.0; COLUMNS]; 3];

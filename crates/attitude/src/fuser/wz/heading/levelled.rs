@@ -197,16 +197,8 @@ impl Numbers for Levelled {
         self.rotation_rad.visit(visit);
         self.window_s.visit(visit);
         self.rate_before_rad_s.visit(visit);
-        let Interval {
-            duration_s,
-            windows,
-            field_ut,
-            axes,
-            rate_rad_s,
-            turning_rad_s,
-            acceleration_m_s2,
-            at_rest: _,
-        } = &mut self.sums;
+        let Interval { duration_s, windows, field_ut, axes, rate_rad_s, turning_rad_s, acceleration_m_s2, at_rest: _ } =
+            &mut self.sums;
         field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).for_each(&mut *visit);
         [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
         self.phase.visit(visit);

@@ -41,9 +41,6 @@ use {
 /// Fields that a magnetometer on earth may read, µT; others are no sample.
 const READING_MIN_UT: f64 = 1.0;
 const READING_MAX_UT: f64 = 500.0;
-/// Strengths of the earth's field, µT.
-const STRENGTH_MIN_UT: f64 = 20.0;
-const STRENGTH_MAX_UT: f64 = 70.0;
 /// Noise of a magnetometer over 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
 /// What a rate adds to it, as a part of the field, s: half a millisecond by which samples and attitude do not fit.
@@ -112,7 +109,6 @@ pub(super) struct Heading {
     disturbed: bool,
     /// What the tilt may still be off after a start in motion, rad.
     settling_rad: f64,
-    strength_ut: f64,
     turn_rad: f64,
     sd_rad: f64,
     /// The reference of a heading that another stage found.
@@ -132,12 +128,11 @@ impl Heading {
         Self {
             settings,
             levelled: Levelled::default(),
-            contest: Contest::of(Filter::begun(&settings, STRENGTH_MIN_UT)),
+            contest: Contest::of(Filter::begun(&settings)),
             begun: false,
             rested: false,
             disturbed: false,
             settling_rad: 0.0,
-            strength_ut: STRENGTH_MIN_UT,
             turn_rad: 0.0,
             sd_rad: sd_rad.min(PI),
             magnetic: reference == Reference::Magnetic,
@@ -213,7 +208,7 @@ impl Heading {
             self.contest.rested();
         }
         if interval.windows == 0.0 {
-            self.contest.pass(&Passage::of(interval, self.strength_ut));
+            self.contest.pass(&Passage::of(interval));
             self.publish();
             return News::default();
         }
@@ -223,9 +218,8 @@ impl Heading {
         if first {
             let still = interval.at_rest || interval.turning_rad_s < STILL_RAD_S;
             self.settling_rad = if still { 0.0 } else { SETTLING_RAD };
-            self.strength_ut = strength_ut.clamp(STRENGTH_MIN_UT, STRENGTH_MAX_UT);
         }
-        let unfit_ut = NOISE_BY_RATE_S * self.strength_ut * interval.turning_rad_s;
+        let unfit_ut = NOISE_BY_RATE_S * strength_ut * interval.turning_rad_s;
         let settling_ut = self.settling_rad * strength_ut;
         let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows + unfit_ut * unfit_ut + settling_ut * settling_ut;
         if self.settling_rad > 0.0 {
@@ -235,11 +229,8 @@ impl Heading {
         if first {
             return self.begin(interval, variance_ut2);
         }
-        self.contest.pass(&Passage::of(interval, self.strength_ut));
-        let outcome = self.contest.judge(interval, &self.settings, self.strength_ut, variance_ut2);
-        if outcome.replaced {
-            self.strength_ut = strength_ut.clamp(STRENGTH_MIN_UT, STRENGTH_MAX_UT);
-        }
+        self.contest.pass(&Passage::of(interval));
+        let outcome = self.contest.judge(interval, &self.settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
         let before_rad = self.turn_rad;
         self.publish();
@@ -249,7 +240,7 @@ impl Heading {
 
     /// The first field: from a heading that is known to be magnetic it need not jump.
     fn begin(&mut self, interval: &Interval, variance_ut2: f64) -> News {
-        let mut main = Filter::begun(&self.settings, self.strength_ut);
+        let mut main = Filter::begun(&self.settings);
         let known = self.magnetic && self.sd_rad < LOST_RAD;
         if known {
             main.face_north(interval.field_ut, self.sd_rad);
@@ -275,10 +266,7 @@ impl Heading {
 
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        let bounds = (0.0..=PI).contains(&self.sd_rad)
-            && libm::fabs(self.turn_rad) <= PI
-            && self.settling_rad >= 0.0
-            && self.strength_ut > 0.0;
+        let bounds = (0.0..=PI).contains(&self.sd_rad) && libm::fabs(self.turn_rad) <= PI && self.settling_rad >= 0.0;
         self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
     }
 }
@@ -289,7 +277,7 @@ impl Numbers for Heading {
         self.contest.visit(visit);
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
-        let Self { settling_rad, strength_ut, turn_rad, sd_rad, .. } = self;
-        [settling_rad, strength_ut, turn_rad, sd_rad].into_iter().for_each(visit);
+        let Self { settling_rad, turn_rad, sd_rad, .. } = self;
+        [settling_rad, turn_rad, sd_rad].into_iter().for_each(visit);
     }
 }
