@@ -104,18 +104,19 @@ impl Stage for Gyro {
         }
     }
 
+    #[inline]
     fn step(&mut self, sample: &RateSample) -> Motion {
         let (after, dt_s) = (sample.rate_rad_s, sample.dt_s);
         let before = match sample.kind {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
         };
-        let mean = (before + after) * 0.5;
+        let mean = before * 0.5 + after * 0.5;
         let from = self.attitude;
         let turn = match self.method {
             Method::Mobius => {
                 let turn = Turn::of_rotation_vector(mean * dt_s);
-                self.attitude = from.turned(turn).attitude;
+                self.attitude.turn(turn);
                 turn
             }
             Method::Rk4 => {

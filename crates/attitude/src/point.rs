@@ -28,17 +28,16 @@ impl Chart {
     }
 
     /// The components of a body vector as this chart's formulas take them; its own inverse.
+    #[inline]
     pub fn view(self, body: Vector3<f64>) -> Vector3<f64> {
         let sign = self.sign();
         Vector3::new(body.x, sign * body.y, sign * body.z)
     }
 
     /// +1 upright, −1 inverted.
+    #[inline]
     pub fn sign(self) -> f64 {
-        match self {
-            Self::Upright => 1.0,
-            Self::Inverted => -1.0,
-        }
+        [1.0, -1.0][self as usize]
     }
 }
 
@@ -57,18 +56,24 @@ impl Point {
     /// w = (a + j b) / (1 + c) — Matveev 2025, (12), (28).
     pub fn of(direction: Vector3<f64>) -> Option<Self> {
         let norm = direction.norm();
-        if !(norm > f64::MIN_POSITIVE && norm.is_finite()) {
-            return None;
-        }
+        (norm > f64::MIN_POSITIVE && norm.is_finite()).then(|| Self::of_known_norm(direction, norm))
+    }
+
+    /// The point of a direction whose norm is known, above 0 and finite.
+    #[inline]
+    pub(crate) fn of_known_norm(direction: Vector3<f64>, norm: f64) -> Self {
         let chart = if direction.z >= 0.0 { Chart::Upright } else { Chart::Inverted };
-        let n = chart.view(direction) / norm;
-        Some(Self { w: Complex::new(n.x, n.y) / (1.0 + n.z), chart })
+        let v = chart.view(direction);
+        let scale = 1.0 / (norm + v.z);
+        Self { w: Complex::new(v.x * scale, v.y * scale), chart }
     }
 
     /// The unit vector in body axes — Matveev 2025, (13).
+    #[inline]
     pub fn direction(self) -> Vector3<f64> {
         let rho = self.w.norm_sqr();
-        self.chart.view(Vector3::new(2.0 * self.w.re, 2.0 * self.w.im, 1.0 - rho) / (1.0 + rho))
+        let scale = 1.0 / (1.0 + rho);
+        self.chart.view(Vector3::new(2.0 * self.w.re, 2.0 * self.w.im, 1.0 - rho) * scale)
     }
 
     /// The same direction in `chart`, with |w| held to `limit`.

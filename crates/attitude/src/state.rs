@@ -34,6 +34,24 @@ pub struct Moved {
     pub swing: Complex<f64>,
 }
 
+/// The body's axes in a frame with a vertical.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Axes {
+    /// Of each axis, its horizontal part ξ + j η.
+    pub(crate) horizontal: [Complex<f64>; 3],
+    /// Of each axis, its part along the vertical: the up vector in body axes.
+    pub(crate) up: Vector3<f64>,
+}
+
+impl Axes {
+    /// Horizontal part of a body vector.
+    #[inline]
+    pub(crate) fn horizontal(&self, body: Vector3<f64>) -> Complex<f64> {
+        let [x, y, z] = self.horizontal;
+        x * body.x + y * body.y + z * body.z
+    }
+}
+
 impl Attitude {
     /// The attitude in which `up` is up, with z = 0.
     pub fn levelled(up: Point) -> Self {
@@ -88,26 +106,59 @@ impl Attitude {
     /// The attitude after a turn of the body; exact for any turn.
     ///
     /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w: the solution of Matveev 2025, (18)–(20) for a constant rate.
+    #[inline]
     pub fn turned(self, turn: Turn) -> Moved {
         let Turn { p, s } = turn.view(self.up.chart);
         let w = self.up.w;
         self.mapped(p.conj() * w + J * s, p + J * s.conj() * w)
     }
 
-    /// The attitude after a turn of the body during which its level frame was leaned, by a point of that frame before the turn.
-    ///
-    /// w⁺ = (n + l m̄)/(m − l n̄), z⁺ = z + 2 arg(m − l n̄), n = p̄ w + j s, m = p + j s̄ w: both maps in one.
+    /// [`Attitude::turned`], in place.
     #[inline]
-    pub(crate) fn turned_and_leaned(self, turn: Turn, lean: Complex<f64>) -> Moved {
+    pub(crate) fn turn(&mut self, turn: Turn) {
+        let Turn { p, s } = turn.view(self.up.chart);
+        let w = self.up.w;
+        let (numerator, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
+        let m2 = m.norm_sqr();
+        if numerator.norm_sqr() > CHART_LIMIT * m2 {
+            *self = self.rechart(numerator, m).attitude;
+            return;
+        }
+        self.up.w = numerator * m.conj() * (1.0 / m2);
+        self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
+    }
+
+    /// Turns the body while the level frame is leaned, by a point of that frame before the turn; `azimuth` is the unit number that
+    /// takes what is in the level frame to where it does not turn. The body's axes there.
+    ///
+    /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w: both maps in one. With the azimuth
+    /// r⁺ = r M²/|M|² the axes need one division, by |M|² + |N|².
+    #[inline]
+    pub(crate) fn turn_and_lean(&mut self, turn: Turn, lean: Complex<f64>, azimuth: &mut Complex<f64>) -> Axes {
         let Turn { p, s } = turn.view(self.up.chart);
         let w = self.up.w;
         let (n, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
-        self.mapped(n + lean * m.conj(), m - lean * n.conj())
+        let (numerator, m) = (n + lean * m.conj(), m - lean * n.conj());
+        let (numerator2, m2) = (numerator.norm_sqr(), m.norm_sqr());
+        if numerator2 > CHART_LIMIT * m2 {
+            let moved = self.rechart(numerator, m);
+            *azimuth *= moved.swing.conj();
+            *self = moved.attitude;
+            return self.axes(*azimuth);
+        }
+        let (inverse, half) = (1.0 / m2, 1.0 / (m2 + numerator2));
+        let turned = *azimuth * m;
+        *azimuth = turned * m * inverse;
+        self.up.w = numerator * m.conj() * inverse;
+        self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
+        let tilt = turned * numerator * (2.0 * half);
+        self.axes_of(*azimuth, tilt, 2.0 * m2 * half)
     }
 
     /// The attitude after its level frame was leaned by the rotation that brings ζ0 to the level-frame point `lean`.
     ///
     /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l: a turn about a horizontal axis, so heading does not follow the tilt.
+    #[inline]
     pub fn leaned(self, lean: Complex<f64>) -> Moved {
         self.mapped(self.up.w + lean, Complex::new(1.0, 0.0) - self.up.w.conj() * lean)
     }
@@ -124,31 +175,44 @@ impl Attitude {
     /// Horizontal part of a body vector in the level frame, the reference frame turned by z: ξ + j η.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.
+    #[inline]
     pub fn horizontal(self, body: Vector3<f64>) -> Complex<f64> {
         let f = self.up.chart.view(body);
         let (w, plane) = (self.up.w, Complex::new(f.x, f.y));
         plane - w * (2.0 / (1.0 + w.norm_sqr()) * (f.z + w.re * plane.re + w.im * plane.im))
     }
 
-    /// Horizontal parts of the body axes in the level frame.
-    pub(crate) fn horizontal_axes(self) -> [Complex<f64>; 3] {
+    /// The body's axes in the level frame turned by `azimuth`, a unit number.
+    fn axes(self, azimuth: Complex<f64>) -> Axes {
+        let scale = 2.0 / (1.0 + self.up.w.norm_sqr());
+        self.axes_of(azimuth, azimuth * self.up.w * scale, scale)
+    }
+
+    /// `scale` is 2/(1 + ρ), `tilt` the azimuth times w times that.
+    #[inline]
+    fn axes_of(self, azimuth: Complex<f64>, tilt: Complex<f64>, scale: f64) -> Axes {
         let (w, sign) = (self.up.w, self.up.chart.sign());
-        let tilt = w * (2.0 / (1.0 + w.norm_sqr()));
-        [Complex::new(1.0, 0.0) - tilt * w.re, (J - tilt * w.im) * sign, -tilt * sign]
+        let second = (J * azimuth - tilt * w.im) * sign;
+        let up = Vector3::new(scale * w.re, sign * scale * w.im, sign * (scale - 1.0));
+        Axes { horizontal: [azimuth - tilt * w.re, second, tilt * -sign], up }
     }
 
     /// The image of a Möbius map given as numerator and m, in the chart where it is far from the pole.
+    #[inline]
     fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
         let size2 = m.norm_sqr();
         if numerator.norm_sqr() > CHART_LIMIT * size2 {
             return self.rechart(numerator, m);
         }
-        let up = Point { w: numerator * m.conj() / size2, chart: self.up.chart };
+        let inverse = m.conj() * (1.0 / size2);
+        let up = Point { w: numerator * inverse, chart: self.up.chart };
         let z_rad = wrapped_rad(self.z_rad + double_arg(m));
-        Moved { attitude: Self { up, z_rad }, swing: m.conj() * m.conj() / size2 }
+        Moved { attitude: Self { up, z_rad }, swing: m.conj() * inverse }
     }
 
     /// ŵ = m/numerator, ẑ = z + 2 arg(numerator) + π.
+    #[cold]
+    #[inline(never)]
     fn rechart(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
         let size2 = numerator.norm_sqr();
         let up = Point { w: m * numerator.conj() / size2, chart: self.up.chart.other() };
@@ -165,24 +229,42 @@ impl Turn {
 }
 
 /// The same angle in (−π, π].
+#[inline]
 pub fn wrapped_rad(angle_rad: f64) -> f64 {
-    if angle_rad > -PI && angle_rad <= PI {
-        return angle_rad;
-    }
+    if angle_rad > -PI && angle_rad <= PI { angle_rad } else { far_wrapped_rad(angle_rad) }
+}
+
+#[cold]
+#[inline(never)]
+fn far_wrapped_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 
+#[inline]
 fn double_arg(m: Complex<f64>) -> f64 {
     2.0 * arg(m)
 }
 
 /// arg m, rad, (−π, π]: by its series for the small angles of a sample.
+#[inline]
 pub(crate) fn arg(m: Complex<f64>) -> f64 {
-    if m.re > 0.0 && m.im.abs() < 0.03 * m.re {
-        let t = m.im / m.re;
-        let t2 = t * t;
-        return t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0 - t2 / 11.0)))));
+    let t = m.im / m.re;
+    let t2 = t * t;
+    if m.re > 0.0 && t2 < 9e-4 {
+        return t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0)))));
+    }
+    wide_arg(m)
+}
+
+fn wide_arg(m: Complex<f64>) -> f64 {
+    let t = m.im / m.re;
+    let t2 = t * t;
+    if m.re > 0.0 && t2 < 0.0144 {
+        let low = 1.0 / 3.0 - t2 * (0.2 - t2 * (1.0 / 7.0 - t2 * (1.0 / 9.0)));
+        let high = 1.0 / 11.0 - t2 * (1.0 / 13.0 - t2 * (1.0 / 15.0 - t2 * (1.0 / 17.0)));
+        let t4 = t2 * t2;
+        return t * (1.0 - t2 * (low + t4 * t4 * high));
     }
     libm::atan2(m.im, m.re)
 }

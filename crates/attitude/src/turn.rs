@@ -19,6 +19,7 @@ impl Turn {
     pub const NONE: Self = Self { p: Complex::new(1.0, 0.0), s: Complex::new(0.0, 0.0) };
 
     /// δ = exp(½ φ) of a rotation vector φ, rad, body axes.
+    #[inline]
     pub fn of_rotation_vector(rotation_rad: Vector3<f64>) -> Self {
         let (cos, sinc) = cos_and_sinc(rotation_rad.norm_squared() * 0.25);
         let half = rotation_rad * (0.5 * sinc);
@@ -40,11 +41,10 @@ impl Turn {
         Self { p: self.p * next.p - self.s * next.s.conj(), s: self.p * next.s + self.s * next.p.conj() }
     }
 
-    /// This turn less a small rotation spread over it, rad, body axes: ½ (δ h + h δ) taken from δ, h half the rotation, which is
-    /// exact to θ² |h|/3 of a turn by 2θ. Its length is not 1; a Möbius map has no length.
+    /// This turn less a small rotation spread over it, of which half the vector h is given, rad, body axes: ½ (δ h + h δ) taken
+    /// from δ, which is exact to θ² |h|/3 in a turn by 2θ. Its length is not 1; a Möbius map has no length.
     #[inline]
-    pub(crate) fn less(self, rotation_rad: Vector3<f64>) -> Self {
-        let half = rotation_rad * 0.5;
+    pub(crate) fn less(self, half: Vector3<f64>) -> Self {
         let along = half.x * self.s.re + half.y * self.s.im + half.z * self.p.im;
         Self {
             p: Complex::new(self.p.re + along, self.p.im - self.p.re * half.z),
@@ -53,20 +53,28 @@ impl Turn {
     }
 
     /// The turn as the formulas of `chart` take it.
+    #[inline]
     pub(crate) fn view(self, chart: Chart) -> Self {
-        match chart {
-            Chart::Upright => self,
-            Chart::Inverted => Self { p: self.p.conj(), s: self.s.conj() },
-        }
+        let sign = chart.sign();
+        Self { p: Complex::new(self.p.re, sign * self.p.im), s: Complex::new(self.s.re, sign * self.s.im) }
     }
 }
 
-/// cos x and sin x / x from x², by their series while those are exact to the last bit.
+/// cos x and sin x / x from x², by their series while those are exact to the last bit; of a turn without bounds, no turn.
+#[inline]
 fn cos_and_sinc(x2: f64) -> (f64, f64) {
     if x2 < 0.01 {
-        let cos = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0 * (1.0 - x2 / 90.0))));
-        let sinc = 1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0 * (1.0 - x2 / 72.0 * (1.0 - x2 / 110.0))));
-        return (cos, sinc);
+        let sinc = 1.0 - x2 * (1.0 / 6.0 - x2 * (1.0 / 120.0 - x2 * (1.0 / 5040.0 - x2 * (1.0 / 362_880.0))));
+        return (libm::sqrt(1.0 - x2 * sinc * sinc), sinc);
+    }
+    wide_cos_and_sinc(x2)
+}
+
+#[cold]
+#[inline(never)]
+fn wide_cos_and_sinc(x2: f64) -> (f64, f64) {
+    if !x2.is_finite() {
+        return (1.0, 0.0);
     }
     let x = libm::sqrt(x2);
     let (sin, cos) = libm::sincos(x);

@@ -144,3 +144,129 @@ fn a_steady_spin_about_the_vertical_keeps_its_level() {
         }
     }
 }
+
+/// Inclination RMSE of the first and of the last hour of a day at 100 Hz; the scenario repeats itself every 360 s.
+fn day(fuser: &str) -> (f64, f64) {
+    const HOUR: u64 = 360_000;
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let period: Vec<_> = (0..36_000).map(|tick| sensors.read(tick as f64 / RATE_HZ)).collect();
+    let mut chain = Chain::new(fuser);
+    let (mut first, mut last) = (Rms::default(), Rms::default());
+    for tick in 0..24 * HOUR {
+        let reading = &period[(tick % 36_000) as usize];
+        let fused = chain.step(reading.rate_rad_s, reading.force_m_s2);
+        if tick < HOUR {
+            first.add(inclination_error_deg(fused.attitude, reading.truth.attitude));
+        } else if tick >= 23 * HOUR {
+            last.add(inclination_error_deg(fused.attitude, reading.truth.attitude));
+        }
+    }
+    println!("{fuser}: {:.4}° in the first hour, {:.4}° in the last", first.value(), last.value());
+    (first.value(), last.value())
+}
+
+#[test]
+fn a_day_does_not_let_the_error_of_wz_grow() {
+    let (first, last) = day("wz");
+    assert!(last <= first * 1.1, "{first}°, {last}°");
+}
+
+#[test]
+fn a_day_does_not_let_the_error_of_the_closed_loop_grow() {
+    let (first, last) = day("wz-closed");
+    assert!(last <= first * 1.1, "{first}°, {last}°");
+}
+
+/// Its gyro channel drifts wherever it likes, and the chart's scale with it.
+#[test]
+fn a_day_does_not_let_the_error_of_the_open_loop_grow_without_bound() {
+    let (first, last) = day("wz-open");
+    assert!(last <= first * 3.0, "{first}°, {last}°");
+}
+
+#[test]
+fn a_stage_restored_halfway_goes_on_bit_for_bit() {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
+    let readings: Vec<_> = (0..1000).map(|tick| sensors.read(f64::from(tick) / RATE_HZ)).collect();
+    let mut whole = Chain::new("wz");
+    let (first, second) = readings.split_at(503);
+    for reading in first {
+        whole.step(reading.rate_rad_s, reading.force_m_s2);
+    }
+    let mut fresh = Fuser::named("wz").unwrap();
+    fresh.restore(&whole.fuser.snapshot()).unwrap();
+    let mut halved = Chain { fuser: fresh, ..whole.clone() };
+    for reading in second {
+        let [a, b] = [&mut whole, &mut halved].map(|chain| chain.step(reading.rate_rad_s, reading.force_m_s2));
+        assert_eq!(a, b);
+    }
+    assert_eq!(whole.fuser, halved.fuser);
+    assert_eq!(whole.fuser.snapshot(), halved.fuser.snapshot());
+}
+
+/// Numbers of which one at least is changed to what cannot be.
+#[test]
+fn a_state_that_cannot_be_is_refused() {
+    let mut chain = Chain::new("wz");
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    for tick in 0..2000 {
+        let reading = sensors.read(f64::from(tick) / RATE_HZ);
+        chain.step(reading.rate_rad_s, reading.force_m_s2);
+    }
+    let sound = chain.fuser.snapshot();
+    let mut refused = 0;
+    for index in 0..sound.len {
+        let mut record = sound;
+        record.values[index] = -1e3;
+        record.checksum = record.sum();
+        let mut fuser = Fuser::named("wz").unwrap();
+        let untouched = fuser.clone();
+        if fuser.restore(&record).is_err() {
+            refused += 1;
+            assert_eq!(fuser, untouched);
+        }
+    }
+    println!("{refused} of {} numbers", sound.len);
+    // Attitude and azimuth, bias, the 25 of the covariance, times and variances.
+    assert!(refused >= 35, "{refused}");
+    chain.fuser.restore(&sound).unwrap();
+}
+
+#[test]
+fn absurd_input_is_survived() {
+    let absurd = [0.0, -0.0, 1e-300, 1.0, -3.0, 1e5, -1e8, 1e155, -1e200, f64::MAX, f64::MIN];
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    for fuser in ["wz", "wz-closed", "wz-open"] {
+        let mut chain = Chain::new(fuser);
+        let mut seed = 1u64;
+        let mut pick = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as usize
+        };
+        for tick in 0..200_000 {
+            let reading = sensors.read(f64::from(tick) / RATE_HZ);
+            let (mut rate_rad_s, mut force_m_s2) = (reading.rate_rad_s, reading.force_m_s2);
+            if tick % 1000 < 100 {
+                rate_rad_s = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
+                force_m_s2 = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
+            }
+            let kind = if pick() % 2 == 0 { RateKind::Instant } else { RateKind::Mean };
+            let dt_s = [0.0, 1e-9, 0.0035, 0.01, 0.3, 1.0][pick() % 6];
+            let motion = chain.gyro.step(&RateSample { rate_rad_s, dt_s, kind });
+            let inclination = chain.accel.step(&force_m_s2);
+            let fused = chain.fuser.step(&FuserInput {
+                motion: (pick() % 10 > 0).then_some(motion),
+                inclination: (pick() % 10 > 0).then_some(inclination),
+                rest_credible: pick() % 10 > 0,
+                ..FuserInput::default()
+            });
+            let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
+            let q = fused.attitude.quaternion();
+            let all = q.coords.iter().chain(&fused.rate_rad_s).chain(&fused.bias_rad_s).chain(&numbers);
+            assert!(all.into_iter().all(|x| x.is_finite()), "{fuser}, tick {tick}: {fused:?}");
+            assert!((q.norm() - 1.0).abs() < 1e-9);
+            assert_eq!(chain.fuser.flaw(), None, "{fuser}, tick {tick}");
+            chain.fuser.clone().visit_state(&mut |x| assert!(x.is_finite(), "{fuser}, tick {tick}"));
+        }
+    }
+}

@@ -24,12 +24,15 @@ impl Stage for Projector {
         "projector"
     }
 
+    #[inline]
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        let norm_m_s2 = force_m_s2.norm();
-        let seen = Point::of(*force_m_s2).filter(|_| norm_m_s2 >= FORCE_MIN_M_S2);
-        self.up = seen.unwrap_or(self.up);
-        let off = libm::fabs(norm_m_s2 / GRAVITY_M_S2 - 1.0);
-        let trust = if seen.is_some() { (1.0 - off).max(0.0) } else { 0.0 };
+        let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
+        let known = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
+        if known {
+            self.up = Point::of_known_norm(*force_m_s2, norm_m_s2);
+        }
+        let off = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();
+        let trust = if known { (1.0 - off).max(0.0) } else { 0.0 };
         Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust }
     }
 

@@ -228,6 +228,8 @@ impl Stage for Fuser {
         each!(self, stage => stage.set(name, value))
     }
 
+    // What the other stages made stays in registers on its way here.
+    #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
         each!(self, stage => stage.step(input))
     }

@@ -1,4 +1,4 @@
-//! Gyro bias from the levelled force: a Kalman filter of the tilt error and the bias, at 10 Hz.
+//! Gyro bias from the levelled force: a Kalman filter of the tilt error and the bias, at 5 Hz.
 //!
 //! A tilt error ε shows as a horizontal force g ε. A bias b drives it by −j Σ a_i b_i, a_i the horizontal parts of the body's axes;
 //! the levelling loop takes from it what it leans, which is known:
@@ -12,11 +12,12 @@ use super::{T1_S, T2_S, level::Error};
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     stage::{Numbers, bias_flaw},
+    state::Axes,
 };
 use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s; less a little, for sums of intervals that are rounded.
-const INTERVAL_S: f64 = 0.1 - 1e-6;
+const INTERVAL_S: f64 = 0.2 - 1e-6;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const SD_MAX_RAD_S: f64 = 0.003;
 /// Random walk of the bias of a body that does not turn, rad/s/√s: 1 °/s in half a day, 0.1 °/s while it warms up for an hour.
@@ -36,7 +37,7 @@ const INNOVATION_MEMORY_S: f64 = 5.0;
 /// Standard deviation of the innovation before there were any, and for how long they have been like that.
 const FORCE_SD_BEFORE: f64 = 0.01;
 const MEMORY_BEFORE_S: f64 = 0.5;
-/// Most innovations that count as one because they are alike: accelerations keep their direction for about 0.4 s. For longer they
+/// Most innovations that count as one because they are alike: accelerations keep their direction for less than 1 s. For longer they
 /// are made up for by others, since they bring a velocity that ends.
 const ALIKE_MAX: f64 = 4.0;
 /// Square of the largest innovation that is believed, in standard deviations.
@@ -59,6 +60,7 @@ pub(super) struct BiasFilter {
     drift_s: [Complex<f64>; 3],
     force_dt_m_s: Complex<f64>,
     since_update_s: f64,
+    tilt_sd_rad: f64,
     noise: Noise,
 }
 
@@ -92,6 +94,7 @@ impl BiasFilter {
             drift_s: [Complex::new(0.0, 0.0); 3],
             force_dt_m_s: Complex::new(0.0, 0.0),
             since_update_s: 0.0,
+            tilt_sd_rad: level_sd,
             noise: Noise {
                 mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
                 mean_product: 0.0,
@@ -110,7 +113,7 @@ impl BiasFilter {
     /// Standard deviation of the inclination, rad.
     #[inline]
     pub(super) fn tilt_sd_rad(&self) -> f64 {
-        libm::sqrt(self.tilt_rad.norm_sqr() + 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]))
+        self.tilt_sd_rad
     }
 
     /// Standard deviation of the worst component of the bias, rad/s.
@@ -127,8 +130,8 @@ impl BiasFilter {
 
     /// The body's axes were in this position for `dt_s`.
     #[inline]
-    pub(super) fn drift(&mut self, axes: [Complex<f64>; 3], dt_s: f64) {
-        for (drift_s, axis) in self.drift_s.iter_mut().zip(axes) {
+    pub(super) fn drift(&mut self, axes: &Axes, dt_s: f64) {
+        for (drift_s, axis) in self.drift_s.iter_mut().zip(axes.horizontal) {
             *drift_s += axis * dt_s;
         }
     }
@@ -146,6 +149,11 @@ impl BiasFilter {
         self.since_update_s >= INTERVAL_S
     }
 
+    /// For how long the force was seen since the last update, s, and its integral, m/s.
+    pub(super) fn seen(&self) -> (f64, Complex<f64>) {
+        (self.since_update_s, self.force_dt_m_s)
+    }
+
     /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the
     /// bias and of the first level had done to the loop until now, to be taken back.
     #[inline(never)]
@@ -161,7 +169,7 @@ impl BiasFilter {
         self.force_dt_m_s = Complex::new(0.0, 0.0);
         self.since_update_s = 0.0;
         let walk2 = WALK_RAD_S * WALK_RAD_S + WALK_BY_RATE * WALK_BY_RATE * rate_rad_s.norm_squared();
-        self.propagate(&drift, walk2 * interval_s, interval_s);
+        self.propagate(&drift, (walk2 * interval_s).min(SD_MAX_RAD_S * SD_MAX_RAD_S), interval_s);
         self.share(&drift, interval_s);
 
         // The force is that of the middle of the interval.
@@ -184,6 +192,8 @@ impl BiasFilter {
                 + tilt * self.tilt_share[1],
         };
         self.tilt_rad += tilt - error.tilt;
+        let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
+        self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
         error
     }
 
@@ -253,7 +263,11 @@ impl BiasFilter {
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let asymmetry = (self.covariance - self.covariance.transpose()).amax();
         let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();
-        bias_flaw(self.bias_rad_s).or(indefinite.then_some("a covariance that is not symmetric and positive"))
+        bias_flaw(self.bias_rad_s)
+            .or(indefinite.then_some("a covariance that is not symmetric and positive"))
+            .or((self.noise.mean_square < 0.0).then_some("a mean square below zero"))
+            .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0 || self.noise.memory_s <= 0.0)
+                .then_some("a time or standard deviation below zero"))
     }
 }
 
@@ -287,6 +301,7 @@ impl Numbers for BiasFilter {
         self.drift_s.iter_mut().for_each(|drift_s| drift_s.visit(visit));
         self.force_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);
+        self.tilt_sd_rad.visit(visit);
         self.noise.mean_square.visit(visit);
         self.noise.mean_product.visit(visit);
         self.noise.before.visit(visit);

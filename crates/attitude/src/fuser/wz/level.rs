@@ -6,10 +6,9 @@
 use super::{T1_S, T2_S};
 use crate::{
     Complex, GRAVITY_M_S2,
-    accel::Inclination,
     point::Point,
     stage::{Numbers, attitude_flaw},
-    state::{Attitude, Moved},
+    state::{Attitude, Axes, Moved},
     turn::Turn,
 };
 
@@ -23,8 +22,10 @@ pub(super) struct Level {
     /// e^{jz}: takes what is in the level frame to the frame of fixed azimuth.
     azimuth: Complex<f64>,
     velocity_m_s: Complex<f64>,
-    /// Half the sum of the leans since it was last taken.
-    leaned: Complex<f64>,
+    /// At the last [`Level::take_leaned`].
+    velocity_before_m_s: Complex<f64>,
+    /// Half of what is to be leaned at the next turn, besides what the velocity tells, in the frame of fixed azimuth.
+    pending: Complex<f64>,
     started: bool,
 }
 
@@ -48,7 +49,14 @@ impl Level {
     pub(super) fn of(attitude: Attitude) -> Self {
         let (sin, cos) = libm::sincos(attitude.z_rad);
         let zero = Complex::new(0.0, 0.0);
-        Self { attitude, azimuth: Complex::new(cos, sin), velocity_m_s: zero, leaned: zero, started: true }
+        Self {
+            attitude,
+            azimuth: Complex::new(cos, sin),
+            velocity_m_s: zero,
+            velocity_before_m_s: zero,
+            pending: zero,
+            started: true,
+        }
     }
 
     pub(super) fn attitude(&self) -> Attitude {
@@ -65,13 +73,11 @@ impl Level {
         *self = Self { started: false, ..Self::of(self.attitude) };
     }
 
-    /// The body turns while the level leans, for `dt_s`, as the velocity tells; the horizontal parts of the body's axes.
+    /// The body turns while the level leans, for `dt_s`, as the velocity tells; the body's axes in the frame of fixed azimuth.
     #[inline]
-    pub(super) fn turn(&mut self, turn: Turn, dt_s: f64) -> [Complex<f64>; 3] {
-        let lean = self.velocity_m_s * (HALF_TILT_RATE * dt_s);
-        self.leaned += lean;
-        self.moved(self.attitude.turned_and_leaned(turn, lean * self.azimuth.conj()));
-        self.attitude.horizontal_axes().map(|axis| axis * self.azimuth)
+    pub(super) fn turn(&mut self, turn: Turn, dt_s: f64) -> Axes {
+        let lean = core::mem::take(&mut self.pending) + self.velocity_m_s * (HALF_TILT_RATE * dt_s);
+        self.attitude.turn_and_lean(turn, lean * self.azimuth.conj(), &mut self.azimuth)
     }
 
     /// The shortest turn of the level that brings `up` up.
@@ -87,32 +93,22 @@ impl Level {
         self.velocity_m_s += (force_m_s2 - self.velocity_m_s * (1.0 / T1_S)) * dt_s;
     }
 
-    /// Angle between the accelerometer's up and the attitude's, of a force whose horizontal part is given.
-    ///
-    /// By the first terms of its series in the chord: to 1e-3 of itself up to 60°, to 1 % up to 90°.
-    #[inline]
-    pub(super) fn innovation_rad(&self, inclination: &Inclination, force_m_s2: Complex<f64>) -> f64 {
-        let norm_m_s2 = inclination.norm_m_s2;
-        let up_m_s2 = self.attitude.up.direction().dot(&inclination.force_m_s2);
-        // 2 (1 − cos) = 2 sin² / (1 + cos), and 4 upside down.
-        let chord2 = 2.0 * force_m_s2.norm_sqr() / (norm_m_s2 * (norm_m_s2 + up_m_s2)).max(f64::MIN_POSITIVE);
-        let chord2 = chord2.min(4.0);
-        libm::sqrt(chord2) * (1.0 + chord2 * (1.0 / 24.0 + chord2 * (3.0 / 640.0)))
-    }
-
-    /// The sum of the leans since the last call, rad. Restores the length of the azimuth.
-    pub(super) fn take_leaned(&mut self) -> Complex<f64> {
+    /// What the level has leaned by since the last call, rad, as the velocity told: T1 (∫h dt − ΔV) of the integral of V.
+    /// Restores the length of the azimuth.
+    pub(super) fn take_leaned(&mut self, force_dt_m_s: Complex<f64>) -> Complex<f64> {
         self.azimuth *= 1.5 - 0.5 * self.azimuth.norm_sqr();
-        core::mem::take(&mut self.leaned) * 2.0
+        let change_m_s = self.velocity_m_s - self.velocity_before_m_s;
+        self.velocity_before_m_s = self.velocity_m_s;
+        (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE * T1_S)
     }
 
-    /// Takes a known error back.
+    /// Takes a known error back, the tilt with the next turn.
     pub(super) fn take_back(&mut self, error: Error) {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
-        self.moved(self.attitude.leaned(error.tilt * 0.5 * self.azimuth.conj()));
+        self.velocity_before_m_s = self.velocity_m_s;
+        self.pending += error.tilt * 0.5;
     }
 
-    #[inline]
     fn moved(&mut self, moved: Moved) {
         self.attitude = moved.attitude;
         self.azimuth *= moved.swing.conj();
@@ -131,7 +127,8 @@ impl Numbers for Level {
         self.attitude.visit(visit);
         self.azimuth.visit(visit);
         self.velocity_m_s.visit(visit);
-        self.leaned.visit(visit);
+        self.velocity_before_m_s.visit(visit);
+        self.pending.visit(visit);
         self.started.visit(visit);
     }
 }

@@ -18,8 +18,10 @@ use super::{Corrections, Estimate, Fused, FuserInput};
 
 use crate::{
     Complex, Vector3,
+    accel::Inclination,
     parameters::{Parameter, ParameterError, Parameters},
     stage::{Numbers, RestoreError, Stage},
+    state::Axes,
     turn::Turn,
 };
 use {
@@ -33,6 +35,8 @@ use {
 const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
 const T2_S: f64 = 2.0;
+/// A force that no body survives, m/s²; it is left out.
+const FORCE_MAX_M_S2: f64 = 1e6;
 
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -57,8 +61,18 @@ impl Wz {
     pub(super) fn realign(&mut self) {
         self.level.restart();
         self.bias.restart();
-        self.rest.interrupt();
+        self.rest = Rest::default();
         self.heading.realign();
+    }
+
+    /// What is done once in a while: the bias, and what it takes back.
+    #[inline(never)]
+    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) {
+        let (interval_s, force_dt_m_s) = self.bias.seen();
+        let leaned_rad = self.level.take_leaned(force_dt_m_s);
+        self.rest.update(force_m_s2, interval_s);
+        let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s());
+        self.level.take_back(error);
     }
 }
 
@@ -79,43 +93,41 @@ impl Stage for Wz {
         self.heading.settings.set(name, value)
     }
 
-    #[inline]
+    #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let (turn, rate_rad_s, dt_s) = match &input.motion {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
             None => (Turn::NONE, Vector3::zeros(), 0.0),
         };
-        let bias_rad_s = self.bias.bias_rad_s();
-        let levelling = self.level.started() && input.inclination.is_some();
-        let axes = self.level.turn(turn.less(bias_rad_s * dt_s), if levelling { dt_s } else { 0.0 });
-        self.bias.drift(axes, dt_s);
+        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 < FORCE_MAX_M_S2);
+        let levelling = self.level.started() && inclination.is_some();
+        let lean_s = if levelling { dt_s } else { 0.0 };
+        let axes = self.level.turn(turn.less(self.bias.bias_rad_s() * (0.5 * dt_s)), lean_s);
+        self.bias.drift(&axes, dt_s);
 
         let (mut innovation_rad, mut force_m_s2) = (0.0, Complex::new(0.0, 0.0));
-        if let Some(inclination) = &input.inclination {
+        if let Some(inclination) = inclination {
             if levelling {
-                force_m_s2 = horizontal(axes, inclination.force_m_s2);
-                innovation_rad = self.level.innovation_rad(inclination, force_m_s2);
+                force_m_s2 = axes.horizontal(inclination.force_m_s2);
+                innovation_rad = angle_rad(&axes, inclination, force_m_s2);
                 self.level.follow(force_m_s2, dt_s);
                 self.bias.saw(force_m_s2, dt_s);
+                self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
                 self.level.align(inclination.up);
                 corrections.aligned = true;
             }
         }
-        match (&input.motion, &input.inclination) {
-            (Some(motion), Some(inclination)) if input.rest_credible => {
-                corrections.rest = self.rest.step(motion.rate_rad_s, inclination.force_m_s2, dt_s);
-            }
-            _ => self.rest.interrupt(),
+        if !(levelling && input.motion.is_some() && input.rest_credible) {
+            self.rest.interrupt();
         }
-        if self.bias.is_due() {
-            let leaned_rad = self.level.take_leaned();
-            let bias_at_rest = corrections.rest.then_some(self.rest.bias_rad_s());
-            self.level.take_back(self.bias.update(rate_rad_s, leaned_rad, bias_at_rest));
+        if let (Some(inclination), true) = (inclination, self.bias.is_due()) {
+            self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
+        corrections.rest = self.rest.is_found();
         let bias_rad_s = self.bias.bias_rad_s();
         let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
         let sighting = Sighting {
@@ -169,13 +181,20 @@ impl Stage for Wz {
         self.heading = Heading::of(self.heading.settings, common.reference, common.heading_sd_rad);
         self.level = Level::of(common.attitude);
         self.bias = BiasFilter::of(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
-        self.rest.interrupt();
+        self.rest = Rest::default();
         Ok(())
     }
 }
 
-/// Horizontal part of a body vector, from the horizontal parts of the body's axes.
+/// Angle between the accelerometer's up and the attitude's, rad, of a force whose horizontal part is given.
+///
+/// By the first terms of its series in the chord: to 1e-3 of itself up to 60°, to 1 % up to 90°.
 #[inline]
-fn horizontal(axes: [Complex<f64>; 3], body: Vector3<f64>) -> Complex<f64> {
-    axes[0] * body.x + axes[1] * body.y + axes[2] * body.z
+fn angle_rad(axes: &Axes, inclination: &Inclination, horizontal_m_s2: Complex<f64>) -> f64 {
+    let norm_m_s2 = inclination.norm_m_s2;
+    let up_m_s2 = axes.up.dot(&inclination.force_m_s2);
+    // 2 (1 − cos) = 2 sin² / (1 + cos), and 4 upside down.
+    let below = (norm_m_s2 * (norm_m_s2 + up_m_s2)).max(f64::MIN_POSITIVE);
+    let chord2 = (2.0 * horizontal_m_s2.norm_sqr() / below).min(4.0);
+    libm::sqrt(chord2) * (1.0 + chord2 * (1.0 / 24.0 + chord2 * (3.0 / 640.0)))
 }

@@ -1,4 +1,4 @@
-//! Rest: the gyro and the accelerometer have not moved from their own mean for a while.
+//! Rest: the gyro has not moved from its own mean for a while, sample by sample, nor the accelerometer, update by update.
 //!
 //! A steady turn about the vertical, slower than 2 °/s and with no other motion, looks the same and is taken for a bias: the
 //! tilt does not suffer, heading does.
@@ -13,53 +13,84 @@ const RATE_SPREAD_RAD_S: f64 = 0.034_906_585;
 const RATE_MEAN_RAD_S: f64 = 0.034_906_585;
 /// Largest distance of a force from its mean at rest, m/s².
 const FORCE_SPREAD_M_S2: f64 = 0.5;
+/// A rate that no body has, rad/s.
+const RATE_LIMIT_RAD_S: f64 = 1e6;
 /// How long it must have been quiet, s.
 const QUIET_S: f64 = 1.5;
 /// Longest memory of the mean rate at rest, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
 /// Finds rest, and the mean rate during it.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rest {
     rate_mean_rad_s: Vector3<f64>,
     force_mean_m_s2: Vector3<f64>,
-    started: bool,
+    /// Since the last update.
+    turned_rad: Vector3<f64>,
+    moved: bool,
     quiet_s: f64,
     bias_rad_s: Vector3<f64>,
 }
 
+impl Default for Rest {
+    fn default() -> Self {
+        let zero = Vector3::zeros();
+        Self {
+            rate_mean_rad_s: zero,
+            force_mean_m_s2: zero,
+            turned_rad: zero,
+            moved: true,
+            quiet_s: 0.0,
+            bias_rad_s: zero,
+        }
+    }
+}
+
 impl Rest {
-    /// One sample; true once it has been quiet long enough.
+    /// One sample.
     #[inline]
-    pub(super) fn step(&mut self, rate: Vector3<f64>, force: Vector3<f64>, dt_s: f64) -> bool {
-        if !self.started {
-            (self.rate_mean_rad_s, self.force_mean_m_s2, self.started) = (rate, force, true);
-        }
-        let gain = (dt_s * (1.0 / MEAN_S)).min(1.0);
-        let (rate_off, force_off) = (rate - self.rate_mean_rad_s, force - self.force_mean_m_s2);
-        self.rate_mean_rad_s += rate_off * gain;
-        self.force_mean_m_s2 += force_off * gain;
-        let left2 = (1.0 - gain) * (1.0 - gain);
-        let quiet = rate_off.norm_squared() * left2 < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S
-            && force_off.norm_squared() * left2 < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2
-            && self.rate_mean_rad_s.amax() < RATE_MEAN_RAD_S;
-        if !quiet {
-            self.interrupt();
-            return false;
-        }
-        self.quiet_s += dt_s;
-        self.bias_rad_s += (rate - self.bias_rad_s) * (dt_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
-        self.quiet_s >= QUIET_S
+    pub(super) fn saw(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
+        let off_rad_s = rate_rad_s - self.rate_mean_rad_s;
+        self.turned_rad += rate_rad_s * dt_s;
+        self.moved |= !(off_rad_s.norm_squared() < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S);
     }
 
-    /// The mean rate since rest began.
-    pub(super) fn bias_rad_s(&self) -> Vector3<f64> {
-        self.bias_rad_s
+    /// The samples of `interval_s` make an update; `force_m_s2` is the last of them.
+    pub(super) fn update(&mut self, force_m_s2: Vector3<f64>, interval_s: f64) {
+        let rate_rad_s = core::mem::take(&mut self.turned_rad) / interval_s;
+        let off_m_s2 = force_m_s2 - self.force_mean_m_s2;
+        self.moved |= !(off_m_s2.norm_squared() < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2);
+        if !(rate_rad_s.amax() < RATE_LIMIT_RAD_S) {
+            *self = Self::default();
+            return;
+        }
+        let gain = (interval_s * (1.0 / MEAN_S)).min(1.0);
+        self.rate_mean_rad_s += (rate_rad_s - self.rate_mean_rad_s) * gain;
+        self.force_mean_m_s2 += off_m_s2 * gain;
+        if core::mem::take(&mut self.moved) || self.rate_mean_rad_s.amax() >= RATE_MEAN_RAD_S {
+            self.quiet_s = 0.0;
+            return;
+        }
+        self.quiet_s += interval_s;
+        self.bias_rad_s += (rate_rad_s - self.bias_rad_s) * (interval_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
     }
 
     /// The sensors cannot be believed; rest starts anew.
+    #[inline]
     pub(super) fn interrupt(&mut self) {
+        self.moved = true;
         self.quiet_s = 0.0;
+    }
+
+    /// It has been quiet long enough.
+    #[inline]
+    pub(super) fn is_found(&self) -> bool {
+        self.quiet_s >= QUIET_S
+    }
+
+    /// The mean rate since rest began, once it is found.
+    pub(super) fn bias_rad_s(&self) -> Option<Vector3<f64>> {
+        self.is_found().then_some(self.bias_rad_s)
     }
 
     /// What is wrong with the state.
@@ -72,7 +103,8 @@ impl Numbers for Rest {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.rate_mean_rad_s.visit(visit);
         self.force_mean_m_s2.visit(visit);
-        self.started.visit(visit);
+        self.turned_rad.visit(visit);
+        self.moved.visit(visit);
         self.quiet_s.visit(visit);
         self.bias_rad_s.visit(visit);
     }

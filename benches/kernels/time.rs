@@ -1,0 +1,103 @@
+//! Time of an update, from rate and force to the attitude, beside vqf-rs: `cargo bench -p kernels --bench time [-- ROUNDS]`.
+//!
+//! Input: S1's scenario at 100 Hz and, where there are recordings in `$PLUMBLINE_DATA` or `../shared/data`, a trial of BROAD at
+//! 286 Hz. Output: nanoseconds per update of `mobius`, `projector` and `wz` together and of vqf-rs without magnetometer; the ratio.
+//! Time: CPU time of interleaved rounds over the same samples; medians, so that a busy machine harms both alike. Failure: without the
+//! recordings only S1 is timed.
+
+use std::{env, hint::black_box, path::PathBuf};
+
+use attitude::{
+    Vector3,
+    accel::Projector,
+    fuser::{Fuser, FuserInput},
+    gyro::{Gyro, RateKind, RateSample},
+    stage::Stage,
+};
+use recording::Reader;
+use rustix::time::{ClockId, clock_gettime};
+use scenario::{Errors, Motion, Sensors};
+use vqf_rs::VQF;
+
+const ROUNDS: usize = 31;
+const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
+const SAMPLES: usize = 20_000;
+
+/// The same readings for both.
+struct Samples {
+    name: &'static str,
+    dt_s: f64,
+    kind: RateKind,
+    readings: Vec<[[f64; 3]; 2]>,
+}
+
+fn main() {
+    let rounds = env::args().filter_map(|argument| argument.parse().ok()).next().unwrap_or(ROUNDS);
+    println!("| samples | wz, ns | vqf-rs, ns | ratio |\n| --- | --- | --- | --- |");
+    for samples in [Some(s1()), broad()].into_iter().flatten() {
+        let mut ns = [Vec::new(), Vec::new()];
+        for _ in 0..rounds {
+            ns[0].push(time_ns(&samples, wz));
+            ns[1].push(time_ns(&samples, vqf));
+        }
+        let mut ratios: Vec<f64> = ns[0].iter().zip(&ns[1]).map(|(wz, vqf)| wz / vqf).collect();
+        let [wz, vqf] = &mut ns;
+        println!("| {} | {:.1} | {:.1} | {:.3} |", samples.name, median(wz), median(vqf), median(&mut ratios));
+    }
+}
+
+fn time_ns(samples: &Samples, run: fn(&Samples)) -> f64 {
+    let start_ns = cpu_ns();
+    run(samples);
+    (cpu_ns() - start_ns) as f64 / samples.readings.len() as f64
+}
+
+/// CPU time of this thread: what other processes take does not count.
+fn cpu_ns() -> i64 {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    now.tv_sec * 1_000_000_000 + now.tv_nsec
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn wz(samples: &Samples) {
+    let (gyro, fuser) = (Gyro::named("mobius"), Fuser::named("wz"));
+    let (mut gyro, mut fuser) = gyro.zip(fuser).expect("stages of their slots");
+    let mut accel = Projector::default();
+    for [rate, force] in &samples.readings {
+        let rate_rad_s = Vector3::from(*rate);
+        let motion = Some(gyro.step(&RateSample { rate_rad_s, dt_s: samples.dt_s, kind: samples.kind }));
+        let inclination = Some(accel.step(&Vector3::from(*force)));
+        let input = FuserInput { motion, inclination, rest_credible: true, ..FuserInput::default() };
+        black_box(fuser.step(&input));
+    }
+}
+
+fn vqf(samples: &Samples) {
+    let mut filter = VQF::new(samples.dt_s, None, None, None);
+    for [rate, force] in &samples.readings {
+        filter.update(*rate, *force, None);
+        black_box(filter.quat_6d());
+    }
+}
+
+fn s1() -> Samples {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let reading = |tick: usize| {
+        let reading = sensors.read(tick as f64 * 0.01);
+        [reading.rate_rad_s.into(), reading.force_m_s2.into()]
+    };
+    let readings = (0..SAMPLES).map(reading).collect();
+    Samples { name: "S1, 100 Hz", dt_s: 0.01, kind: RateKind::Instant, readings }
+}
+
+fn broad() -> Option<Samples> {
+    let data = env::var_os("PLUMBLINE_DATA")
+        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")), PathBuf::from);
+    let rows = Reader::open(&data.join(TRIAL)).ok()?;
+    let readings = rows.filter_map(Result::ok).map(|row| [row.rate_rad_s, row.force_m_s2]).collect();
+    Some(Samples { name: "BROAD, 286 Hz", dt_s: 0.0035, kind: RateKind::Mean, readings })
+}
