@@ -172,11 +172,6 @@ impl Attitude {
         self.leaned(lean)
     }
 
-    /// The attitude turned about the vertical, counter-clockwise from above.
-    pub fn faced(self, turn_rad: f64) -> Self {
-        if turn_rad == 0.0 { self } else { Self { z_rad: wrapped_rad(self.z_rad + turn_rad), ..self } }
-    }
-
     /// Horizontal part of a body vector in the level frame, the reference frame turned by z: ξ + j η.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.

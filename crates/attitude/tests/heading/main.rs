@@ -64,50 +64,37 @@ fn a_start_in_the_middle_of_the_movement_is_survived() {
 }
 
 #[test]
-fn trace() {
-    let Ok(which) = std::env::var("TRACE") else { return };
+fn cost() {
     let Some(trials) = trials() else { return };
-    let trial = trials.iter().find(|trial| trial.number() == which).unwrap();
-    let mut chain = trial::Chain::new();
-    let (mut rej, mut n) = (0, 0);
-    for (tick, row) in trial.rows.iter().enumerate() {
-        let out = chain.step(row);
-        n += 1;
-        rej += usize::from(out.corrections.disturbed);
-        if out.corrections.aligned {
-            println!("aligned {:.2}", tick as f64 * trial::DT_S);
-        }
-        if tick % 857 == 856 {
-            let err = row.reference.map_or(f64::NAN, |r| {
-                let [w, x, y, z] = r.quaternion;
-                let e = out.attitude.quaternion() * attitude::Quaternion::new(w, x, y, z).conjugate();
-                (2.0 * (e.k / e.w).atan()).to_degrees()
-            });
-            let (x, m) = chain.fuser.debug();
-            println!(
-                "{:6.1} err {err:6.2} {} e {:5.1} {:5.1} {:5.1} beta {:6.3} deg/s tau {:5.1} b {:5.1} {:5.1} {:5.1} d {:5.1} {:5.1} {:5.1} | {:6.0} {:6.0} rej {:4.1} ch {:4.1} sd {:5.2} rejshare {:.2} rest {}",
-                tick as f64 * trial::DT_S,
-                u8::from(row.reference.is_some_and(|r| r.scored)),
-                x[0],
-                x[1],
-                x[2],
-                x[3].to_degrees(),
-                x[4] * 1e3,
-                x[5],
-                x[6],
-                x[7],
-                x[8],
-                x[9],
-                x[10],
-                m[0],
-                m[1],
-                m[2],
-                m[4],
-                m[5],
-                rej as f64 / n as f64,
-                out.corrections.rest
-            );
-            (rej, n) = (0, 0);
-        }
+    let rows = &trials[2].rows[..];
+    if std::env::var("CG").is_ok() {
+        return trial::collected(&rows[20000..30000]);
     }
+    let time = |run: &mut dyn FnMut()| {
+        (0..7)
+            .map(|_| {
+                let start = std::time::Instant::now();
+                run();
+                start.elapsed().as_nanos() as f64 / rows.len() as f64
+            })
+            .fold(f64::INFINITY, f64::min)
+    };
+    let blind: Vec<_> = rows.iter().map(|row| recording::Row { field_ut: None, ..*row }).collect();
+    let mut sink = 0.0;
+    let nine = time(&mut || {
+        let mut chain = trial::Chain::new();
+        rows.iter().for_each(|row| sink += chain.step(row).attitude.z_rad);
+    });
+    let six = time(&mut || {
+        let mut chain = trial::Chain::new();
+        blind.iter().for_each(|row| sink += chain.step(row).attitude.z_rad);
+    });
+    let vqf = time(&mut || {
+        let mut vqf = vqf_rs::VQF::new(trial::DT_S, None, None, None);
+        rows.iter().for_each(|row| {
+            vqf.update(row.rate_rad_s, row.force_m_s2, row.field_ut);
+            sink += vqf.quat_9d().0
+        });
+    });
+    println!("ns: 9D {nine:.1}, 6D {six:.1}, heading {:.1}, VQF {vqf:.1}; ratio {:.2} {sink}", nine - six, nine / vqf);
 }

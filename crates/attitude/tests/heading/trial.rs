@@ -153,3 +153,12 @@ pub fn of_vqf(rows: &[Row], unscored_s: f64) -> Errors {
         Quaternion::new(q.0, q.1, q.2, q.3)
     })
 }
+
+/// t
+#[inline(never)]
+pub fn collected(rows: &[Row]) {
+    let mut chain = Chain::new();
+    let mut sink = 0.0;
+    rows.iter().for_each(|row| sink += chain.step(row).attitude.z_rad);
+    println!("{sink}");
+}

@@ -48,15 +48,21 @@ pub struct Wz {
 }
 
 impl Wz {
-    /// t
-    pub fn debug(&self) -> ([f64; 11], [f64; 6]) {
-        self.heading.debug()
+    /// The hard iron that the heading found, µT, body axes: where it is above 3 µT the magnetometer wants a calibration.
+    pub fn hard_iron_ut(&self) -> Vector3<f64> {
+        self.heading.hard_iron_ut()
+    }
+
+    /// How late the magnetometer was found to be on the gyro, s.
+    pub fn magnetometer_delay_s(&self) -> f64 {
+        self.heading.delay_s()
     }
 
     pub(super) fn realign(&mut self) {
         self.level.restart();
         self.bias.restart();
         self.rest = Rest::default();
+        self.heading.realign();
     }
 
     /// What is done once in a while: the bias, and what it takes back.
@@ -138,7 +144,7 @@ impl Stage for Wz {
         corrections.aligned |= news.aligned;
         corrections.disturbed = self.heading.disturbed();
         Fused {
-            attitude: self.level.attitude().faced(self.heading.turn_rad()),
+            attitude: self.heading.faced(self.level.attitude()),
             rate_rad_s,
             bias_rad_s,
             innovation_rad,
@@ -162,7 +168,7 @@ impl Stage for Wz {
 
     fn common(&self) -> Estimate {
         Estimate {
-            attitude: self.level.attitude(),
+            attitude: self.heading.faced(self.level.attitude()),
             reference: self.heading.reference(),
             bias_rad_s: self.bias.bias_rad_s(),
             inclination_sd_rad: self.bias.tilt_sd_rad(),
@@ -173,6 +179,7 @@ impl Stage for Wz {
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
+        self.heading = Heading::of(self.heading.settings, common.reference, common.heading_sd_rad);
         self.level = Level::of(common.attitude);
         self.bias = BiasFilter::of(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest = Rest::default();

@@ -1,222 +1,287 @@
-//! Kalman filter of the levelled field: one hypothesis.
+//! One hypothesis about the field: a Kalman filter of eleven states.
+//!
+//! x = [e(3) field of the place, β drift rate of the gyro's heading, τ delay of the magnetometer, b(3) hard iron, d(3) what the
+//! place adds where the body is], all but b in the reference frame. Of an interval's means y, R', Ω:
+//!
+//! y = e + (τ − τ') Ω × e + R' b + d + v,
+//!
+//! τ' being the delay that R' was taken back by. Between intervals e turns by βT about the vertical, with a random walk along
+//! ζ0 × e, for the gyro turns it and stretches nothing; d fades with the way the body has gone, and while it stays d stays: a
+//! sensor that does not move learns nothing about the field beyond its place.
+//!
+//! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 
 use super::{Settings, levelled::Interval};
 use crate::stage::Numbers;
 
-/// Numbers in the state: e(3), β, τ, b(3), d(3).
-pub(super) const N: usize = 11;
-/// Where they begin.
+/// Numbers in the state, and where its parts begin.
+pub(super) const STATES: usize = 11;
 pub(super) const E: usize = 0;
 pub(super) const BETA: usize = 3;
 pub(super) const TAU: usize = 4;
 pub(super) const B: usize = 5;
-pub(super) const D: usize = 8;
+const D: usize = 8;
 /// Columns of the covariance, filled up to whole vector registers.
 const COLUMNS: usize = 12;
+
+/// Standard deviation of the field of a place that is not known, µT: the strongest on earth.
+const FIELD_SD_UT: f64 = 60.0;
+/// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
+const DRIFT_SD_RAD_S: f64 = 0.01;
+/// Random walk of the drift rate while the body moves, rad/s/√s: a rest's bias ages by its own size in half a minute of motion.
+const DRIFT_WALK_RAD_S: f64 = 1e-4;
+/// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
+const TURN_WALK_RAD: f64 = 5e-4;
+const TURN_WALK_BY_RATE: f64 = 5e-4;
+/// Random walk of the field, µT/√s.
+const FIELD_WALK_UT: f64 = 0.01;
+/// What the place adds: iron in a building, and the sensor's own soft iron.
+const PLACE_SD_UT: f64 = 1.0;
+/// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
+const FADE_AT_REST: f64 = 0.02;
+const FADE_BY_TURN: f64 = 0.35;
+const FADE_BY_ACCELERATION: f64 = 0.175;
+const ACCELERATION_OF_REST_M_S2: f64 = 0.3;
+/// The delays of magnetometers there are, s.
+const DELAY_MIN_S: f64 = -0.01;
+const DELAY_MAX_S: f64 = 0.04;
+
+/// What passes between two measurements, the same for every hypothesis.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Passage {
+    duration_s: f64,
+    /// The body moved, so that the gyro's heading drifted.
+    moved: bool,
+    /// What is left of d, and the variance that comes for it, µT².
+    kept: f64,
+    place_variance_ut2: f64,
+    turn_variance_rad2: f64,
+    field_variance_ut2: f64,
+}
+
+impl Passage {
+    /// The interval's.
+    pub(super) fn of(interval: &Interval) -> Self {
+        let (t_s, turning) = (interval.duration_s, interval.turning_rad_s);
+        let acceleration = (interval.acceleration_m_s2 - ACCELERATION_OF_REST_M_S2).max(0.0);
+        let fade = FADE_AT_REST + FADE_BY_TURN * turning + FADE_BY_ACCELERATION * acceleration;
+        let kept = libm::exp(-fade * t_s);
+        let walk_rad = TURN_WALK_RAD + TURN_WALK_BY_RATE * turning;
+        Self {
+            duration_s: t_s,
+            moved: !interval.at_rest,
+            kept,
+            place_variance_ut2: PLACE_SD_UT * PLACE_SD_UT * (1.0 - kept * kept),
+            turn_variance_rad2: walk_rad * walk_rad * t_s,
+            field_variance_ut2: FIELD_WALK_UT * FIELD_WALK_UT * t_s,
+        }
+    }
+}
 
 /// What an interval said about a hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Verdict {
     /// Normalised square of the innovation, three degrees of freedom.
     pub(super) nis: f64,
-    /// −2 ln of its likelihood, less a constant.
-    pub(super) cost: f64,
+    /// Determinant of its covariance, µT⁶.
+    pub(super) determinant: f64,
     /// It passed the gate and was used.
     pub(super) accepted: bool,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+/// A hypothesis.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Filter {
-    pub(super) x: [f64; N],
+    pub(super) x: [f64; STATES],
     /// Symmetric, both halves kept.
-    p: [[f64; COLUMNS]; N],
+    p: [[f64; COLUMNS]; STATES],
 }
 
 impl Filter {
+    /// Nothing is known but what the settings say.
     pub(super) fn begun(settings: &Settings) -> Self {
-        let mut filter = Self { x: [0.0; N], p: [[0.0; COLUMNS]; N] };
-        filter.x[TAU] = settings.delay_s;
-        filter.open(E, settings.e_sd_ut);
+        let mut filter = Self { x: [0.0; STATES], p: [[0.0; COLUMNS]; STATES] };
+        filter.x[TAU] = settings.magnetometer_delay_s;
+        filter.open(E, FIELD_SD_UT);
         filter.open(B, settings.hard_iron_sd_ut);
-        filter.open(D, settings.d_sd_ut);
-        filter.p[BETA][BETA] = settings.beta0_rad_s * settings.beta0_rad_s;
-        filter.p[TAU][TAU] = settings.delay_sd_s * settings.delay_sd_s;
+        filter.open(D, PLACE_SD_UT);
+        filter.reset(BETA, DRIFT_SD_RAD_S);
+        filter.p[TAU][TAU] = settings.magnetometer_delay_sd_s * settings.magnetometer_delay_sd_s;
         filter
     }
 
-    /// Field, hard iron and disturbance begin anew; drift and delay stay.
-    pub(super) fn restart(&mut self, settings: &Settings) {
-        let begun = Self::begun(settings);
-        for i in (E..E + 3).chain(B..D + 3) {
-            self.x[i] = 0.0;
-            for j in 0..N {
-                self.p[i][j] = 0.0;
-                self.p[j][i] = 0.0;
-            }
-            self.p[i][i] = begun.p[i][i];
+    /// The field and the hard iron, within `hard_iron_sd_ut`, begin anew; the drift and the delay of `known` stay.
+    pub(super) fn keep_clockwork(&mut self, known: &Self, hard_iron_sd_ut: f64) {
+        for i in [BETA, TAU] {
+            self.x[i] = known.x[i];
+            self.p[i][i] = known.p[i][i];
         }
-        for i in B..B + 3 {
-            self.p[i][i] = settings.restart_b_ut * settings.restart_b_ut;
-        }
+        self.open(B, hard_iron_sd_ut);
     }
 
-    /// Three states from `first` on may be anything within `sd` of what they were.
+    /// Three states from `first` on may be off by `sd` more.
     pub(super) fn open(&mut self, first: usize, sd: f64) {
         for i in first..first + 3 {
             self.p[i][i] += sd * sd;
         }
     }
 
-    pub(super) fn variance(&self, i: usize) -> f64 {
-        self.p[i][i]
-    }
-
     /// A state is zero within `sd`, whatever was believed of it.
     pub(super) fn reset(&mut self, i: usize, sd: f64) {
         self.x[i] = 0.0;
-        for j in 0..N {
-            self.p[i][j] = 0.0;
-            self.p[j][i] = 0.0;
-        }
+        self.p[i] = [0.0; COLUMNS];
+        self.p.iter_mut().for_each(|row| row[i] = 0.0);
         self.p[i][i] = sd * sd;
     }
 
-    /// Angle that turns the earth's field to north.
-    pub(super) fn turn_rad(&self) -> f64 {
-        libm::atan2(self.x[E], self.x[E + 1])
+    /// North is where it is within `sd_rad`; of the field's strength nothing is known but the sample.
+    pub(super) fn face_north(&mut self, field_ut: [f64; 3], sd_rad: f64) {
+        let horizontal = libm::hypot(field_ut[0], field_ut[1]);
+        (self.x[E], self.x[E + 1], self.x[E + 2]) = (0.0, horizontal, field_ut[2]);
+        self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad;
     }
 
-    /// Variance of that angle.
-    pub(super) fn turn_variance_rad2(&self) -> f64 {
+    /// The gyro's heading may have turned by `variance_rad2` more.
+    pub(super) fn turn_walk(&mut self, variance_rad2: f64) {
+        let (x, y) = (self.x[E], self.x[E + 1]);
+        self.p[0][0] += variance_rad2 * y * y;
+        self.p[0][1] -= variance_rad2 * x * y;
+        self.p[1][0] -= variance_rad2 * x * y;
+        self.p[1][1] += variance_rad2 * x * x;
+    }
+
+    /// Angle that turns the horizontal field to north, rad, and its variance.
+    pub(super) fn turn_rad(&self) -> (f64, f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);
         let across = self.p[0][0] * y * y - 2.0 * self.p[0][1] * x * y + self.p[1][1] * x * x;
-        let h2 = x * x + y * y;
-        across / (h2 * h2).max(f64::MIN_POSITIVE)
+        let square = x * x + y * y;
+        (libm::atan2(x, y), across.max(0.0) / (square * square).max(1e-12))
     }
 
-    pub(super) fn predict(&mut self, interval: &Interval, s: &Settings) {
-        let t = interval.duration_s;
+    /// Time passes.
+    pub(super) fn predict(&mut self, passage: &Passage) {
+        if passage.moved {
+            self.drift(passage.duration_s);
+        }
+        for i in D..STATES {
+            self.x[i] *= passage.kept;
+            self.p[i].iter_mut().for_each(|part| *part *= passage.kept);
+        }
+        for row in &mut self.p {
+            row[D..STATES].iter_mut().for_each(|part| *part *= passage.kept);
+        }
+        for i in 0..3 {
+            self.p[D + i][D + i] += passage.place_variance_ut2;
+            self.p[E + i][E + i] += passage.field_variance_ut2;
+        }
+        self.turn_walk(passage.turn_variance_rad2);
+    }
+
+    /// e turns by βT.
+    fn drift(&mut self, t_s: f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);
-        if !interval.at_rest {
-            let angle = (self.x[BETA] * t).clamp(-0.1, 0.1);
-            let cos = 1.0 - 0.5 * angle * angle;
-            let (tx, ty) = (-y * t, x * t);
-            (self.x[E], self.x[E + 1]) = (cos * x - angle * y, cos * y + angle * x);
-            let [p0, p1, _, p3, ..] = self.p;
-            for j in 0..N {
-                self.p[0][j] = cos * p0[j] - angle * p1[j] + tx * p3[j];
-                self.p[1][j] = cos * p1[j] + angle * p0[j] + ty * p3[j];
-            }
-            for row in &mut self.p {
-                let (a, b, c) = (row[0], row[1], row[3]);
-                row[0] = cos * a - angle * b + tx * c;
-                row[1] = cos * b + angle * a + ty * c;
-            }
+        let sin = (self.x[BETA] * t_s).clamp(-0.1, 0.1);
+        let cos = 1.0 - 0.5 * sin * sin;
+        (self.x[E], self.x[E + 1]) = (cos * x - sin * y, cos * y + sin * x);
+        let (p0, p1, p3) = (self.p[0], self.p[1], self.p[BETA]);
+        for j in 0..COLUMNS {
+            self.p[0][j] = cos * p0[j] - sin * p1[j] - y * t_s * p3[j];
+            self.p[1][j] = cos * p1[j] + sin * p0[j] + x * t_s * p3[j];
         }
-        let f = libm::exp(
-            -(s.nu0 + s.nu1 * (interval.turning_rad_s + (interval.acceleration_m_s2 - 0.3).max(0.0) / 2.0)) * t,
-        );
-        for i in D..D + 3 {
-            self.x[i] *= f;
-            for j in 0..N {
-                self.p[i][j] *= f;
-                self.p[j][i] *= f;
-            }
-            self.p[i][i] += (1.0 - f * f) * s.d_sd_ut * s.d_sd_ut;
+        for row in &mut self.p {
+            let (a, b, c) = (row[0], row[1], row[BETA]);
+            row[0] = cos * a - sin * b - y * t_s * c;
+            row[1] = cos * b + sin * a + x * t_s * c;
         }
-        let walk = s.turn0 + s.turn1 * interval.turning_rad_s;
-        let q = walk * walk * t;
-        self.p[0][0] += q * y * y;
-        self.p[0][1] -= q * x * y;
-        self.p[1][0] -= q * x * y;
-        self.p[1][1] += q * x * x;
-        for i in E..E + 3 {
-            self.p[i][i] += s.e_walk * s.e_walk * t;
+        let drift = &mut self.p[BETA][BETA];
+        if *drift < DRIFT_SD_RAD_S * DRIFT_SD_RAD_S {
+            *drift += DRIFT_WALK_RAD_S * DRIFT_WALK_RAD_S * t_s;
         }
-        for i in B..B + 3 {
-            self.p[i][i] += s.b_walk * s.b_walk * t;
-        }
-        self.p[BETA][BETA] += s.beta_walk * s.beta_walk * t;
     }
 
-    pub(super) fn measure(&mut self, interval: &Interval, delay_s: f64, noise: f64, gate: f64) -> Verdict {
-        let rate = interval.rate_rad_s;
-        let e = [self.x[0], self.x[1], self.x[2]];
+    /// An interval's field, of this variance on each axis; it is used if the innovation passes the gate.
+    pub(super) fn measure(&mut self, interval: &Interval, delay_s: f64, variance_ut2: f64, gate: f64) -> Verdict {
+        let (rate, e) = (interval.rate_rad_s, [self.x[0], self.x[1], self.x[2]]);
         let swept = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
         let late_s = self.x[TAU] - delay_s;
         let mut innovation = [0.0; 3];
-        let mut spread = [[0.0; COLUMNS]; 3];
+        let mut w = [[0.0; COLUMNS]; 3];
         for i in 0..3 {
-            let axes = interval.axes[i];
-            innovation[i] = interval.field_ut[i]
-                - (e[i]
-                    + late_s * swept[i]
-                    + axes[0] * self.x[B]
-                    + axes[1] * self.x[B + 1]
-                    + axes[2] * self.x[B + 2]
-                    + self.x[D + i]);
+            let [a, b, c] = interval.axes[i];
+            let hard_iron = a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
+            innovation[i] = interval.field_ut[i] - (e[i] + late_s * swept[i] + hard_iron + self.x[D + i]);
             for j in 0..COLUMNS {
-                spread[i][j] = self.p[E + i][j]
+                w[i][j] = self.p[E + i][j]
                     + self.p[D + i][j]
                     + swept[i] * self.p[TAU][j]
-                    + axes[0] * self.p[B][j]
-                    + axes[1] * self.p[B + 1][j]
-                    + axes[2] * self.p[B + 2][j];
+                    + a * self.p[B][j]
+                    + b * self.p[B + 1][j]
+                    + c * self.p[B + 2][j];
             }
         }
         let s = |i: usize, j: usize| {
-            let axes = interval.axes[j];
-            spread[i][E + j]
-                + spread[i][D + j]
-                + swept[j] * spread[i][TAU]
-                + axes[0] * spread[i][B]
-                + axes[1] * spread[i][B + 1]
-                + axes[2] * spread[i][B + 2]
+            let ([a, b, c], w) = (interval.axes[j], &w[i]);
+            w[E + j] + w[D + j] + swept[j] * w[TAU] + a * w[B] + b * w[B + 1] + c * w[B + 2]
         };
-        // S = L Lᵀ
-        let d00 = s(0, 0).max(0.0) + noise;
-        let r0 = libm::sqrt(d00).recip();
+        // S = L Lᵀ; rounding may not take more than the noise leaves.
+        let d0 = s(0, 0).max(0.0) + variance_ut2;
+        let r0 = libm::sqrt(d0).recip();
         let (l10, l20) = (s(0, 1) * r0, s(0, 2) * r0);
-        let d11 = (s(1, 1) - l10 * l10).max(0.0) + noise;
-        let r1 = libm::sqrt(d11).recip();
+        let d1 = (s(1, 1) - l10 * l10).max(0.0) + variance_ut2;
+        let r1 = libm::sqrt(d1).recip();
         let l21 = (s(1, 2) - l10 * l20) * r1;
-        let d22 = (s(2, 2) - l20 * l20 - l21 * l21).max(0.0) + noise;
-        let r2 = libm::sqrt(d22).recip();
+        let d2 = (s(2, 2) - l20 * l20 - l21 * l21).max(0.0) + variance_ut2;
+        let r2 = libm::sqrt(d2).recip();
         let z0 = innovation[0] * r0;
         let z1 = (innovation[1] - l10 * z0) * r1;
         let z2 = (innovation[2] - l20 * z0 - l21 * z1) * r2;
         let nis = z0 * z0 + z1 * z1 + z2 * z2;
         let accepted = nis < gate;
-        let cost = nis.min(30.0) + libm::log(d00 * d11 * d22);
         if accepted {
+            let [w0, w1, w2] = &mut w;
             for j in 0..COLUMNS {
-                let w0 = spread[0][j] * r0;
-                let w1 = (spread[1][j] - l10 * w0) * r1;
-                let w2 = (spread[2][j] - l20 * w0 - l21 * w1) * r2;
-                (spread[0][j], spread[1][j], spread[2][j]) = (w0, w1, w2);
+                w0[j] *= r0;
+                w1[j] = (w1[j] - l10 * w0[j]) * r1;
+                w2[j] = (w2[j] - l20 * w0[j] - l21 * w1[j]) * r2;
             }
-            let [w0, w1, w2] = spread;
-            for i in 0..N {
+            for i in 0..STATES {
                 self.x[i] += w0[i] * z0 + w1[i] * z1 + w2[i] * z2;
                 for j in 0..COLUMNS {
                     self.p[i][j] -= w0[i] * w0[j] + w1[i] * w1[j] + w2[i] * w2[j];
                 }
+                self.p[i][i] = self.p[i][i].max(0.0);
             }
-            self.x[TAU] = self.x[TAU].clamp(-0.01, 0.04);
+            self.x[TAU] = self.x[TAU].clamp(DELAY_MIN_S, DELAY_MAX_S);
         }
-        Verdict { nis, cost, accepted }
+        Verdict { nis, determinant: d0 * d1 * d2, accepted }
     }
 
+    /// What is wrong with the state: a covariance that no random numbers have, found by its factors L D Lᵀ.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        (0..N).any(|i| self.p[i][i] < 0.0).then_some("a variance below zero")
+        let mut left = self.p;
+        for k in 0..STATES {
+            let (pivot, least) = (left[k][k], -1e-9 * self.p[k][k].max(0.0));
+            if self.p[k][k] < 0.0 || pivot < least {
+                return Some("a covariance of the field that is not positive");
+            }
+            let row = left[k];
+            for i in k + 1..STATES {
+                let share = if pivot > -least { row[i] / pivot } else { 0.0 };
+                if share == 0.0 && row[i] * row[i] > 1e-9 * self.p[k][k] * self.p[i][i] {
+                    return Some("a covariance of the field that is not positive");
+                }
+                left[i].iter_mut().zip(row).for_each(|(part, of_row)| *part -= share * of_row);
+            }
+        }
+        (self.x.iter().any(|x| x.abs() > 1e4)).then_some("a field beyond every magnet")
     }
 }
 
 impl Numbers for Filter {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.x.iter_mut().for_each(&mut *visit);
-        for i in 0..N {
-            for j in i..N {
+        for i in 0..STATES {
+            for j in i..STATES {
                 visit(&mut self.p[i][j]);
                 self.p[j][i] = self.p[i][j];
             }

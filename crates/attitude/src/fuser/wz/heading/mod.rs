@@ -1,66 +1,73 @@
-//! Heading by the magnetic field.
+//! Heading by the magnetic field, beside a level that the field does not touch.
+//!
+//! Input: the attitude with the gyro's own heading, the rate, the field where there is a sample. Output: the angle a by which the
+//! attitude is to be turned about the vertical, counted from magnetic north, with its standard deviation. Time: the ticks'
+//! intervals. Failure: without a field, or with one that nothing explains, a stays and the heading is the gyro's.
+//!
+//! In the frame of the gyro's heading north stands still, up to a slow drift, so that the field is a linear measurement of what is
+//! unknown: the field of the place e, the drift β, the delay of the magnetometer τ, the hard iron b, what the place adds d
+//! (see `filter`). a = atan2(e_ξ, e_η).
+//!
+//! | file | what it does |
+//! | --- | --- |
+//! | `levelled` | means of the field in the reference frame, with the attitude of a delay ago |
+//! | `filter` | one Kalman filter: the equations |
+//! | `contest` | three of them, for the same field: nothing new, a magnet on the body, a new field |
+//!
+//! Why so. The delay matters: 13 ms at 7 rad/s are 5° of a field. A gate alone, by strength and dip or by the innovation, keeps
+//! passing magnets out and then stays for ever outside a magnet that was put on the body; at a dip of 70° a microtesla is 4° of
+//! heading. A hard iron left open always takes the slopes of the field for iron: where a body hardly turns, b and e cannot be told
+//! apart, and degrees are lost. So b is opened only where a likelihood, held against that of a new field, demands it.
 
+mod contest;
 mod filter;
 mod levelled;
 
-use crate::{Complex, Vector3, course::Reference, parameters::settings, stage::Numbers, state::Attitude};
 use core::f64::consts::PI;
-use filter::{B, BETA, E, Filter, TAU};
-use levelled::{Interval, Levelled};
+
+use crate::{
+    Complex, Vector3,
+    course::Reference,
+    parameters::settings,
+    stage::Numbers,
+    state::{Attitude, wrapped_rad},
+};
+use {
+    contest::Contest,
+    filter::{B, Filter, Passage, TAU},
+    levelled::{Interval, Levelled},
+};
+
+/// Fields that a magnetometer on earth may read, µT; others are no sample.
+const READING_MIN_UT: f64 = 1.0;
+const READING_MAX_UT: f64 = 500.0;
+/// Noise of a magnetometer over 20 ms, µT.
+const NOISE_UT: f64 = 0.46;
+/// What a rate adds to it, as a part of the field, s: half a millisecond by which samples and attitude do not fit.
+const NOISE_BY_RATE_S: f64 = 4.5e-4;
+/// The tilt where a body begins in motion, rad, and how fast that settles, s.
+const SETTLING_RAD: f64 = 0.3;
+const SETTLING_S: f64 = 3.0;
+/// A tilt that is settled, rad.
+const SETTLED_RAD: f64 = 4e-4;
+/// A slower turn is no beginning in motion, rad/s.
+const STILL_RAD_S: f64 = 0.1;
+/// Standard deviation of a heading that says nothing, rad.
+const LOST_RAD: f64 = 1.0;
+/// By how much the gyro's heading may be off after the level was lost, rad.
+const REALIGNED_RAD: f64 = 0.5;
+/// A change of heading that is a jump, rad: 1°.
+const JUMP_RAD: f64 = 0.017_453_293;
 
 settings! {
-    /// Settings of the heading.
+    /// Settings of the stage.
     pub struct Settings {
-        /// Standard deviation of the hard iron at the start; 0 where the magnetometer is calibrated.
+        /// Standard deviation of the hard iron at the start, each axis; 0: the magnetometer is calibrated.
         hard_iron_sd_ut: 0.0 in 0.0 .. 200.0, "µT";
-        /// How late the magnetometer is on the gyro, where the estimate begins.
-        delay_s: 0.0 in -0.01 .. 0.04, "s";
-        /// Standard deviation of that; 0 where it is known.
-        delay_sd_s: 0.01 in 0.0 .. 0.02, "s";
-        /// t
-        e_sd_ut: 60.0 in 0.0 .. 1e9, "";
-        /// t
-        d_sd_ut: 1.0 in 0.0 .. 1e9, "";
-        /// t
-        restart_b_ut: 15.0 in 0.0 .. 1e9, "";
-        /// t
-        beta0_rad_s: 0.01 in 0.0 .. 1e9, "";
-        /// t
-        beta1_rad_s: 5e-4 in 0.0 .. 1e9, "";
-        /// t
-        beta_walk: 1e-4 in 0.0 .. 1e9, "";
-        /// t
-        nu0: 0.02 in 0.0 .. 1e9, "";
-        /// t
-        nu1: 0.5 in 0.0 .. 1e9, "";
-        /// t
-        turn0: 5e-4 in 0.0 .. 1e9, "";
-        /// t
-        turn1: 5e-4 in 0.0 .. 1e9, "";
-        /// t
-        e_walk: 0.01 in 0.0 .. 1e9, "";
-        /// t
-        b_walk: 0.0 in 0.0 .. 1e9, "";
-        /// t
-        sd_ut: 0.65 in 0.0 .. 1e9, "";
-        /// t
-        sd_turning: 0.02 in 0.0 .. 1e9, "";
-        /// t
-        gate: 16.0 in 0.0 .. 1e9, "";
-        /// t
-        penalty: 0.0 in 0.0 .. 1e9, "";
-        /// t
-        margin: 250.0 in 0.0 .. 1e9, "";
-        /// t
-        challenge_ut: 15.0 in 0.0 .. 1e9, "";
-        /// t
-        renew_s: 60.0 in 0.0 .. 1e9, "";
-        /// t
-        restart_s: 60.0 in 0.0 .. 1e9, "";
-        /// t
-        turning: 0.3 in 0.0 .. 1e9, "";
-        /// t
-        fail_s: 0.2 in 0.0 .. 1e9, "";
+        /// How late the magnetometer is on the gyro; where the estimate begins.
+        magnetometer_delay_s: 0.0 in -0.01 .. 0.04, "s";
+        /// Standard deviation of that delay; 0: it is known and not estimated.
+        magnetometer_delay_sd_s: 0.01 in 0.0 .. 0.02, "s";
     }
 }
 
@@ -81,230 +88,196 @@ pub(super) struct Sighting {
     pub(super) dt_s: f64,
 }
 
+/// What a tick did to the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct News {
+    /// A field was used.
     pub(super) magnetic: bool,
+    /// The heading jumps here.
     pub(super) aligned: bool,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-struct Challenger {
-    filter: Filter,
-    lead_of_main: f64,
-    lead_of_other: f64,
-    rejecting_s: f64,
-}
-
+/// The heading.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Heading {
     pub(super) settings: Settings,
     levelled: Levelled,
-    main: Filter,
-    body: Filter,
-    place: Filter,
+    contest: Contest,
+    /// A field was seen.
     begun: bool,
     rested: bool,
-    settle: f64,
-    over_main: f64,
-    over_place: f64,
-    failing_s: f64,
-    challenge_s: f64,
-    rejecting_s: f64,
-    rejected: bool,
+    disturbed: bool,
+    /// What the tilt may still be off after a start in motion, rad.
+    settling_rad: f64,
     turn_rad: f64,
     sd_rad: f64,
+    /// The reference of a heading that another stage found.
+    magnetic: bool,
+    by_track: bool,
 }
 
 impl Default for Heading {
     fn default() -> Self {
-        let settings = Settings::default();
-        let main = Filter::begun(&settings);
-        Self {
-            settings,
-            levelled: Levelled::default(),
-            body: main.clone(),
-            place: main.clone(),
-            main,
-            begun: false,
-            rested: false,
-            settle: 0.0,
-            over_main: 0.0,
-            over_place: 0.0,
-            failing_s: 0.0,
-            challenge_s: 0.0,
-            rejecting_s: 0.0,
-            rejected: false,
-            turn_rad: 0.0,
-            sd_rad: PI,
-        }
+        Self::of(Settings::default(), Reference::Arbitrary, PI)
     }
 }
 
 impl Heading {
-    pub(super) fn turn_rad(&self) -> f64 {
-        self.turn_rad
+    /// Goes on from a heading that is already in the attitude.
+    pub(super) fn of(settings: Settings, reference: Reference, sd_rad: f64) -> Self {
+        Self {
+            settings,
+            levelled: Levelled::default(),
+            contest: Contest::of(Filter::begun(&settings)),
+            begun: false,
+            rested: false,
+            disturbed: false,
+            settling_rad: 0.0,
+            turn_rad: 0.0,
+            sd_rad: sd_rad.min(PI),
+            magnetic: reference == Reference::Magnetic,
+            by_track: reference == Reference::True,
+        }
     }
+
+    /// The attitude with the heading that the field gave it.
+    #[inline]
+    pub(super) fn faced(&self, attitude: Attitude) -> Attitude {
+        if !self.begun {
+            return attitude;
+        }
+        Attitude { z_rad: wrapped_rad(attitude.z_rad + self.turn_rad), ..attitude }
+    }
+
+    /// Standard deviation of the heading, rad.
     pub(super) fn sd_rad(&self) -> f64 {
         self.sd_rad
     }
+
+    /// What the heading is counted from.
     pub(super) fn reference(&self) -> Reference {
-        if self.begun { Reference::Magnetic } else { Reference::Arbitrary }
+        match (self.begun || self.magnetic, self.by_track) {
+            (true, _) => Reference::Magnetic,
+            (_, true) => Reference::True,
+            _ => Reference::Arbitrary,
+        }
     }
+
+    /// The last field was not that of the place.
     pub(super) fn disturbed(&self) -> bool {
-        self.rejected
-    }
-    pub(super) fn debug(&self) -> ([f64; 11], [f64; 6]) {
-        (
-            self.main.x,
-            [
-                self.over_main,
-                self.over_place,
-                self.rejecting_s,
-                self.failing_s,
-                self.challenge_s,
-                self.sd_rad.to_degrees(),
-            ],
-        )
+        self.disturbed
     }
 
+    /// Hard iron, µT, body axes.
+    pub(super) fn hard_iron_ut(&self) -> Vector3<f64> {
+        let x = &self.contest.main.x;
+        Vector3::new(x[B], x[B + 1], x[B + 2])
+    }
+
+    /// How late the magnetometer is on the gyro, s.
+    pub(super) fn delay_s(&self) -> f64 {
+        self.contest.main.x[TAU]
+    }
+
+    /// The level was lost, and with it the trust in the gyro's heading.
+    pub(super) fn realign(&mut self) {
+        self.levelled = Levelled::default();
+        self.contest.loosen(REALIGNED_RAD * REALIGNED_RAD);
+    }
+
+    /// One tick.
+    #[inline]
     pub(super) fn step(&mut self, sighting: &Sighting) -> News {
-        let mut news = News::default();
         if !self.begun && sighting.field_ut.is_none() {
-            return news;
+            return News::default();
         }
-        let delay_s = self.main.x[TAU];
-        if let Some(interval) = self.levelled.step(sighting, delay_s) {
-            self.update(&interval, delay_s, &mut news);
-        }
-        news
-    }
-
-    fn renew(&mut self) {
-        self.body = self.main.clone();
-        self.body.open(B, self.settings.challenge_ut);
-        self.place = self.main.clone();
-        self.place.open(E, self.settings.challenge_ut);
-        self.over_main = 0.0;
-        self.over_place = 0.0;
-        self.failing_s = 0.0;
-        self.challenge_s = 0.0;
-    }
-
-    fn update(&mut self, interval: &Interval, delay_s: f64, news: &mut News) {
-        let s = self.settings;
-        let t = interval.duration_s;
-        let turning = interval.turning_rad_s > s.turning;
-        if interval.windows == 0.0 {
-            for filter in [&mut self.main, &mut self.body, &mut self.place] {
-                filter.predict(interval, &s);
-            }
-            return;
-        }
-        let norm = {
-            let f = interval.field_ut;
-            libm::sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+        let readable = |field: &Vector3<f64>| {
+            (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
         };
-        let first = !self.begun;
-        if first {
-            self.main = Filter::begun(&s);
-            self.settle = if interval.turning_rad_s < 0.1 { 0.0 } else { 0.3 };
+        let field_ut = sighting.field_ut.filter(readable);
+        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU]) {
+            Some(interval) => self.update(&interval),
+            None => News::default(),
         }
+    }
+
+    #[inline(never)]
+    fn update(&mut self, interval: &Interval) -> News {
         if interval.at_rest && !self.rested {
             self.rested = true;
-            for filter in [&mut self.main, &mut self.body, &mut self.place] {
-                filter.reset(BETA, s.beta1_rad_s);
-            }
+            self.contest.rested();
         }
-        let mut noise = s.sd_ut * s.sd_ut / interval.windows + square(s.sd_turning * interval.turning_rad_s);
-        if self.settle > 0.0 {
-            noise += square(norm * self.settle);
-            self.settle *= libm::exp(-t / 3.0);
-            if self.settle < 4e-4 {
-                self.settle = 0.0;
-            }
+        if interval.windows == 0.0 {
+            self.contest.pass(&Passage::of(interval));
+            self.publish();
+            return News::default();
+        }
+        let [x, y, z] = interval.field_ut;
+        let strength_ut = libm::sqrt(x * x + y * y + z * z);
+        let first = !self.begun;
+        if first {
+            let still = interval.at_rest || interval.turning_rad_s < STILL_RAD_S;
+            self.settling_rad = if still { 0.0 } else { SETTLING_RAD };
+        }
+        let unfit_ut = NOISE_BY_RATE_S * strength_ut * interval.turning_rad_s;
+        let settling_ut = self.settling_rad * strength_ut;
+        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows + unfit_ut * unfit_ut + settling_ut * settling_ut;
+        if self.settling_rad > 0.0 {
+            self.settling_rad *= libm::exp(-interval.duration_s / SETTLING_S);
+            self.settling_rad = if self.settling_rad < SETTLED_RAD { 0.0 } else { self.settling_rad };
         }
         if first {
-            // At the start the challenger has field and hard iron open together.
-            self.renew();
-            self.main.measure(interval, delay_s, noise, f64::INFINITY);
-            self.body.measure(interval, delay_s, noise, f64::INFINITY);
-            self.place.measure(interval, delay_s, noise, f64::INFINITY);
-            self.begun = true;
-            news.aligned = true;
-            news.magnetic = true;
-            self.publish();
-            return;
+            return self.begin(interval, variance_ut2);
         }
-        for filter in [&mut self.main, &mut self.body, &mut self.place] {
-            filter.predict(interval, &s);
-        }
-        let main = self.main.measure(interval, delay_s, noise, s.gate);
-        let body = self.body.measure(interval, delay_s, noise, s.gate);
-        let place = self.place.measure(interval, delay_s, noise, s.gate);
-        self.rejected = !main.accepted;
-        news.magnetic = main.accepted;
-        if turning {
-            self.over_main = self.over_main + main.cost - body.cost - s.penalty;
-            self.over_place = self.over_place + place.cost - body.cost - s.penalty;
-            if main.accepted {
-                self.rejecting_s = (self.rejecting_s - 2.0 * t).max(0.0);
-            } else {
-                self.rejecting_s += t;
-            }
-        }
-        self.failing_s = if body.accepted { 0.0 } else { self.failing_s + t };
-        self.challenge_s += t;
-        if self.over_main > s.margin && self.over_place > s.margin {
-            self.main = self.body.clone();
-            self.renew();
-            self.rejecting_s = 0.0;
-            news.aligned = true;
-        } else if self.failing_s > s.fail_s || self.challenge_s > s.renew_s {
-            self.renew();
-        } else if self.rejecting_s > s.restart_s {
-            self.main.restart(&s);
-            self.renew();
-            self.rejecting_s = 0.0;
-            self.main.measure(interval, delay_s, noise, f64::INFINITY);
-            news.aligned = true;
-        }
+        self.contest.pass(&Passage::of(interval));
+        let outcome = self.contest.judge(interval, &self.settings, variance_ut2);
+        self.disturbed = !(outcome.accepted || outcome.replaced);
+        let before_rad = self.turn_rad;
         self.publish();
+        let aligned = outcome.replaced && libm::fabs(wrapped_rad(self.turn_rad - before_rad)) > JUMP_RAD;
+        News { magnetic: !self.disturbed, aligned }
     }
 
+    /// The first field: from a heading that is known to be magnetic it need not jump.
+    fn begin(&mut self, interval: &Interval, variance_ut2: f64) -> News {
+        let mut main = Filter::begun(&self.settings);
+        let known = self.magnetic && self.sd_rad < LOST_RAD;
+        if known {
+            main.face_north(interval.field_ut, self.sd_rad);
+        }
+        self.contest = Contest::of(main);
+        if self.rested {
+            self.contest.rested();
+        }
+        self.contest.begin(interval, self.settings.magnetometer_delay_s, variance_ut2);
+        self.begun = true;
+        self.publish();
+        News { magnetic: true, aligned: !known }
+    }
+
+    /// A heading that the field does not tell is left to the gyro.
     fn publish(&mut self) {
-        self.turn_rad = self.main.turn_rad();
-        self.sd_rad = libm::sqrt(self.main.turn_variance_rad2()).min(PI);
+        let (turn_rad, variance_rad2) = self.contest.main.turn_rad();
+        self.sd_rad = libm::sqrt(variance_rad2).min(PI);
+        if self.sd_rad < LOST_RAD {
+            self.turn_rad = turn_rad;
+        }
     }
 
+    /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        [&self.main, &self.body, &self.place].into_iter().find_map(|filter| filter.flaw())
+        let bounds = (0.0..=PI).contains(&self.sd_rad) && libm::fabs(self.turn_rad) <= PI && self.settling_rad >= 0.0;
+        self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
     }
 }
 
 impl Numbers for Heading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.levelled.visit(visit);
-        for filter in [&mut self.main, &mut self.body, &mut self.place] {
-            filter.visit(visit);
-        }
-        for flag in [&mut self.begun, &mut self.rested, &mut self.rejected] {
-            flag.visit(visit);
-        }
-        for number in [
-            &mut self.settle,
-            &mut self.over_main,
-            &mut self.over_place,
-            &mut self.failing_s,
-            &mut self.challenge_s,
-            &mut self.rejecting_s,
-            &mut self.turn_rad,
-            &mut self.sd_rad,
-        ] {
-            number.visit(visit);
-        }
+        self.contest.visit(visit);
+        let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
+        [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
+        let Self { settling_rad, turn_rad, sd_rad, .. } = self;
+        [settling_rad, turn_rad, sd_rad].into_iter().for_each(visit);
     }
-}
-
-fn square(x: f64) -> f64 {
-    x * x
 }
