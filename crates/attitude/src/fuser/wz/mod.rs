@@ -34,11 +34,17 @@ const T2_S: f64 = 2.0;
 const FORCE_MAX_M_S2: f64 = 1e6;
 
 /// The fuser stage `wz`.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     level: Level,
     bias: BiasFilter,
     rest: Rest,
+}
+
+impl Default for Wz {
+    fn default() -> Self {
+        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default() }
+    }
 }
 
 impl Wz {
