@@ -38,13 +38,12 @@ pub(super) struct Error {
     pub(super) velocity: Complex<f64>,
 }
 
-impl Default for Level {
-    fn default() -> Self {
+impl Level {
+    /// Waits for the first inclination.
+    pub(super) fn new() -> Self {
         Self { started: false, ..Self::of(Attitude::default()) }
     }
-}
 
-impl Level {
     /// Goes on from an attitude.
     pub(super) fn of(attitude: Attitude) -> Self {
         let (sin, cos) = libm::sincos(attitude.z_rad);

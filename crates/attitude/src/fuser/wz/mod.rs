@@ -39,12 +39,18 @@ const T2_S: f64 = 2.0;
 const FORCE_MAX_M_S2: f64 = 3000.0;
 
 /// The fuser stage `wz`.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     level: Level,
     bias: BiasFilter,
     rest: Rest,
     heading: Heading,
+}
+
+impl Default for Wz {
+    fn default() -> Self {
+        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default() }
+    }
 }
 
 impl Wz {
