@@ -49,7 +49,7 @@ pub struct Wz {
 
 impl Default for Wz {
     fn default() -> Self {
-        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default() }
+        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default(), heading: Heading::default() }
     }
 }
 
