@@ -10,9 +10,9 @@
 //! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation measuring systems with
 //! three-component accelerometers (matrix and quaternion methods).
 
-use super::{FORCE_MIN_M_S2, Inclination};
+use super::{FORCE_MIN_M_S2, Inclination, trust};
 use crate::{
-    GRAVITY_M_S2, Quaternion, Vector3,
+    Quaternion, Vector3,
     point::Point,
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::Attitude,
@@ -81,13 +81,11 @@ impl Stage for Inclinometer {
     }
 
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        let norm_m_s2 = force_m_s2.norm();
-        let usable = norm_m_s2 >= FORCE_MIN_M_S2 && norm_m_s2.is_finite();
+        let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
+        let usable = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
         let seen = usable.then(|| self.method.point(*force_m_s2)).flatten();
         self.up = seen.unwrap_or(self.up);
-        let off = libm::fabs(norm_m_s2 / GRAVITY_M_S2 - 1.0);
-        let trust = if seen.is_some() { (1.0 - off).max(0.0) } else { 0.0 };
-        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2: norm_m_s2.min(f64::MAX), trust }
+        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust: trust(norm_m_s2, seen.is_some()) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

@@ -17,7 +17,7 @@ pub mod projector;
 pub use projector::Projector;
 
 use crate::{
-    Vector3,
+    GRAVITY_M_S2, Vector3,
     point::Point,
     stage::{RestoreError, Stage},
 };
@@ -102,4 +102,11 @@ impl Stage for Accelerometer {
     fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
         each!(self, stage => stage.adopt(up))
     }
+}
+
+/// 1 at |f| = g, falling to 0 at a difference of g; 0 for a force that was not used.
+#[inline]
+fn trust(norm_m_s2: f64, used: bool) -> f64 {
+    let off = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();
+    if used { (1.0 - off).max(0.0) } else { 0.0 }
 }

@@ -1,8 +1,8 @@
 //! The accelerometer stage `projector`.
 
-use super::{FORCE_MIN_M_S2, Inclination};
+use super::{FORCE_MIN_M_S2, Inclination, trust};
 use crate::{
-    GRAVITY_M_S2, Vector3,
+    Vector3,
     point::Point,
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
     state::Attitude,
@@ -31,9 +31,7 @@ impl Stage for Projector {
         if known {
             self.up = Point::of_known_norm(*force_m_s2, norm_m_s2);
         }
-        let off = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();
-        let trust = if known { (1.0 - off).max(0.0) } else { 0.0 };
-        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust }
+        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust: trust(norm_m_s2, known) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

@@ -103,6 +103,7 @@ impl Stage for Aided {
             .or(pending)
             .or(latency)
             .or_else(|| self.covariance.flaw())
+            .or_else(|| self.sums.flaw())
     }
 
     fn common(&self) -> Estimate {

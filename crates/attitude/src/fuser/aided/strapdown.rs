@@ -149,6 +149,14 @@ impl Sums {
     }
 }
 
+impl Sums {
+    /// What is wrong with the state.
+    pub(super) fn flaw(&self) -> Option<&'static str> {
+        let powers = [self.length_s, self.unseen_s, self.rate2_rad2_s, self.spread_m2_s3];
+        powers.iter().any(|power| *power < 0.0).then_some("a sum of squares or of times below zero")
+    }
+}
+
 impl Numbers for Sums {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.length_s.visit(visit);
