@@ -2,9 +2,15 @@
 #![forbid(unsafe_code)]
 
 mod score;
+mod stage;
 mod up;
 
-use std::{fmt::Display, path::PathBuf, process::ExitCode};
+use std::{
+    fmt::Display,
+    io::{self, Write},
+    path::PathBuf,
+    process::ExitCode,
+};
 
 use clap::{Parser, Subcommand};
 use launch::{Launch, Service};
@@ -26,10 +32,10 @@ enum Command {
     Up(up::Up),
     /// Run stages over recordings and tell their errors and what an update costs.
     Score(Box<score::Score>),
-    /// Look at the stages there are.
+    /// Look at the stages there are, and test them.
     Stage {
         #[command(subcommand)]
-        command: StageCommand,
+        command: stage::Stage,
     },
     /// Look at a launch file.
     Config {
@@ -54,21 +60,11 @@ enum ConfigCommand {
     },
 }
 
-#[derive(Subcommand)]
-enum StageCommand {
-    /// Print every slot's stages with their parameters.
-    List {
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
-}
-
 fn main() -> ExitCode {
     match Cli::parse().command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
-        Command::Stage { command: StageCommand::List { json } } => score::list(json),
+        Command::Stage { command } => stage::run(command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
                 supervisor::tell(format_args!("{} is valid", file.display()));
@@ -86,6 +82,13 @@ fn main() -> ExitCode {
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }
+    }
+}
+
+fn print(text: &dyn Display) -> ExitCode {
+    match writeln!(io::stdout(), "{text}") {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) => fail(&"printing the result: standard output is closed", 1),
     }
 }
 

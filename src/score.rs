@@ -1,36 +1,31 @@
-//! `plumb score`: what stages make of recordings. `plumb stage list`: which stages there are.
+//! `plumb score`: what stages make of recordings.
 
-use std::{
-    fmt::Display,
-    io::{self, Write},
-    path::PathBuf,
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use launch::GyroSamples;
 use score::{
     Request,
-    catalogue::Catalogue,
     stages::{Choice, Setting},
     trial::{Gnss, Options},
 };
 
-use crate::fail;
+use crate::{fail, print};
 
 /// The command line of `plumb score`.
 #[derive(Args)]
 #[command(after_help = "\
 Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan |e_z/e_w|, inclination 2 acos √(e_w² + e_z²); the RMSE \
 is over the samples with mov = 1 and a reference, the mean over the trials. No heading offset is taken out.\n\n\
-ns/update is the time of the bare estimator: one step each of gyro, accel and fuser, without reading, checking, messages and course. It is \
-taken over the first 30000 checked samples of a trial, in memory, in 7 rounds in which the fusers take turns; the median of the \
+ns/update is the time of the bare estimator: one step each of gyro, accel and fuser, without reading, checking, messages and course. It is the \
+CPU time of the thread over the first 30000 checked samples of a trial, in memory, in 7 rounds in which the fusers take turns; the median of the \
 rounds' means counts.\n\n\
-A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov.")]
+A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
+and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
     /// Recordings (CSV or CSV.gz), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
-    #[arg(required_unless_present = "list", value_name = "FILE")]
+    #[arg(required = true, value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.
     #[arg(long, value_name = "STAGE")]
@@ -65,9 +60,6 @@ pub(crate) struct Score {
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
-    /// Print every stage and its parameters instead.
-    #[arg(long)]
-    list: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -83,10 +75,7 @@ enum Samples {
 }
 
 pub(crate) fn run(score: Score) -> ExitCode {
-    let Score { files, gyro, accel, fusers, course, settings, mag, gnss, gyro_samples, out, plot, json, list } = score;
-    if list {
-        return self::list(json);
-    }
+    let Score { files, gyro, accel, fusers, course, settings, mag, gnss, gyro_samples, out, plot, json } = score;
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
@@ -111,19 +100,6 @@ pub(crate) fn run(score: Score) -> ExitCode {
         }
         Ok(scores) => print(&scores),
         Err(error) => fail(&error, error.exit_code()),
-    }
-}
-
-/// Every stage and its parameters.
-pub(crate) fn list(json: bool) -> ExitCode {
-    let catalogue = Catalogue::new();
-    if json { print(&catalogue.json()) } else { print(&catalogue) }
-}
-
-fn print(text: &dyn Display) -> ExitCode {
-    match writeln!(io::stdout(), "{text}") {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(_) => fail(&"printing the result: standard output is closed", 1),
     }
 }
 

@@ -39,6 +39,7 @@ const MAHONY_KI: f64 = 0.0;
 
 #[library_benchmark(setup = integrator)]
 #[bench::mobius("mobius")]
+#[bench::mobius_coning("mobius-coning")]
 #[bench::rk4("rk4")]
 #[bench::euler("euler")]
 fn gyro((mut stage, samples): (Gyro, Vec<RateSample>)) -> (Gyro, Vec<RateSample>) {
@@ -52,6 +53,9 @@ fn gyro((mut stage, samples): (Gyro, Vec<RateSample>)) -> (Gyro, Vec<RateSample>
 #[bench::wz("wz")]
 #[bench::wz_closed("wz-closed")]
 #[bench::wz_open("wz-open")]
+#[bench::madgwick("madgwick")]
+#[bench::madgwick_improved("madgwick-improved")]
+#[bench::vqf("vqf")]
 fn fuser((mut stage, inputs): (Fuser, Vec<FuserInput>)) -> (Fuser, Vec<FuserInput>) {
     for input in &inputs {
         black_box(stage.step(input));
@@ -63,6 +67,9 @@ fn fuser((mut stage, inputs): (Fuser, Vec<FuserInput>)) -> (Fuser, Vec<FuserInpu
 #[bench::wz("wz")]
 #[bench::wz_closed("wz-closed")]
 #[bench::wz_open("wz-open")]
+#[bench::madgwick("madgwick")]
+#[bench::madgwick_improved("madgwick-improved")]
+#[bench::vqf("vqf")]
 fn plumbline((mut chain, samples): (Chain, Vec<Sample>)) -> (Chain, Vec<Sample>) {
     for sample in &samples {
         let input = chain.input(sample);

@@ -5,6 +5,9 @@
 
 use crate::{Vector3, state::Attitude, turn::Turn};
 
+/// cos ϑ below which the nose is vertical: yaw and roll by themselves would be rounding.
+const VERTICAL: f64 = 1e-8;
+
 /// Yaw ψ counter-clockwise from above, pitch ϑ nose up, roll γ right side down — Matveev 2025, (22).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Angles {
@@ -35,9 +38,16 @@ impl Attitude {
         let sign = self.up.chart.sign();
         let (sin, cos) = libm::sincos(self.z_rad);
         let (east, north) = (1.0 + u * u - v * v, 2.0 * u * v);
+        let level = libm::hypot(2.0 * u, 1.0 - rho);
+        if level < VERTICAL * (1.0 + rho) {
+            // Of the turns that make up yaw and roll only one is left: all of it is yaw, from the first row of A.
+            let across = 1.0 - u * u + v * v;
+            let yaw_rad = libm::atan2(across * sin - north * cos, across * cos + north * sin);
+            return Angles { yaw_rad, pitch_rad: libm::atan2(sign * 2.0 * v, level), roll_rad: 0.0 };
+        }
         Angles {
             yaw_rad: libm::atan2(sign * (east * sin + north * cos), sign * (east * cos - north * sin)),
-            pitch_rad: libm::atan2(sign * 2.0 * v, libm::hypot(2.0 * u, 1.0 - rho)),
+            pitch_rad: libm::atan2(sign * 2.0 * v, level),
             roll_rad: libm::atan2(-2.0 * u, sign * (1.0 - rho)),
         }
     }

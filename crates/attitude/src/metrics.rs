@@ -152,7 +152,7 @@ mod tests {
         let of = |deg: f64| AttitudeError { total_deg: deg, heading_deg: 2.0 * deg, inclination_deg: 0.5 * deg };
         let mut accuracy = Accuracy::default();
         assert_eq!(accuracy.rmse(), None);
-        [3.0, 4.0, 5.0, 0.0].map(|deg| accuracy.add(of(deg)));
+        [3.0, 4.0, 5.0, 0.0].into_iter().for_each(|deg| accuracy.add(of(deg)));
         // √((9 + 16 + 25 + 0) / 4)
         let rmse_deg = 12.5f64.sqrt();
         assert_near(accuracy.rmse().unwrap(), [rmse_deg, 2.0 * rmse_deg, 0.5 * rmse_deg]);

@@ -64,9 +64,9 @@ impl Attitude {
     pub fn of_quaternion(q: Quaternion<f64>) -> Self {
         let (alpha, beta) = (Complex::new(q.w, q.k), Complex::new(q.i, q.j));
         if alpha.norm_sqr() >= beta.norm_sqr() {
-            Self { up: Point { w: J * beta / alpha, chart: Chart::Upright }, z_rad: double_arg(alpha) }
+            Self { up: Point { w: J * beta / alpha, chart: Chart::Upright }, z_rad: wrapped_rad(double_arg(alpha)) }
         } else {
-            Self { up: Point { w: -J * alpha / beta, chart: Chart::Inverted }, z_rad: double_arg(beta) }
+            Self { up: Point { w: -J * alpha / beta, chart: Chart::Inverted }, z_rad: wrapped_rad(double_arg(beta)) }
         }
     }
 
@@ -183,7 +183,7 @@ impl Attitude {
     }
 
     /// The body's axes in the level frame turned by `azimuth`, a unit number.
-    fn axes(self, azimuth: Complex<f64>) -> Axes {
+    pub(crate) fn axes(self, azimuth: Complex<f64>) -> Axes {
         let scale = 2.0 / (1.0 + self.up.w.norm_sqr());
         self.axes_of(azimuth, azimuth * self.up.w * scale, scale)
     }
@@ -238,6 +238,10 @@ pub fn wrapped_rad(angle_rad: f64) -> f64 {
 #[inline(never)]
 fn far_wrapped_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
+    if wrapped.abs() > 4.0 {
+        // So many turns that their product with 2π is not exact.
+        return libm::remainder(angle_rad, TAU);
+    }
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
 }
 

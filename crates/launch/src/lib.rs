@@ -7,6 +7,7 @@
 //! | --- | --- |
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
+//! | `sensors` | how the sensors are calibrated and mounted |
 //! | `walk` | reading a table key by key |
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
@@ -14,9 +15,11 @@
 mod model;
 mod problem;
 mod schema;
+mod sensors;
 mod walk;
 
 pub use model::{
-    BusSource, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source, Stage, TOPIC_MESSAGES_MAX,
+    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source,
+    Stage, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems};

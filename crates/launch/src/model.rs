@@ -53,7 +53,40 @@ pub struct Ingest {
     pub bus: BusSource,
     /// What is flagged.
     pub limits: Limits,
+    /// What the sensors' readings are in the sensors' axes.
+    pub calibration: Calibrations,
+    /// The rotation from the sensors' axes to the body's, v_body = M v_sensor, row by row.
+    pub mounting: [[f64; 3]; 3],
 }
+
+/// The calibration of each sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Calibrations {
+    /// Raw to rad/s.
+    pub gyro: Calibration,
+    /// Raw to m/s².
+    pub accel: Calibration,
+    /// Raw to µT.
+    pub mag: Calibration,
+}
+
+/// The calibration of a sensor with three axes: out = M (raw − bias).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// In raw units.
+    pub bias: [f64; 3],
+    /// SI units (µT) per raw unit, row by row.
+    pub matrix: [[f64; 3]; 3],
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { bias: [0.0; 3], matrix: IDENTITY }
+    }
+}
+
+/// No turn, no scale.
+pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// Simulated sensors on a body in motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -186,6 +219,8 @@ impl Default for Launch {
                     stuck_s: 0.5,
                     field_max_ut: 2000.0,
                 },
+                calibration: Calibrations::default(),
+                mounting: IDENTITY,
             },
             gyro: stage("mobius"),
             accel: stage("projector"),

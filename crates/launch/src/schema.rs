@@ -4,6 +4,7 @@ use crate::{
     GyroSamples, Launch, LaunchError, Problems, Service, Source,
     model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
+    sensors::{calibration, mounting},
     walk::{self, Section},
 };
 use attitude::{
@@ -179,6 +180,13 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.number("field_max_ut", 1.0..=1e6, &mut out.limits.field_max_ut);
     });
 
+    section.section("calibration", |section| {
+        calibration(section, "gyro", &mut out.calibration.gyro);
+        calibration(section, "accel", &mut out.calibration.accel);
+        calibration(section, "mag", &mut out.calibration.mag);
+    });
+    mounting(section, &mut out.mounting);
+
     if out.source == Source::Replay && file_taken && out.replay.file.as_os_str().is_empty() {
         let span = file_span.or_else(|| section.span("source")).unwrap_or_default();
         section.report(Problem {
@@ -316,6 +324,7 @@ mod tests {
                     stuck_s: 60.0,
                     field_max_ut: 100.0,
                 },
+                ..Launch::default().ingest
             },
             gyro: stage("rk4"),
             accel: stage("projector"),

@@ -60,6 +60,35 @@ impl<'t> Section<'t, '_> {
         })
     }
 
+    /// An array of finite numbers.
+    pub(crate) fn vector<const N: usize>(&mut self, key: &'static str, out: &mut [f64; N]) -> bool {
+        self.read(key, out, |section, value| {
+            let vector = numbers(value.get_ref());
+            if vector.is_none() {
+                section.refuse_type(key, value, &format!("an array of {N} finite numbers"));
+            }
+            vector
+        })
+    }
+
+    /// An array of rows, each an array of finite numbers.
+    pub(crate) fn matrix(&mut self, key: &'static str, out: &mut [[f64; 3]; 3]) -> bool {
+        self.read(key, out, |section, value| {
+            let rows = value.get_ref().as_array().filter(|rows| rows.len() == 3);
+            let rows: Option<Vec<_>> = rows.and_then(|rows| rows.iter().map(|row| numbers(row.get_ref())).collect());
+            let matrix = rows.and_then(|rows| rows.try_into().ok());
+            if matrix.is_none() {
+                section.refuse_type(key, value, "three rows of three finite numbers");
+            }
+            matrix
+        })
+    }
+
+    /// The key is there.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.table.contains_key(key)
+    }
+
     /// An integer from 0 to the largest that TOML promises.
     pub(crate) fn natural(&mut self, key: &'static str, out: &mut u64) -> bool {
         self.read(key, out, |section, value| {
@@ -211,6 +240,20 @@ impl<'t> Section<'t, '_> {
     fn path_of(&self, key: &str) -> String {
         if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
     }
+}
+
+fn numbers<const N: usize>(value: &DeValue<'_>) -> Option<[f64; N]> {
+    let values: Option<Vec<f64>> = value.as_array()?.iter().map(|value| finite(value.get_ref())).collect();
+    values?.try_into().ok()
+}
+
+fn finite(value: &DeValue<'_>) -> Option<f64> {
+    let number = match value {
+        DeValue::Float(float) => float.as_str().parse().ok()?,
+        DeValue::Integer(integer) => int(integer)? as f64,
+        _ => return None,
+    };
+    Some(number).filter(|number| number.is_finite())
 }
 
 fn int(integer: &DeInteger<'_>) -> Option<i64> {

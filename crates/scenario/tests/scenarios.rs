@@ -1,4 +1,5 @@
 //! The scenarios agree with themselves: rates with attitudes, forces with velocities, readings with their seeds.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, turn::Turn};
 use scenario::{Coverage, Errors, Motion, Scenario, Sensors};
@@ -66,12 +67,12 @@ fn the_force_of_a_flight_is_what_its_velocity_needs() {
         });
         scenario.duration_s = 200.0;
         let readings: Vec<_> = scenario.readings().map(|(_, reading)| reading).collect();
-        let velocity = |k: usize| readings[k].fix.unwrap().velocity_m_s;
-        for k in 1..readings.len() - 1 {
-            let acceleration_m_s2 = (velocity(k + 1) - velocity(k - 1)) / 0.02;
-            let truth = readings[k].truth;
-            let force = truth.attitude.matrix().transpose() * truth.force_m_s2 - Vector3::z() * GRAVITY_M_S2;
-            assert!((acceleration_m_s2 - force).norm() < 1e-3, "{name} at {} s", k as f64 / 100.0);
+        let velocity = |reading: &scenario::Reading| reading.fix.unwrap().velocity_m_s;
+        for three in readings.windows(3) {
+            let [before, now, after] = three else { unreachable!() };
+            let acceleration_m_s2 = (velocity(after) - velocity(before)) / 0.02;
+            let force = now.truth.attitude.matrix().transpose() * now.truth.force_m_s2 - Vector3::z() * GRAVITY_M_S2;
+            assert!((acceleration_m_s2 - force).norm() < 1e-3, "{name}: {acceleration_m_s2} of {force}");
         }
     }
 }

@@ -5,8 +5,6 @@ use std::fmt;
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
 use serde::Serialize;
 
-use crate::stages::Told;
-
 /// Every slot with the stages that can fill it.
 #[derive(Debug, Clone, Serialize)]
 pub struct Catalogue {
@@ -82,6 +80,17 @@ impl fmt::Display for Catalogue {
             }
         }
         Ok(())
+    }
+}
+
+/// A parameter's range, unit, default and meaning, on one line.
+pub(crate) struct Told<'a>(pub(crate) &'a Parameter);
+
+impl fmt::Display for Told<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Parameter { unit, default, least, most, about, .. } = self.0;
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        write!(f, "{least} to {most}{unit}, default {default}. {about}")
     }
 }
 

@@ -3,6 +3,7 @@
 use std::{io, path::PathBuf};
 
 use attitude::parameters::ParameterError;
+use ingest::source::SourceError;
 use launch::Service;
 use recording::RecordingError;
 use runtime::RuntimeError;
@@ -64,6 +65,14 @@ pub enum ScoreError {
         /// Why not.
         cause: ParameterError,
     },
+    /// One receiver for several recordings.
+    #[error("naming the fixes: {} belongs to one recording, there are {trials}; score it alone, or use --gnss auto", fixes.display())]
+    FixesOfOne {
+        /// The file of fixes.
+        fixes: PathBuf,
+        /// How many trials there are.
+        trials: usize,
+    },
     /// Two trials whose files would be the same.
     #[error("naming the trials: two are called `{name}`, and what is written for one would replace the other's")]
     NameTwice {
@@ -82,6 +91,9 @@ pub enum ScoreError {
     /// A slot could not be filled.
     #[error(transparent)]
     Slot(#[from] RuntimeError),
+    /// The source of the readings failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
     /// A file or folder could not be written.
     #[error("writing {}: {cause}", path.display())]
     Write {
@@ -108,10 +120,11 @@ impl ScoreError {
             | Self::Ambiguous { .. }
             | Self::Value { .. }
             | Self::Scenario(_)
+            | Self::FixesOfOne { .. }
             | Self::NameTwice { .. } => 2,
             Self::Recording(_) => 3,
             Self::Run(error) => error.exit_code(),
-            Self::Slot(_) | Self::Write { .. } => 1,
+            Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }
     }
 }

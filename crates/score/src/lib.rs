@@ -7,6 +7,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`stages`] | which stages run, and how they are set |
+//! | [`chain`] | the stages of one path |
 //! | [`catalogue`] | what there is to choose from |
 //! | [`trial`] | a recording or a simulation, moment by moment |
 //! | [`mod@run`] | the stages over the trials, through the slots of the running system |
@@ -16,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 pub mod catalogue;
+pub mod chain;
 mod error;
 pub mod plot;
 pub mod run;

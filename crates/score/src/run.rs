@@ -17,11 +17,12 @@ use supervisor::{Plan, UpError, collector::Collector, in_process, plan::is_same_
 
 use crate::{
     ScoreError,
+    chain::Stages,
     plot::Figures,
-    stages::{self, Choice, Stages},
+    stages::{self, Choice},
     table::{ErrorsDeg, Scores, StageScore, TrialScore},
     timing::{SAMPLES_MAX, Step, ns_per_update},
-    trial::{Options, Trial},
+    trial::{Gnss, Options, Trial},
 };
 
 /// Readings between two signs of progress.
@@ -62,6 +63,9 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scor
 }
 
 fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
+    if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
+        return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
+    }
     let mut names = HashSet::new();
     let mut trials = Vec::new();
     for file in &request.files {
@@ -84,7 +88,7 @@ fn one(
     let plans: Vec<_> = launches.iter().map(|launch| plan(launch, trial)).collect();
     let mut lanes = plans.iter().map(|plan| Lane::new(request, trial, plan)).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = plans.first() else { return Ok(Vec::new()) };
-    let mut conditioner = ingest::conditioner(&first.orders);
+    let mut conditioner = ingest::conditioner(&first.orders)?;
     let mut steps = Vec::new();
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;

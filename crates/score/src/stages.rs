@@ -3,13 +3,12 @@
 //! Input: names and settings as a person writes them. Output: a launch for each fuser, which the slots are filled by. Time: none.
 //! Failure: a stage or parameter that does not exist is refused with those that do.
 
-use std::{fmt, str::FromStr};
+use std::str::FromStr;
 
-use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
 use launch::{Launch, Service};
-use runtime::{RuntimeError, stage::filled};
 
-use crate::ScoreError;
+use crate::{ScoreError, catalogue::Told, chain::Stages};
 
 /// Jaro-Winkler similarity from which a name is another one misspelt.
 const NEAR: f64 = 0.8;
@@ -51,53 +50,6 @@ impl FromStr for Setting {
             None => (None, place.trim()),
         };
         Ok(Self { of, key: key.into(), value })
-    }
-}
-
-/// The stages of one path, before their first step.
-#[derive(Debug, Clone)]
-pub struct Stages {
-    /// Of the slot `gyro`.
-    pub gyro: Gyro,
-    /// Of the slot `accel`.
-    pub accel: Accelerometer,
-    /// Of the slot `fuser`.
-    pub fuser: Fuser,
-    /// Of the slot `course`.
-    pub course: Course,
-}
-
-impl Stages {
-    /// What a launch names, as it sets them.
-    pub fn of(launch: &Launch) -> Result<Self, RuntimeError> {
-        Ok(Self {
-            gyro: filled(Service::Gyro, &launch.gyro, Gyro::named)?,
-            accel: filled(Service::Accel, &launch.accel, Accelerometer::named)?,
-            fuser: filled(Service::Fuser, &launch.fuser, Fuser::named)?,
-            course: filled(Service::Course, &launch.course, Course::named)?,
-        })
-    }
-
-    /// Tries a setting on the stage of a slot.
-    fn set(&mut self, slot: Service, setting: &Setting) -> Result<(), attitude::parameters::ParameterError> {
-        let Setting { key, value, .. } = setting;
-        match slot {
-            Service::Gyro => self.gyro.set(key, *value),
-            Service::Accel => self.accel.set(key, *value),
-            Service::Fuser => self.fuser.set(key, *value),
-            Service::Course => self.course.set(key, *value),
-            Service::Ingest => Ok(()),
-        }
-    }
-
-    /// Each slot's stage and its parameters.
-    fn parameters(&self) -> [(Service, &'static str, &'static [Parameter]); 4] {
-        [
-            (Service::Gyro, self.gyro.name(), self.gyro.parameters()),
-            (Service::Accel, self.accel.name(), self.accel.parameters()),
-            (Service::Fuser, self.fuser.name(), self.fuser.parameters()),
-            (Service::Course, self.course.name(), self.course.parameters()),
-        ]
     }
 }
 
@@ -155,7 +107,7 @@ fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
                 continue;
             }
             let value_refused = |cause| ScoreError::Value { key: key.clone(), stage: stage.into(), cause };
-            stages.set(slot, setting).map_err(value_refused)?;
+            stages.set(slot, key, *value).map_err(value_refused)?;
             filling(launch, slot).set.insert(key.clone(), *value);
             if !places.contains(&slot) {
                 places.push(slot);
@@ -204,17 +156,6 @@ fn near(found: &str, known: impl Iterator<Item = &'static str>) -> Option<&'stat
         .filter(|(similarity, _)| *similarity >= NEAR)
         .max_by(|(a, _), (b, _)| a.total_cmp(b))
         .map(|(_, known)| known)
-}
-
-/// A parameter's range, unit, default and meaning, on one line.
-pub(crate) struct Told<'a>(pub(crate) &'a Parameter);
-
-impl fmt::Display for Told<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Parameter { unit, default, least, most, about, .. } = self.0;
-        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        write!(f, "{least} to {most}{unit}, default {default}. {about}")
-    }
 }
 
 #[cfg(test)]

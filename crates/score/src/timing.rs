@@ -1,12 +1,12 @@
 //! Nanoseconds per update of the bare stages.
 //!
 //! Input: checked samples in memory. Output: the time from a sample to the fused attitude: gyro, accel and fuser step, nothing
-//! else. Time: the clock, around whole passes over the samples. Failure: none; a machine with other work gives larger figures.
+//! else. Time: the CPU time of this thread over whole passes. Failure: none; what else runs on the machine still costs caches.
 //!
 //! The stages that are compared take turns, so that what slows the machine slows them all; of the rounds' means the median is
 //! taken.
 
-use std::{hint::black_box, time::Instant};
+use std::hint::black_box;
 
 use attitude::{
     Vector3,
@@ -17,8 +17,9 @@ use attitude::{
 };
 use ingest::conditioner::Sample;
 use messages::Flags;
+use rustix::time::{ClockId, clock_gettime};
 
-use crate::stages::Stages;
+use crate::chain::Stages;
 
 /// Samples of a trial that are timed, from its start: so many are kept in memory.
 pub const SAMPLES_MAX: usize = 30_000;
@@ -63,7 +64,7 @@ pub fn ns_per_update(steps: &[Step], compared: &[Stages]) -> Vec<Option<f64>> {
 }
 
 fn mean_ns(steps: &[Step], mut stages: Stages) -> f64 {
-    let start = Instant::now();
+    let start_ns = cpu_ns();
     for step in steps {
         let motion = stages.gyro.step(&step.rate);
         let inclination = stages.accel.step(&step.force_m_s2);
@@ -76,7 +77,13 @@ fn mean_ns(steps: &[Step], mut stages: Stages) -> f64 {
         });
         black_box(fused);
     }
-    start.elapsed().as_secs_f64() * 1e9 / steps.len() as f64
+    (cpu_ns() - start_ns) / steps.len() as f64
+}
+
+/// CPU time of this thread.
+fn cpu_ns() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 * 1e9 + time.tv_nsec as f64
 }
 
 fn median(mut values: [f64; ROUNDS]) -> f64 {

@@ -5,10 +5,10 @@
 
 use std::path::{Path, PathBuf};
 
-use attitude::{Vector3, gnss::Fix, gyro::RateKind};
-use ingest::source::{Reading, Truth};
+use attitude::gyro::RateKind;
+use ingest::source::{Reading, Recorded, Truth};
 use launch::GyroSamples;
-use recording::{Reader, RecordingError, Row, gnss, gnss::Fixes, survey};
+use recording::{gnss, survey};
 use scenario::Scenario;
 
 use crate::ScoreError;
@@ -124,36 +124,18 @@ impl Trial {
 
     /// The readings from the first to the last; ends after the first error.
     pub fn readings(&self) -> Result<Box<dyn Iterator<Item = Result<Reading, ScoreError>>>, ScoreError> {
-        let Options { gnss, without_field, .. } = self.options.clone();
-        let of_source: Box<dyn Iterator<Item = _>> = match &self.source {
+        let Options { gnss, without_field, .. } = &self.options;
+        Ok(match &self.source {
             Source::Recording { file, fixes } => {
-                let mut fixes = fixes.as_deref().map(Fixes::open).transpose()?;
-                Box::new(Reader::open(file)?.map(move |row| Ok(recorded(row?, fixes.as_mut())?)))
+                let readings = Recorded::open(file, fixes.as_deref(), !without_field)?;
+                Box::new(readings.map(|reading| Ok(reading?)))
             }
-            Source::Sim(scenario) => Box::new(simulated(scenario, gnss != Gnss::Off).map(Ok)),
-        };
-        Ok(Box::new(of_source.map(move |reading: Result<Reading, ScoreError>| {
-            let reading = reading?;
-            Ok(Reading { field_ut: reading.field_ut.filter(|_| !without_field), ..reading })
-        })))
+            Source::Sim(scenario) => Box::new(simulated(scenario, *gnss != Gnss::Off, !without_field).map(Ok)),
+        })
     }
 }
 
-fn recorded(row: Row, fixes: Option<&mut Fixes>) -> Result<Reading, RecordingError> {
-    let fix = match fixes {
-        Some(fixes) => fixes.until(row.t_ns)?,
-        None => None,
-    };
-    let fix = fix.map(|fix| Fix {
-        velocity_m_s: Vector3::from(fix.velocity_m_s),
-        sd_m_s: None,
-        age_s: None,
-        latitude_rad: fix.latitude_deg.map(f64::to_radians),
-    });
-    Ok(Reading { fix, ..row.into() })
-}
-
-fn simulated(scenario: &Scenario, with_fixes: bool) -> impl Iterator<Item = Reading> + use<> {
+fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl Iterator<Item = Reading> + use<> {
     let scored_from_s = scenario.scored_from_s;
     scenario.readings().map(move |(t_s, reading)| {
         let q = reading.truth.attitude.quaternion();
@@ -161,7 +143,7 @@ fn simulated(scenario: &Scenario, with_fixes: bool) -> impl Iterator<Item = Read
             t_ns: (t_s * 1e9).round() as i64,
             rate_rad_s: reading.rate_rad_s.into(),
             force_m_s2: reading.force_m_s2.into(),
-            field_ut: reading.field_ut.map(Into::into),
+            field_ut: reading.field_ut.filter(|_| with_field).map(Into::into),
             fix: reading.fix.filter(|_| with_fixes),
             reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: t_s >= scored_from_s }),
         }

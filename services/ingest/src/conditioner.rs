@@ -1,6 +1,6 @@
 //! From readings to checked samples: every reading that can be placed in time becomes a tick.
 //!
-//! Input: readings as a sensor gives them. Output: samples with finite values, growing time and contiguous ticks, with flags for what
+//! Input: readings as a sensor gives them; what is wrong with them is judged before calibration and mounting are applied. Output: samples with finite values, growing time and contiguous ticks, with flags for what
 //! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
 //!
 //! | reading | becomes |
@@ -17,11 +17,18 @@
 //! | a stamp later by more than `gap_s` | a sample after a gap, flagged; beyond 1 s the level is set anew |
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
-use attitude::gnss::Fix;
-use launch::{GyroSamples, Limits};
+use attitude::{
+    Matrix3,
+    calibration::{Calibration, CalibrationError, Mounting},
+    gnss::Fix,
+};
+use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
-use crate::source::Reading;
+use crate::{
+    channel::{Channel, FieldChannel, checked},
+    source::Reading,
+};
 
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
 const LEAP_NS: i64 = 10_000_000_000;
@@ -29,11 +36,6 @@ const LEAP_NS: i64 = 10_000_000_000;
 const START_MAX_NS: i64 = 9_000_000_000_000_000_000;
 /// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
 const PAST_MAX: i64 = 10;
-/// A value this many times beyond the range is not a measurement.
-const SENSE: f64 = 10.0;
-
-/// A fix that says more than this of a speed is not one, m/s: nothing that is guided by us is faster.
-const SPEED_MAX_M_S: f64 = 3000.0;
 
 /// What becomes of a reading: one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,6 +56,7 @@ pub struct Conditioner {
     field: FieldChannel,
     /// Of a reading that was refused; it goes with the next.
     fix: Option<Fix>,
+    body: Body,
     gap_ns: i64,
     kind: Flags,
     tick: u64,
@@ -67,6 +70,23 @@ pub struct Conditioner {
     refused_before: bool,
 }
 
+/// From the sensors' axes to the body's.
+#[derive(Debug, Clone)]
+struct Body {
+    mounting: Mounting,
+    gyro: Calibration,
+    accel: Calibration,
+    mag: Calibration,
+}
+
+fn in_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
+    mounting.apply(calibration.apply(raw.into())).into()
+}
+
+fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| rows[row][column])
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Last {
     t_end_ns: i64,
@@ -74,11 +94,13 @@ struct Last {
 }
 
 impl Conditioner {
-    /// For a sensor of this rate with these limits.
-    pub fn new(limits: &Limits, rate_hz: f64, kind: GyroSamples) -> Self {
+    /// For sensors of this rate, limited, calibrated and mounted as `ingest` says.
+    pub fn new(ingest: &Ingest, rate_hz: f64, kind: GyroSamples) -> Result<Self, CalibrationError> {
+        let limits = &ingest.limits;
+        let calibration = |of: &launch::Calibration| Calibration::new(of.bias.into(), matrix(of.matrix));
         let stuck_ns = (limits.stuck_s * 1e9) as i64;
         let gap_ns = (limits.gap_s * 1e9) as i64;
-        Self {
+        Ok(Self {
             rate: Channel {
                 limit: limits.rate_max_deg_s.to_radians(),
                 invalid: Flags::RATE_INVALID,
@@ -97,6 +119,12 @@ impl Conditioner {
             },
             field: FieldChannel { limit_ut: limits.field_max_ut, last_ut: None },
             fix: None,
+            body: Body {
+                mounting: Mounting::of_matrix(matrix(ingest.mounting))?,
+                gyro: calibration(&ingest.calibration.gyro)?,
+                accel: calibration(&ingest.calibration.accel)?,
+                mag: calibration(&ingest.calibration.mag)?,
+            },
             gap_ns,
             kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
             tick: 0,
@@ -106,7 +134,7 @@ impl Conditioner {
             past: None,
             refused: 0,
             refused_before: false,
-        }
+        })
     }
 
     /// The sample of a reading; `None` when it is refused.
@@ -121,7 +149,9 @@ impl Conditioner {
         let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, dt_ns);
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, dt_ns);
         let dead = self.rate.invalid_ns > self.gap_ns;
-        let rate_rad_s = if dead { [0.0; 3] } else { rate_rad_s };
+        let Body { mounting, gyro, accel, mag } = &self.body;
+        let rate_rad_s = if dead { [0.0; 3] } else { in_body(mounting, gyro, rate_rad_s) };
+        let force_m_s2 = in_body(mounting, accel, force_m_s2);
         let (field_ut, field_flags) = self.field.check(reading.field_ut);
         let (fix, fix_flags) = checked(self.fix.take());
         let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
@@ -131,7 +161,7 @@ impl Conditioner {
         self.last = Some(Last { t_end_ns, reading: *reading });
         Some(Sample {
             imu: ImuSample { header, rate_rad_s, force_m_s2 },
-            mag: field_ut.map(|field_ut| MagSample { header, field_ut }),
+            mag: field_ut.map(|field_ut| MagSample { header, field_ut: in_body(mounting, mag, field_ut) }),
             gnss: fix.map(|fix| GnssFix {
                 header,
                 velocity_m_s: fix.velocity_m_s.into(),
@@ -200,71 +230,4 @@ impl Conditioner {
 fn is_repeated(reading: &Reading, before: &Reading) -> bool {
     let bits = |reading: &Reading| (reading.rate_rad_s.map(f64::to_bits), reading.force_m_s2.map(f64::to_bits));
     bits(reading) == bits(before)
-}
-
-/// A fix that makes sense; what does not is left out, flagged.
-fn checked(fix: Option<Fix>) -> (Option<Fix>, Flags) {
-    let Some(fix) = fix else { return (None, Flags::NONE) };
-    // The comparison also refuses what is not a number.
-    if !fix.velocity_m_s.iter().all(|x| x.abs() < SPEED_MAX_M_S) {
-        return (None, Flags::FIX_INVALID);
-    }
-    let sound = |value: Option<f64>, limit: f64| value.filter(|value| value.is_finite() && value.abs() <= limit);
-    let fix = Fix {
-        velocity_m_s: fix.velocity_m_s,
-        sd_m_s: sound(fix.sd_m_s, SPEED_MAX_M_S).filter(|sd| *sd > 0.0),
-        age_s: sound(fix.age_s, 10.0).filter(|age| *age >= 0.0),
-        latitude_rad: sound(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
-    };
-    (Some(fix), Flags::FIX)
-}
-
-/// The magnetometer.
-#[derive(Debug, Clone, Copy)]
-struct FieldChannel {
-    limit_ut: f64,
-    last_ut: Option<[f64; 3]>,
-}
-
-impl FieldChannel {
-    /// The field where it is a new sample, and what is to be said about it.
-    fn check(&mut self, field_ut: Option<[f64; 3]>) -> (Option<[f64; 3]>, Flags) {
-        let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
-        if !field_ut.iter().all(|x| x.abs() < self.limit_ut) {
-            return (None, Flags::FIELD_INVALID);
-        }
-        // A magnetometer is slower than a gyro; a recording repeats it until it has something new to say.
-        if self.last_ut.replace(field_ut) == Some(field_ut) {
-            return (None, Flags::NONE);
-        }
-        (Some(field_ut), Flags::FIELD)
-    }
-}
-
-/// One vector of the sensor.
-#[derive(Debug, Clone, Copy, Default)]
-struct Channel {
-    limit: f64,
-    invalid: Flags,
-    clipped: Flags,
-    stuck: Flags,
-    stuck_ns: i64,
-    good: [f64; 3],
-    repeated_ns: i64,
-    invalid_ns: i64,
-}
-
-impl Channel {
-    /// The value to go on with, and what is to be said about it.
-    fn check(&mut self, value: [f64; 3], dt_ns: i64) -> ([f64; 3], Flags) {
-        if !value.iter().all(|x| x.abs() < self.limit * SENSE) {
-            self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
-            return (self.good, self.invalid);
-        }
-        self.invalid_ns = 0;
-        self.repeated_ns = if value == self.good { self.repeated_ns.saturating_add(dt_ns) } else { 0 };
-        self.good = value;
-        let clipped = value.iter().any(|x| x.abs() >= self.limit);
-        (value, self.clipped.when(clipped) | self.stuck.when(self.repeated_ns >= self.stuck_ns))
-    }
 }

@@ -4,6 +4,7 @@
 //! known. Time: readings are published when they are due; in lockstep not before the readers have room. Failure: see [`mod@conditioner`].
 #![forbid(unsafe_code)]
 
+mod channel;
 pub mod conditioner;
 pub mod source;
 
@@ -44,8 +45,8 @@ impl From<BusError> for IngestError {
 }
 
 /// The conditioner for the source that `orders` name.
-pub fn conditioner(orders: &Orders) -> Conditioner {
-    Conditioner::new(&orders.launch.ingest.limits, orders.rate_hz, orders.gyro_samples())
+pub fn conditioner(orders: &Orders) -> Result<Conditioner, SourceError> {
+    Ok(Conditioner::new(&orders.launch.ingest, orders.rate_hz, orders.gyro_samples())?)
 }
 
 /// The service.
@@ -76,7 +77,7 @@ impl Ingest {
         let member = Member::join(Service::Ingest)?;
         runtime::clock::wake_on_time();
         Ok(Self {
-            conditioner: conditioner(&member.orders),
+            conditioner: conditioner(&member.orders)?,
             imu: member.publisher()?,
             mag: member.publisher()?,
             gnss: member.publisher()?,

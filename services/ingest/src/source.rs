@@ -1,11 +1,14 @@
 //! Where readings come from: a simulation or a recording. (The third source, the bus, is read where the bus is.)
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use attitude::gnss::Fix;
-use launch::{Launch, Source};
+use attitude::{calibration::CalibrationError, gnss::Fix};
+use launch::{Gnss, Launch, Replay, Source};
 use messages::{ReceiverReading, SensorReading};
-use recording::{Reader, RecordingError, Row};
+use recording::{
+    Reader, RecordingError, Row,
+    gnss::{self, Fixes},
+};
 use scenario::{Motion, Scenario, ScenarioError, Sensors};
 
 pub use recording::Reference as Truth;
@@ -65,7 +68,7 @@ pub enum Readings {
         count: u64,
     },
     /// A recording.
-    Replay(Box<Reader>),
+    Replay(Box<Recorded>),
 }
 
 impl Readings {
@@ -81,7 +84,10 @@ impl Readings {
                 }
                 Ok(Self::Sim { sensors: Box::new(scenario.sensors()), rate_hz: sim.rate_hz, count: 0 })
             }
-            Source::Replay => Ok(Self::Replay(Box::new(Reader::open(Path::new(&launch.ingest.replay.file))?))),
+            Source::Replay => {
+                let Replay { file, gnss, mag, .. } = &launch.ingest.replay;
+                Ok(Self::Replay(Box::new(Recorded::open(file, fixes_of(file, gnss).as_deref(), *mag)?)))
+            }
             Source::Bus => Err(SourceError::NoBus),
         }
     }
@@ -106,8 +112,51 @@ impl Iterator for Readings {
                     reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }
-            Self::Replay(reader) => Some(reader.next()?.map(Reading::from).map_err(SourceError::from)),
+            Self::Replay(recorded) => Some(recorded.next()?.map_err(SourceError::from)),
         }
+    }
+}
+
+/// A recording with the fixes beside it.
+pub struct Recorded {
+    rows: Reader,
+    fixes: Option<Fixes>,
+    mag: bool,
+}
+
+impl Recorded {
+    /// Opens both. Without `mag` the magnetic field is left out.
+    pub fn open(file: &Path, fixes: Option<&Path>, mag: bool) -> Result<Self, RecordingError> {
+        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(Fixes::open).transpose()?, mag })
+    }
+
+    fn read(&mut self, row: Row) -> Result<Reading, RecordingError> {
+        let fix = self.fixes.as_mut().map_or(Ok(None), |fixes| fixes.until(row.t_ns))?;
+        let fix = fix.map(|fix| Fix {
+            velocity_m_s: fix.velocity_m_s.into(),
+            sd_m_s: None,
+            age_s: None,
+            latitude_rad: fix.latitude_deg.map(f64::to_radians),
+        });
+        let reading = Reading::from(row);
+        Ok(Reading { fix, field_ut: reading.field_ut.filter(|_| self.mag), ..reading })
+    }
+}
+
+impl Iterator for Recorded {
+    type Item = Result<Reading, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        Some(self.rows.next()?.and_then(|row| self.read(row)))
+    }
+}
+
+/// The file with the fixes that go with a recording, where there is one.
+pub fn fixes_of(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
+    match gnss {
+        Gnss::Auto => gnss::beside(recording),
+        Gnss::Off => None,
+        Gnss::File(path) => Some(path.clone()),
     }
 }
 
@@ -120,6 +169,9 @@ pub enum SourceError {
     /// There is no such scenario.
     #[error("simulating: {0}")]
     Scenario(#[from] ScenarioError),
+    /// A calibration or a mounting that is none.
+    #[error("placing the sensors in the body: {0}")]
+    Body(#[from] CalibrationError),
     /// Readings from the bus need the bus.
     #[error("reading sensors from the bus: there is no bus inside one process; leave out --in-process")]
     NoBus,

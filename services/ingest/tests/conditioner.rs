@@ -14,7 +14,7 @@ const YEAR_NS: i64 = 365 * 24 * HOUR_NS;
 const NO_PLACES: [usize; 0] = [];
 
 fn conditioner(kind: GyroSamples) -> Conditioner {
-    Conditioner::new(&Launch::default().ingest.limits, RATE_HZ, kind)
+    Conditioner::new(&Launch::default().ingest, RATE_HZ, kind).unwrap()
 }
 
 /// A good reading that no other count gives.
@@ -407,4 +407,23 @@ fn a_fix_goes_with_the_first_tick_after_it_even_when_its_reading_is_refused() {
     let flags: Vec<_> = given.iter().map(|(_, fix, flags)| (*fix, *flags)).collect();
     let (none, fix, invalid) = ((false, Flags::NONE), (true, Flags::FIX), (false, Flags::FIX_INVALID));
     assert_eq!(flags, [none, fix, fix, invalid], "the third reading came twice and is no tick");
+}
+
+#[test]
+fn readings_are_calibrated_in_the_sensors_axes_and_then_turned_into_the_bodys() {
+    let text = r#"
+        [ingest]
+        mounting.axes = "x-forward-y-left"
+        calibration.gyro.bias = [0.5, 0, 0]
+        calibration.accel.scale = [1, 2, 1]
+        calibration.mag.matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 3]]
+    "#;
+    let ingest = Launch::parse("launch.toml", text).unwrap().ingest;
+    let mut conditioner = Conditioner::new(&ingest, RATE_HZ, GyroSamples::Means).unwrap();
+    let raw = [1.0, 2.0, 3.0];
+    let reading = Reading { rate_rad_s: raw, force_m_s2: raw, field_ut: Some(raw), ..reading(0) };
+    let sample = conditioner.condition(&reading).unwrap();
+    assert_eq!(sample.imu.rate_rad_s, [-2.0, 0.5, 3.0]);
+    assert_eq!(sample.imu.force_m_s2, [-4.0, 1.0, 3.0]);
+    assert_eq!(sample.mag.unwrap().field_ut, [-2.0, 1.0, 9.0]);
 }

@@ -69,7 +69,7 @@ impl Path {
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
     let ends = crate::asked_to_end()?;
     let mut collector = Collector::new(plan.out.as_deref())?;
-    let mut conditioner = ingest::conditioner(&plan.orders);
+    let mut conditioner = ingest::conditioner(&plan.orders)?;
     let mut path = Path::new(plan)?;
     let mut view = View::new(plan);
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());

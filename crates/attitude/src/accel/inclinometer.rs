@@ -87,7 +87,7 @@ impl Stage for Inclinometer {
         self.up = seen.unwrap_or(self.up);
         let off = libm::fabs(norm_m_s2 / GRAVITY_M_S2 - 1.0);
         let trust = if seen.is_some() { (1.0 - off).max(0.0) } else { 0.0 };
-        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust }
+        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2: norm_m_s2.min(f64::MAX), trust }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

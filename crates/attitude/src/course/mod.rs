@@ -18,6 +18,9 @@
 //! | and a magnetometer | magnetic | magnetic; true with a declination | the same |
 //! | and a receiver, moving | arbitrary, or true in a stage that takes tracks | as the fuser | true |
 //! | and both | magnetic or true | as the fuser; true with a declination | true |
+//!
+//! `track` tells where a vehicle goes, and so, without wind and side slip, where it points. Behind a fuser that finds true north by
+//! accelerations, `angles` tells where it points in wind, too.
 
 mod angles;
 mod track;

@@ -18,7 +18,7 @@ use crate::{
     stage::{Numbers, RestoreError, Stage},
     state::wrapped_rad,
 };
-use core::f64::consts::PI;
+use core::f64::consts::{PI, TAU};
 
 settings! {
     /// Settings of `track`.
@@ -197,11 +197,13 @@ impl Stage for OfTrack {
 
     fn flaw(&self) -> Option<&'static str> {
         let negative = self.since_track_s < 0.0 || self.drift_sd_rad < 0.0 || self.track_sd_rad < 0.0;
-        let wound = libm::fabs(self.offset_rad) > 4.0;
+        let wound = libm::fabs(self.offset_rad) > 4.0
+            || !(0.0..TAU).contains(&self.gyroscopic_rad)
+            || libm::fabs(self.turn_rate_rad_s) > TURN_LIMIT_RAD_S;
         self.continuity
             .flaw()
             .or(negative.then_some("a time or a standard deviation below zero"))
-            .or(wound.then_some("an angle of more than a turn"))
+            .or(wound.then_some("an angle of more than a turn, or a rate that no course has"))
     }
 
     fn common(&self) -> LastReading {

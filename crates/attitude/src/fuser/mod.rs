@@ -16,6 +16,7 @@
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
+mod compass;
 pub mod levelling;
 pub mod madgwick;
 mod spread;
@@ -275,5 +276,5 @@ fn field_direction(field_ut: Vector3<f64>) -> Option<Vector3<f64>> {
 
 /// The gain of a first-order low-pass over one step, exact for an input that holds still: 1 − e^{−dt/T}.
 fn low_pass_gain(dt_s: f64, time_constant_s: f64) -> f64 {
-    -libm::expm1(-dt_s / time_constant_s)
+    if time_constant_s > 0.0 { -libm::expm1(-dt_s / time_constant_s) } else { 1.0 }
 }

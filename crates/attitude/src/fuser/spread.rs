@@ -5,7 +5,7 @@ use core::f64::consts::PI;
 use crate::stage::Numbers;
 
 /// Gyro bias that a stage without an estimate of it must reckon with, rad/s: a consumer MEMS gyro after its own calibration.
-const BIAS_RAD_S: f64 = 0.003;
+pub(super) const BIAS_SD_RAD_S: f64 = 0.003;
 /// Memory of the innovation's mean square, s.
 const MEMORY_S: f64 = 1.0;
 /// Standard deviation of a first level, rad: a vehicle that accelerates by 1 m/s² at that moment.
@@ -34,8 +34,8 @@ impl Spread {
     }
 
     /// The gyro leads for a while.
-    pub(super) fn drift(&mut self, dt_s: f64) {
-        self.sd_rad = (self.sd_rad + BIAS_RAD_S * dt_s).min(PI);
+    pub(super) fn drift(&mut self, bias_sd_rad_s: f64, dt_s: f64) {
+        self.sd_rad = (self.sd_rad + bias_sd_rad_s * dt_s).min(PI);
     }
 
     /// A share of an innovation was taken off.

@@ -1,34 +1,54 @@
 //! The closed loop of first order: the exact step applied to the fused point, then a move towards the accelerometer's.
 //!
-//! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed. z follows the gyro.
+//! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed; z likewise by the magnetic field, and by the gyro alone without.
 
-use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain};
-use core::f64::consts::PI;
-
+use super::{
+    Corrections, Estimate, Fused, FuserInput,
+    compass::Compass,
+    innovation_rad, low_pass_gain,
+    spread::{BIAS_SD_RAD_S, Spread},
+};
 use crate::{
     Vector3,
-    course::Reference,
+    parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
-    state::Attitude,
+    state::{Attitude, wrapped_rad},
 };
 
 /// Farthest that the accelerometer's point is taken to be from the chart's centre: 168.6° of tilt. Beyond it the sum of points
 /// would leave the finite numbers.
 pub(super) const POINT_LIMIT: f64 = 10.0;
 
+settings! {
+    /// Settings of `wz-closed`.
+    pub struct Settings {
+        /// Time constant T of the tilt: what is faster comes from the gyro, what is slower from the accelerometer.
+        time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
+        /// The same for the heading, between the gyro and the magnetic field.
+        heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
+    }
+}
+
 /// The fuser stage `wz-closed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WzClosed {
-    time_constant_s: f64,
+    settings: Settings,
     attitude: Attitude,
     started: bool,
-    innovation2_rad2: f64,
+    tilt: Spread,
+    compass: Compass,
 }
 
 impl Default for WzClosed {
     fn default() -> Self {
-        Self { time_constant_s: 1.0, attitude: Attitude::default(), started: false, innovation2_rad2: 0.0 }
+        Self {
+            settings: Settings::default(),
+            attitude: Attitude::default(),
+            started: false,
+            tilt: Spread::UNKNOWN,
+            compass: Compass::default(),
+        }
     }
 }
 
@@ -47,37 +67,51 @@ impl Stage for WzClosed {
         "wz-closed"
     }
 
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.settings.set(name, value)
+    }
+
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
             self.attitude = self.attitude.turned(motion.turn).attitude;
         }
-        let gain = low_pass_gain(dt_s, self.time_constant_s);
+        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
+        self.compass.drift(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {
                 innovation = innovation_rad(inclination, self.attitude);
+                let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
                 let Point { w, chart } = self.attitude.up;
                 self.attitude.up.w += (inclination.up.seen_in(chart, POINT_LIMIT) - w) * gain;
                 self.attitude = self.attitude.rebounded();
-                self.innovation2_rad2 += (innovation * innovation - self.innovation2_rad2) * gain;
+                self.tilt.corrected(innovation, gain, dt_s);
                 corrections.tilt = true;
             } else {
                 self.attitude = self.attitude.realigned(inclination.up).attitude;
-                self.started = true;
+                (self.started, self.tilt) = (true, Spread::FIRST);
                 corrections.aligned = true;
             }
+        }
+        if let (true, Some(field_ut)) = (self.started, input.field_ut) {
+            let time_constant_s = self.settings.heading_time_constant_s;
+            let z_rad = self.compass.correction_rad(self.attitude, field_ut, time_constant_s, &mut corrections);
+            self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + z_rad);
         }
         Fused {
             attitude: self.attitude,
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
             bias_rad_s: Vector3::zeros(),
             innovation_rad: innovation,
-            // White noise through a first-order low-pass: variance times gain / (2 − gain).
-            inclination_sd_rad: libm::sqrt(self.innovation2_rad2 * gain / (2.0 - gain)),
-            heading_sd_rad: PI,
-            reference: Reference::Arbitrary,
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.compass.sd_rad(),
+            reference: self.compass.reference(),
             corrections,
         }
     }
@@ -85,19 +119,21 @@ impl Stage for WzClosed {
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.attitude.visit(visit);
         self.started.visit(visit);
-        self.innovation2_rad2.visit(visit);
+        self.tilt.visit(visit);
+        self.compass.visit(visit);
     }
+
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude)
+        attitude_flaw(self.attitude).or_else(|| self.tilt.flaw()).or_else(|| self.compass.flaw())
     }
 
     fn common(&self) -> Estimate {
         Estimate {
             attitude: self.attitude,
-            reference: Reference::Arbitrary,
+            reference: self.compass.reference(),
             bias_rad_s: Vector3::zeros(),
-            inclination_sd_rad: libm::sqrt(self.innovation2_rad2),
-            heading_sd_rad: PI,
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.compass.sd_rad(),
             bias_sd_rad_s: f64::INFINITY,
         }
     }
@@ -106,6 +142,8 @@ impl Stage for WzClosed {
         common.checked()?;
         self.attitude = common.attitude;
         self.started = true;
+        self.tilt = Spread::of(common.inclination_sd_rad);
+        self.compass = Compass::of(common.reference, common.heading_sd_rad);
         Ok(())
     }
 }

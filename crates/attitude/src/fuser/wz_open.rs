@@ -1,37 +1,63 @@
 //! The open loop as published: w_c = HPF(w_gyro) + LPF(w_acc).
 //!
-//! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9, T = 1 s. The gyro channel
-//! integrates by itself and drifts without bound, so the error grows with time: that is the published method, kept for comparison.
+//! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9, T = 1 s; z likewise by the magnetic
+//! field, and by the gyro alone without. The gyro channel integrates by itself and drifts without bound, so the error grows with
+//! time: that is the published method, kept for comparison.
 
-use super::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain, wz_closed::POINT_LIMIT};
-use core::f64::consts::PI;
-
+use super::{
+    Corrections, Estimate, Fused, FuserInput,
+    compass::Compass,
+    innovation_rad, low_pass_gain,
+    spread::{BIAS_SD_RAD_S, Spread},
+    wz_closed::POINT_LIMIT,
+};
 use crate::{
     Complex, Vector3,
-    course::Reference,
+    gyro::Motion,
+    parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
-    state::Attitude,
+    state::{Attitude, wrapped_rad},
 };
+
+settings! {
+    /// Settings of `wz-open`.
+    pub struct Settings {
+        /// Time constant T of the tilt: what is faster comes from the gyro, what is slower from the accelerometer.
+        time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
+        /// The same for the heading, between the gyro and the magnetic field.
+        heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
+    }
+}
 
 /// The fuser stage `wz-open`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WzOpen {
-    time_constant_s: f64,
+    settings: Settings,
+    /// The gyro slot's own attitude, as it was last told.
     gyro: Attitude,
+    /// Of the points, in the gyro's chart.
     difference: Complex<f64>,
+    /// Of z, rad.
+    z_difference_rad: f64,
+    /// `gyro` is an attitude taken over, not the gyro slot's.
+    adopted: bool,
     started: bool,
-    innovation2_rad2: f64,
+    tilt: Spread,
+    compass: Compass,
 }
 
 impl Default for WzOpen {
     fn default() -> Self {
         Self {
-            time_constant_s: 1.0,
+            settings: Settings::default(),
             gyro: Attitude::default(),
             difference: Complex::new(0.0, 0.0),
+            z_difference_rad: 0.0,
+            adopted: false,
             started: false,
-            innovation2_rad2: 0.0,
+            tilt: Spread::UNKNOWN,
+            compass: Compass::default(),
         }
     }
 }
@@ -43,17 +69,35 @@ impl WzOpen {
 
     fn fused(&self) -> Attitude {
         let up = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
-        Attitude { up, z_rad: self.gyro.z_rad }.rebounded()
+        Attitude { up, z_rad: wrapped_rad(self.gyro.z_rad + self.z_difference_rad) }.rebounded()
+    }
+
+    /// Follows the gyro's attitude.
+    fn follow(&mut self, motion: &Motion) {
+        if self.adopted {
+            self.compare(self.gyro.turned(motion.turn).attitude, motion.attitude);
+            self.adopted = false;
+        }
+        self.follow_chart(motion.attitude);
     }
 
     /// Follows the gyro's attitude into its chart; the fused point stays where it is.
-    fn follow(&mut self, gyro: Attitude) {
+    fn follow_chart(&mut self, gyro: Attitude) {
         if gyro.up.chart != self.gyro.up.chart {
             let fused = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
             let before = self.gyro.up.seen_in(gyro.up.chart, POINT_LIMIT);
             self.difference = fused.seen_in(gyro.up.chart, POINT_LIMIT) - before;
         }
         self.gyro = gyro;
+    }
+
+    /// Takes the difference between the fused attitude and the gyro's.
+    fn compare(&mut self, fused: Attitude, gyro: Attitude) {
+        self.difference = fused.up.seen_in(gyro.up.chart, POINT_LIMIT) - gyro.up.w;
+        self.gyro = gyro;
+        // What is left between the two is a turn about the vertical.
+        let turn = fused.quaternion() * self.fused().quaternion().conjugate();
+        self.z_difference_rad = wrapped_rad(self.z_difference_rad + 2.0 * libm::atan2(turn.k, turn.w));
     }
 }
 
@@ -66,37 +110,51 @@ impl Stage for WzOpen {
         "wz-open"
     }
 
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.settings.set(name, value)
+    }
+
     fn step(&mut self, input: &FuserInput) -> Fused {
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
-            self.follow(motion.attitude);
+            self.follow(motion);
         }
-        let gain = low_pass_gain(dt_s, self.time_constant_s);
+        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
+        self.compass.drift(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             let Point { w, chart } = self.gyro.up;
             let distance = inclination.up.seen_in(chart, POINT_LIMIT) - w;
             if self.started {
+                let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
                 self.difference += (distance - self.difference) * gain;
                 innovation = innovation_rad(inclination, self.fused());
-                self.innovation2_rad2 += (innovation * innovation - self.innovation2_rad2) * gain;
+                self.tilt.corrected(innovation, gain, dt_s);
                 corrections.tilt = true;
             } else {
                 self.difference = distance;
-                self.started = true;
+                (self.started, self.tilt) = (true, Spread::FIRST);
                 corrections.aligned = true;
             }
+        }
+        if let (true, Some(field_ut)) = (self.started, input.field_ut) {
+            let time_constant_s = self.settings.heading_time_constant_s;
+            let z_rad = self.compass.correction_rad(self.fused(), field_ut, time_constant_s, &mut corrections);
+            self.z_difference_rad = wrapped_rad(self.z_difference_rad + z_rad);
         }
         Fused {
             attitude: self.fused(),
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
             bias_rad_s: Vector3::zeros(),
             innovation_rad: innovation,
-            // White noise through a first-order low-pass: variance times gain / (2 − gain).
-            inclination_sd_rad: libm::sqrt(self.innovation2_rad2 * gain / (2.0 - gain)),
-            heading_sd_rad: PI,
-            reference: Reference::Arbitrary,
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.compass.sd_rad(),
+            reference: self.compass.reference(),
             corrections,
         }
     }
@@ -104,29 +162,41 @@ impl Stage for WzOpen {
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.gyro.visit(visit);
         self.difference.visit(visit);
+        self.z_difference_rad.visit(visit);
+        self.adopted.visit(visit);
         self.started.visit(visit);
-        self.innovation2_rad2.visit(visit);
+        self.tilt.visit(visit);
+        self.compass.visit(visit);
     }
+
     fn flaw(&self) -> Option<&'static str> {
+        // Two points, each within the limit.
+        let apart = self.difference.norm_sqr() > 4.0 * POINT_LIMIT * POINT_LIMIT || self.z_difference_rad.abs() > 4.0;
         attitude_flaw(self.gyro)
+            .or(apart.then_some("a difference between two attitudes that no two have"))
+            .or_else(|| self.tilt.flaw())
+            .or_else(|| self.compass.flaw())
     }
 
     fn common(&self) -> Estimate {
         Estimate {
             attitude: self.fused(),
-            reference: Reference::Arbitrary,
+            reference: self.compass.reference(),
             bias_rad_s: Vector3::zeros(),
-            inclination_sd_rad: libm::sqrt(self.innovation2_rad2),
-            heading_sd_rad: PI,
+            inclination_sd_rad: self.tilt.sd_rad(),
+            heading_sd_rad: self.compass.sd_rad(),
             bias_sd_rad_s: f64::INFINITY,
         }
     }
 
+    /// The gyro's attitude comes from outside and is another one than this; the difference is taken at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.gyro = common.attitude;
-        self.difference = Complex::new(0.0, 0.0);
-        self.started = true;
+        (self.difference, self.z_difference_rad) = (Complex::new(0.0, 0.0), 0.0);
+        (self.adopted, self.started) = (true, true);
+        self.tilt = Spread::of(common.inclination_sd_rad);
+        self.compass = Compass::of(common.reference, common.heading_sd_rad);
         Ok(())
     }
 }

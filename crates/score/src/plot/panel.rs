@@ -2,7 +2,11 @@
 
 use std::path::Path;
 
-use plotters::{coord::Shift, prelude::*};
+use plotters::{
+    coord::Shift,
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
 
 use super::{Drawn, curve::Curve};
 
@@ -10,6 +14,9 @@ use super::{Drawn, curve::Curve};
 const WRAP: f64 = 180.0;
 const TITLE: (&str, u32) = ("sans-serif", 20);
 const TEXT: (&str, u32) = ("sans-serif", 15);
+
+/// Room for the names of the curves, beside the curves, pixels.
+const LEGEND_WIDTH: u32 = 176;
 
 /// One panel.
 pub(crate) struct Panel<'a> {
@@ -43,7 +50,7 @@ impl Panel<'_> {
         let (least, largest) = self.range();
         let mut chart = ChartBuilder::on(area)
             .margin(8)
-            .margin_right(24)
+            .margin_right(if self.lines.len() > 1 { LEGEND_WIDTH } else { 24 })
             .x_label_area_size(38)
             .y_label_area_size(72)
             .build_cartesian_2d(0.0..end_s, least..largest)?;
@@ -56,23 +63,24 @@ impl Panel<'_> {
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.12))
             .y_labels(6)
+            .x_label_formatter(&number)
+            .y_label_formatter(&number)
             .draw()?;
-        for Line { name, color, curve } in &self.lines {
-            let color = *color;
+        for Line { color, curve, .. } in &self.lines {
             let parts = curve.lines(WRAP).map(|points| PathElement::new(points.to_vec(), color.stroke_width(1)));
-            chart
-                .draw_series(parts)?
-                .label(*name)
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 22, y)], color.stroke_width(3)));
+            chart.draw_series(parts)?;
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .label_font(TEXT)
-            .legend_area_size(28)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .draw()?;
+        if self.lines.len() > 1 { self.legend(area) } else { Ok(()) }
+    }
+
+    /// The names of the curves, to the right of them.
+    fn legend(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Drawn {
+        let left = area.dim_in_pixel().0 as i32 - LEGEND_WIDTH as i32 + 14;
+        let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
+        for (Line { name, color, .. }, y) in self.lines.iter().zip((16..).step_by(22)) {
+            area.draw(&PathElement::new(vec![(left, y), (left + 24, y)], color.stroke_width(3)))?;
+            area.draw(&Text::new(*name, (left + 32, y), text.clone()))?;
+        }
         Ok(())
     }
 
@@ -83,5 +91,14 @@ impl Panel<'_> {
         let largest = ranges().map(|range| range.1).reduce(f64::max).unwrap_or(1.0);
         let room = (0.05 * (largest - least)).max(1e-3);
         (least - room, largest + room)
+    }
+}
+
+/// A number as short as it is: 20, 0.5, not 20.0, −0.0.
+fn number(value: &f64) -> String {
+    let text = format!("{value:.3}");
+    match text.trim_end_matches('0').trim_end_matches('.') {
+        "-0" => "0".into(),
+        short => short.into(),
     }
 }

@@ -82,7 +82,7 @@ impl Record {
             accel: accel::slot(&plan.orders)?,
             first_ns: None,
             ticks: 0,
-            ticks_per_point: rows.div_ceil(2 * BINS).max(1),
+            ticks_per_point: rows.div_ceil(4 * BINS).max(1),
             curves: [curves(), curves(), curves(), curves()],
             inclination_deg: curve(),
             heading_deg: curve(),

@@ -35,7 +35,7 @@ pub(crate) fn draw(path: &Path, title: &str, ups: &[Vector3<f64>]) -> Drawn {
     let root = SVGBackend::new(path, SIZE).into_drawing_area();
     root.fill(&WHITE)?;
     let area = root.titled(&format!("{title}: the up vector"), TITLE)?;
-    let mut chart = ChartBuilder::on(&area).margin(10).build_cartesian_2d(-2.0..2.0, -1.95..1.95)?;
+    let mut chart = ChartBuilder::on(&area).margin(10).build_cartesian_2d(-2.0..2.0, -2.1..1.8)?;
     scene(&mut chart)?;
     way(&mut chart, ups)?;
     chart

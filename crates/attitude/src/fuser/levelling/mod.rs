@@ -29,13 +29,10 @@
 //! Both need a vehicle that moves where it points. In wind V H' is wrong by wind times H': 10 m/s in a turn of 3 °/s is 3° of
 //! apparent tilt for as long as the turn lasts. Backwards and sideways the law does not hold; for that there is `aided`.
 
-mod aiding;
-mod integral;
-mod matched;
+mod pi;
 mod printed;
-mod still;
 
-pub use integral::{LevellingPi, PiSettings};
+pub use pi::{LevellingPi, PiSettings};
 pub use printed::{Levelling, PrintedSettings};
 
 use crate::{Complex, GRAVITY_M_S2, J, Vector3, accel::Inclination, gnss::Fix, gyro::Motion, state::Attitude};
@@ -80,7 +77,7 @@ fn azimuth(attitude: Attitude) -> Complex<f64> {
 
 /// Forward in the level frame, of unit length; zero where the body points straight up or down.
 fn forward(attitude: Attitude) -> Complex<f64> {
-    let [_, axis, _] = attitude.horizontal_axes();
+    let [_, axis, _] = attitude.axes(Complex::new(1.0, 0.0)).horizontal;
     let size = libm::sqrt(axis.norm_sqr());
     if size > 1e-3 { axis / size } else { Complex::new(0.0, 0.0) }
 }
@@ -122,5 +119,7 @@ fn tilt_of(unexplained_m_s2: Complex<f64>) -> Complex<f64> {
 /// much when the level leans by `tilt_rad`.
 fn turned_too_much(attitude: Attitude, tilt_rad: Complex<f64>) -> Vector3<f64> {
     let turned = J * tilt_rad;
-    Vector3::from(attitude.horizontal_axes().map(|axis| axis.re * turned.re + axis.im * turned.im))
+    Vector3::from(
+        attitude.axes(Complex::new(1.0, 0.0)).horizontal.map(|axis| axis.re * turned.re + axis.im * turned.im),
+    )
 }

@@ -7,27 +7,24 @@
 //! vqf-rs filters with a sampling time fixed when it is made. It is the mean of the first intervals here; the attitude itself is
 //! integrated over each interval's own length.
 
+mod level;
 mod numbers;
+mod period;
 
 use super::{Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, spread::Spread};
 use crate::{
-    GRAVITY_M_S2, Quaternion, Vector3,
+    Vector3,
     course::Reference,
     gyro::Motion,
-    point::Point,
     stage::{Numbers, RestoreError, Stage, bias_flaw},
     state::Attitude,
 };
 use core::fmt;
+use level::to_ours;
 use numbers::visit_numbers;
+use period::{FIRST_INTERVAL_S, Period};
 use vqf_rs::{Params, VQF};
 
-/// Intervals that make the sampling time.
-const INTERVALS: f64 = 16.0;
-/// The sampling time before the first interval, s.
-const FIRST_INTERVAL_S: f64 = 0.01;
-/// Shortest and longest interval that makes it, s.
-const INTERVAL_S: (f64, f64) = (1e-5, 1.0);
 /// Interval of the field from which on it is not smoothed, s: the low-pass of 0.05 s would be beyond its Nyquist frequency.
 const SMOOTHED_FIELD_S: f64 = 0.1;
 /// Largest component of a reading, in its SI unit or µT: far beyond any sensor, and its squares stay finite.
@@ -42,50 +39,6 @@ pub struct Vqf {
     magnetic: bool,
     tilt: Spread,
     heading: Spread,
-}
-
-/// The mean of the first intervals of an input.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Period {
-    mean_s: f64,
-    intervals: f64,
-    /// Since the last sample.
-    since_s: f64,
-}
-
-impl Default for Period {
-    fn default() -> Self {
-        Self { mean_s: FIRST_INTERVAL_S, intervals: 0.0, since_s: 0.0 }
-    }
-}
-
-impl Period {
-    /// A sample came; true when the mean is another.
-    fn sampled(&mut self) -> bool {
-        let interval_s = core::mem::take(&mut self.since_s);
-        if interval_s <= 0.0 || self.intervals >= INTERVALS {
-            return false;
-        }
-        let interval_s = interval_s.clamp(INTERVAL_S.0, INTERVAL_S.1);
-        self.intervals += 1.0;
-        let first = if self.intervals > 1.0 { self.mean_s } else { interval_s };
-        self.mean_s = first + (interval_s - first) / self.intervals;
-        true
-    }
-
-    fn flaw(&self) -> Option<&'static str> {
-        let mean = (INTERVAL_S.0..=INTERVAL_S.1).contains(&self.mean_s);
-        let count = (0.0..=INTERVALS).contains(&self.intervals) && self.since_s >= 0.0;
-        (!(mean && count)).then_some("a sampling time that no sensor has")
-    }
-}
-
-impl Numbers for Period {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.mean_s.visit(visit);
-        self.intervals.visit(visit);
-        self.since_s.visit(visit);
-    }
 }
 
 impl Default for Vqf {
@@ -122,36 +75,6 @@ impl Vqf {
         Attitude::of_quaternion(to_ours(q))
     }
 
-    /// Puts the magnetometer-free attitude elsewhere; what was averaged in its frame begins anew.
-    fn put(&mut self, attitude: Attitude) {
-        let q = attitude.quaternion();
-        let state = self.filter.state_mut();
-        let gyro = state.gyr_quat;
-        let mut level = of_ours(q) * conjugate(gyro);
-        level.normalize();
-        state.acc_quat = level;
-        state.acc_lp_state = [[f64::NAN; 2]; 3];
-        state.motion_bias_est_rlp_state = [[f64::NAN; 2]; 9];
-        state.motion_bias_est_bias_lp_state = [[f64::NAN; 2]; 2];
-    }
-
-    fn level(&mut self, up: Point) {
-        self.put(Attitude::of_quaternion(to_ours(self.filter.quat_6d())).realigned(up).attitude);
-        self.levelled = true;
-        self.tilt = Spread::FIRST;
-    }
-
-    /// The averaged force begins as gravity in the level as it is, not as the next sample.
-    fn trust_level(&mut self) {
-        let coefficients = self.filter.coeffs();
-        let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
-        let state = self.filter.state_mut();
-        let level = state.acc_quat;
-        let up = conjugate(level).rotate([0.0, 0.0, GRAVITY_M_S2]);
-        state.last_acc_lp = up;
-        state.acc_lp_state = up.map(|x| [x * (1.0 - b[0]), x * (b[2] - a[1])]);
-    }
-
     fn turn(&mut self, motion: &Motion) {
         self.motion.since_s += motion.dt_s;
         self.field.since_s += motion.dt_s;
@@ -159,8 +82,9 @@ impl Vqf {
             self.retime();
         }
         self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
-        self.tilt.drift(motion.dt_s);
-        self.heading.drift(motion.dt_s);
+        let bias_sd_rad_s = self.filter.bias_estimate().1;
+        self.tilt.drift(bias_sd_rad_s, motion.dt_s);
+        self.heading.drift(bias_sd_rad_s, motion.dt_s);
     }
 
     /// The correction by a field; true when the heading was set anew.
@@ -170,12 +94,14 @@ impl Vqf {
             self.retime();
         }
         self.filter.update_mag(bounded(field_ut));
-        let (off_rad, first) = (self.filter.state().last_mag_dis_angle, !self.magnetic);
+        let first = !self.magnetic;
         self.magnetic = true;
+        let state = self.filter.state();
         if first {
             self.heading = Spread::FIRST;
-        } else if !self.filter.mag_dist_detected() {
-            self.heading.corrected(off_rad, self.filter.coeffs().k_mag, interval_s);
+        } else if state.last_mag_corr_angular_rate != 0.0 {
+            let taken_off_rad = state.last_mag_corr_angular_rate * self.filter.coeffs().mag_ts;
+            self.heading.corrected(state.last_mag_dis_angle, taken_off_rad / state.last_mag_dis_angle, interval_s);
         }
         first
     }
@@ -191,18 +117,6 @@ impl Vqf {
     fn bias_rad_s(&self) -> Vector3<f64> {
         Vector3::from(self.filter.state().bias)
     }
-}
-
-fn of_ours(q: Quaternion<f64>) -> vqf_rs::Quaternion {
-    vqf_rs::Quaternion(q.w, q.i, q.j, q.k)
-}
-
-fn to_ours(q: vqf_rs::Quaternion) -> Quaternion<f64> {
-    Quaternion::new(q.0, q.1, q.2, q.3)
-}
-
-fn conjugate(q: vqf_rs::Quaternion) -> vqf_rs::Quaternion {
-    vqf_rs::Quaternion(q.0, -q.1, -q.2, -q.3)
 }
 
 fn bounded(reading: Vector3<f64>) -> [f64; 3] {

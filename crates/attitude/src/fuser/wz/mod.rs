@@ -35,8 +35,8 @@ use {
 const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
 const T2_S: f64 = 2.0;
-/// A force that no body survives, m/s²; it is left out.
-const FORCE_MAX_M_S2: f64 = 1e6;
+/// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
+const FORCE_MAX_M_S2: f64 = 3000.0;
 
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -100,7 +100,7 @@ impl Stage for Wz {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
             None => (Turn::NONE, Vector3::zeros(), 0.0),
         };
-        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 < FORCE_MAX_M_S2);
+        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
         let axes = self.level.turn(turn.less(self.bias.bias_rad_s() * (0.5 * dt_s)), lean_s);
@@ -132,6 +132,7 @@ impl Stage for Wz {
         let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
         let sighting = Sighting {
             attitude: self.level.attitude(),
+            azimuth: self.level.azimuth(),
             rate_rad_s,
             force_m_s2,
             field_ut: input.field_ut,

@@ -76,6 +76,8 @@ settings! {
 pub(super) struct Sighting {
     /// The attitude, its heading that of the gyro alone.
     pub(super) attitude: Attitude,
+    /// e^{jz} of that attitude.
+    pub(super) azimuth: Complex<f64>,
     /// Body rate less the bias, rad/s.
     pub(super) rate_rad_s: Vector3<f64>,
     /// Horizontal part of the specific force, m/s².

@@ -16,7 +16,12 @@
 //!
 //! Here q_g is q(t−1) after the exact turn of the gyro slot. The paper's (1), one step of Euler, is that turn but for its third order.
 
-use super::{Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, north_rad, spread::Spread};
+mod gradient;
+
+use super::{
+    Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, north_rad,
+    spread::{BIAS_SD_RAD_S, Spread},
+};
 use crate::{
     Quaternion, Vector3,
     course::Reference,
@@ -26,6 +31,7 @@ use crate::{
     stage::{Numbers, RestoreError, Stage},
     state::Attitude,
 };
+use gradient::{Seen, normalized};
 
 /// Largest β dt of the improved form: beyond it a step overshoots the minimum of two directions at right angles to its axis.
 const STEP_MAX: f64 = 0.125;
@@ -63,6 +69,8 @@ pub struct Madgwick {
     quaternion: Quaternion<f64>,
     levelled: bool,
     magnetic: bool,
+    /// Since the last field, s.
+    since_field_s: f64,
     tilt: Spread,
     heading: Spread,
 }
@@ -84,6 +92,7 @@ impl Madgwick {
             quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0),
             levelled: false,
             magnetic: false,
+            since_field_s: 0.0,
             tilt: Spread::UNKNOWN,
             heading: Spread::UNKNOWN,
         }
@@ -100,9 +109,15 @@ impl Madgwick {
         let next = match self.descent {
             Descent::Original(settings) => {
                 let step = settings.beta_rad_s * motion.dt_s;
-                normalized(seen.gradient(before)).map_or(led, |gradient| led - gradient * step)
+                normalized(seen.gradient(before, 1.0)).map_or(led, |gradient| led - gradient * step)
             }
-            Descent::Improved(settings) => led - seen.gradient(led) * (settings.beta_1_s * motion.dt_s).min(STEP_MAX),
+            Descent::Improved(settings) => {
+                let step = |interval_s: f64| (settings.beta_1_s * interval_s).min(STEP_MAX);
+                let (step, field_step) = (step(motion.dt_s), step(self.since_field_s));
+                // A field that comes at every n-th tick only counts n times.
+                let weight = if step > 0.0 { field_step / step } else { 1.0 };
+                led - seen.gradient(led, weight) * step
+            }
         };
         self.quaternion = normalized(next).unwrap_or(before);
     }
@@ -130,43 +145,13 @@ impl Madgwick {
         let z_rad = attitude.z_rad + north_rad(attitude, field);
         self.quaternion = Attitude { z_rad, ..attitude }.quaternion();
         self.magnetic = true;
+        self.since_field_s = 0.0;
         self.heading = Spread::FIRST;
     }
 
     fn reference(&self) -> Reference {
         if self.magnetic { Reference::Magnetic } else { Reference::Arbitrary }
     }
-}
-
-/// The directions that the sensors see, unit vectors in body axes.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Seen {
-    up: Option<Vector3<f64>>,
-    field: Option<Vector3<f64>>,
-}
-
-impl Seen {
-    /// ∇F = Jᵀ F at q, of a unit quaternion.
-    fn gradient(&self, q: Quaternion<f64>) -> Quaternion<f64> {
-        let part = |direction: Vector3<f64>, seen: Vector3<f64>| {
-            let expected = (q.conjugate() * Quaternion::from_imag(direction) * q).imag();
-            Quaternion::from_parts(1.0 - expected.dot(&seen), expected.cross(&seen))
-        };
-        let mut sum = Quaternion::from_imag(Vector3::zeros());
-        if let Some(up) = self.up {
-            sum += part(Vector3::z(), up);
-        }
-        if let Some(field) = self.field {
-            let h = (q * Quaternion::from_imag(field) * q.conjugate()).imag();
-            sum += part(Vector3::new(0.0, libm::sqrt(h.x * h.x + h.y * h.y), h.z), field);
-        }
-        q * sum * 2.0
-    }
-}
-
-fn normalized(q: Quaternion<f64>) -> Option<Quaternion<f64>> {
-    let length = q.norm();
-    (length > 0.0 && length.is_finite()).then(|| q / length)
 }
 
 impl Stage for Madgwick {
@@ -205,9 +190,10 @@ impl Stage for Madgwick {
         let mut innovation = 0.0;
         if let Some(motion) = &input.motion {
             let led = Attitude::of_quaternion(self.quaternion * motion.turn.quaternion());
+            self.since_field_s += motion.dt_s;
             self.descend(motion, &seen);
-            self.tilt.drift(motion.dt_s);
-            self.heading.drift(motion.dt_s);
+            self.tilt.drift(BIAS_SD_RAD_S, motion.dt_s);
+            self.heading.drift(BIAS_SD_RAD_S, motion.dt_s);
             if let (Some(inclination), Some(_)) = (&input.inclination, seen.up) {
                 innovation = innovation_rad(inclination, led);
                 self.tilt.corrected(innovation, self.gain(&self.tilt, motion.dt_s), motion.dt_s);
@@ -215,7 +201,10 @@ impl Stage for Madgwick {
             }
             if let Some(field) = seen.field {
                 let off_rad = north_rad(led, field);
-                self.heading.corrected(off_rad, self.gain(&self.heading, motion.dt_s), motion.dt_s);
+                // The steeper the field, the less of its direction is heading.
+                let gain = self.gain(&self.heading, self.since_field_s) * led.horizontal(field).norm_sqr();
+                self.heading.corrected(off_rad, gain, self.since_field_s);
+                self.since_field_s = 0.0;
                 corrections.magnetic = true;
             }
         }
@@ -243,6 +232,7 @@ impl Stage for Madgwick {
         self.quaternion.visit(visit);
         self.levelled.visit(visit);
         self.magnetic.visit(visit);
+        self.since_field_s.visit(visit);
         self.tilt.visit(visit);
         self.heading.visit(visit);
     }
@@ -250,7 +240,8 @@ impl Stage for Madgwick {
     fn flaw(&self) -> Option<&'static str> {
         let off = libm::fabs(self.quaternion.norm_squared() - 1.0);
         let length = (off > 1e-6).then_some("a quaternion that is not of unit length");
-        length.or_else(|| self.tilt.flaw()).or_else(|| self.heading.flaw())
+        let time = (self.since_field_s < 0.0).then_some("a time below zero");
+        length.or(time).or_else(|| self.tilt.flaw()).or_else(|| self.heading.flaw())
     }
 
     fn common(&self) -> Estimate {

@@ -1,0 +1,175 @@
+//! A velocity that was told: the measurement of a fix, and the first course.
+
+use super::{
+    ACCEL, Aided, Corrections, HEADING, LATENCY, ROTATION, VELOCITY,
+    covariance::{Error, Measurement},
+    shared, square,
+};
+use crate::{GRAVITY_M_S2, Vector3, course::Reference, gnss::Fix, stage::Numbers, state::wrapped_rad};
+
+/// Speed from which the track tells the course, m/s.
+const TRACK_MIN_M_S: f64 = 5.0;
+/// Speed from which a velocity is not that of standstill, m/s.
+const MOVING_M_S: f64 = 1.5;
+/// Time between the two fixes that make a course, s.
+const COURSE_AFTER_S: f64 = 0.35;
+/// A velocity beyond this is not believed, m/s.
+const VELOCITY_MAX_M_S: f64 = 2e3;
+/// Time beyond which the last fix is of no matter, s.
+const LONG_S: f64 = 1e4;
+/// Least standard deviation that a receiver is believed, m/s.
+const SD_MIN_M_S: f64 = 0.02;
+
+/// What is known of the receiver.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Aiding {
+    /// A velocity was told at least once.
+    pub(super) seen: bool,
+    /// Since the last one, s.
+    pub(super) since_fix_s: f64,
+    /// Since the last assumed velocity or fix, s.
+    pub(super) since_assumed_s: f64,
+    /// Its speed over ground, m/s.
+    pub(super) speed_m_s: f64,
+    /// Its track less the course then, rad.
+    pub(super) crab_rad: f64,
+    /// How long the track has been told fast enough to make a course, s.
+    tracked_s: f64,
+    latitude_rad: f64,
+    latitude_told: bool,
+}
+
+impl Default for Aiding {
+    fn default() -> Self {
+        Self {
+            seen: false,
+            since_fix_s: LONG_S,
+            since_assumed_s: 0.0,
+            speed_m_s: 0.0,
+            crab_rad: 0.0,
+            tracked_s: 0.0,
+            latitude_rad: 0.0,
+            latitude_told: false,
+        }
+    }
+}
+
+impl Aiding {
+    pub(super) fn advance(&mut self, dt_s: f64) {
+        self.since_fix_s = (self.since_fix_s + dt_s).min(LONG_S);
+        self.since_assumed_s = (self.since_assumed_s + dt_s).min(1.0);
+    }
+
+    pub(super) fn latitude_rad(&self) -> Option<f64> {
+        self.latitude_told.then_some(self.latitude_rad)
+    }
+}
+
+impl Aided {
+    /// One fix.
+    pub(super) fn told(&mut self, fix: &Fix, corrections: &mut Corrections) {
+        if fix.velocity_m_s.amax() > VELOCITY_MAX_M_S {
+            return;
+        }
+        if let Some(latitude_rad) = fix.latitude_rad.filter(|rad| libm::fabs(*rad) < 1.6) {
+            (self.aiding.latitude_rad, self.aiding.latitude_told) = (latitude_rad, true);
+        }
+        let interval_s = self.aiding.since_fix_s.clamp(0.05, 1.0);
+        let lost = self.aiding.since_fix_s > self.settings.gap_after_s;
+        let speed_m_s = fix.speed_m_s();
+        self.aiding.since_fix_s = 0.0;
+        self.aiding.speed_m_s = speed_m_s;
+        self.aiding.seen = true;
+        if self.course_known || speed_m_s < MOVING_M_S {
+            self.measure(fix, interval_s);
+            self.aiding.since_assumed_s = 0.0;
+            corrections.velocity = true;
+        }
+        if speed_m_s > TRACK_MIN_M_S && !self.course_known {
+            self.aiding.tracked_s = if lost { 0.0 } else { self.aiding.tracked_s + interval_s };
+            if self.aiding.tracked_s > COURSE_AFTER_S {
+                self.begin_course(fix);
+                corrections.velocity = true;
+                corrections.aligned = true;
+            }
+        }
+        if let Some((_, course_rad)) = self.forward().filter(|_| speed_m_s > TRACK_MIN_M_S) {
+            self.aiding.crab_rad = if self.course_known { wrapped_rad(fix.track_rad() - course_rad) } else { 0.0 };
+        }
+    }
+
+    /// Each axis of the velocity, as it was when the receiver measured it, and the track, very weakly. The error of the velocity
+    /// was then another one by what tilt and accelerometer bias did to it since.
+    fn measure(&mut self, fix: &Fix, interval_s: f64) {
+        let (settings, mut error) = (self.settings, Error::zeros());
+        let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
+        let late_s = age_s.unwrap_or(self.latency_s);
+        let (velocity_m_s, slope_m_s2) = self.past.at(late_s, self.velocity_m_s, self.sums.length_s);
+        let sd_m_s =
+            fix.sd_m_s.filter(|sd| (0.0..1e6).contains(sd)).map_or(settings.velocity_sd_m_s, |sd| sd.max(SD_MIN_M_S));
+        let (limit, variance) = (settings.innovation_limit, sd_m_s * sd_m_s);
+        let force_m_s2 = slope_m_s2 + Vector3::z() * GRAVITY_M_S2;
+        let tilting = force_m_s2.cross_matrix() * late_s;
+        let biasing = self.attitude.matrix().transpose() * late_s;
+        let (heading, slope) = (f64::from(u8::from(self.course_known)), if age_s.is_some() { 0.0 } else { 1.0 });
+        for axis in 0..3 {
+            let (tilt, bias) = (tilting.row(axis), biasing.row(axis));
+            let row = [
+                (VELOCITY + axis, 1.0),
+                (ROTATION, tilt[0]),
+                (ROTATION + 1, tilt[1]),
+                (HEADING, tilt[2] * heading),
+                (ACCEL, bias[0]),
+                (ACCEL + 1, bias[1]),
+                (ACCEL + 2, bias[2]),
+                (LATENCY, slope_m_s2[axis] * slope),
+            ];
+            let residual = velocity_m_s[axis] - fix.velocity_m_s[axis];
+            self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] });
+        }
+        let speed_m_s = fix.speed_m_s();
+        if let Some((_, course_rad)) = self.forward().filter(|_| self.course_known && speed_m_s > TRACK_MIN_M_S) {
+            let residual = wrapped_rad(course_rad - fix.track_rad() - self.turn_rate_rad_s * late_s);
+            let variance = shared(settings.wind_m_s / speed_m_s, settings.wind_memory_s, interval_s);
+            let row = [(HEADING, -1.0)];
+            self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] });
+        }
+        self.correct(&error);
+    }
+
+    /// The velocity becomes the receiver's, the heading that of the track unless it counts from north; level and biases stay.
+    fn begin_course(&mut self, fix: &Fix) {
+        let Some((_, course_rad)) = self.forward() else { return };
+        if self.reference != Reference::True {
+            let track_rad = fix.track_rad() + self.turn_rate_rad_s * self.latency_s;
+            let turn_rad = wrapped_rad(course_rad - track_rad);
+            self.attitude.z_rad = wrapped_rad(self.attitude.z_rad + turn_rad);
+            let (sin, cos) = libm::sincos(turn_rad);
+            let before = self.pending_rad;
+            self.pending_rad = Vector3::new(cos * before.x - sin * before.y, sin * before.x + cos * before.y, before.z);
+            let wind = square(self.settings.wind_m_s / fix.speed_m_s());
+            self.covariance.begin(HEADING, square(self.settings.course_sd_deg.to_radians()) + wind);
+            self.reference = Reference::True;
+        }
+        self.course_known = true;
+        let sd_m_s = self.settings.velocity_sd_m_s.max(1.0);
+        self.begin_velocity(fix.velocity_m_s, sd_m_s, sd_m_s);
+    }
+}
+
+impl Numbers for Aiding {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.seen.visit(visit);
+        self.latitude_told.visit(visit);
+        [
+            &mut self.since_fix_s,
+            &mut self.since_assumed_s,
+            &mut self.speed_m_s,
+            &mut self.crab_rad,
+            &mut self.tracked_s,
+            &mut self.latitude_rad,
+        ]
+        .into_iter()
+        .for_each(|number| number.visit(visit));
+    }
+}

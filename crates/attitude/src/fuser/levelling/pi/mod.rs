@@ -1,0 +1,306 @@
+//! The fuser stage `levelling-pi`: levelling by matched increments of velocity, with an estimate of the gyro's bias.
+//!
+//! The error ε of the level under a gyro bias b and its estimate b̂ follows
+//!
+//! ε' = b − b̂ − ε/τ,  b̂' = ε/(4τ²)
+//!
+//! two equal roots at 1/(2τ): with τ = 20 s the bias is found in minutes and costs nothing afterwards; what remains is the bias of the
+//! accelerometer, 0.02 m/s² or 0.12°. V H' of the ground speed is not used where there are fixes: the force is held against the
+//! change of velocity as a vector, which is right in wind, as far as the azimuth of the platform is.
+
+mod aiding;
+mod heading;
+mod law;
+mod matched;
+mod still;
+
+use super::{FLOOR_RAD, Pull, azimuth, bounded, credible, interval_s, turn_rate_rad_s};
+use crate::{
+    Complex, Vector3,
+    accel::Inclination,
+    course::Reference,
+    fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain},
+    gnss::Fix,
+    parameters::{Parameter, ParameterError, Parameters, settings},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
+    state::Attitude,
+    turn::Turn,
+};
+use core::f64::consts::PI;
+use {aiding::Aiding, heading::Heading, still::Still};
+
+settings! {
+    /// Settings of `levelling-pi`.
+    pub struct PiSettings {
+        /// Time constant of levelling with satellite velocity; the gyro's bias follows with twice that.
+        time_constant_s: 20.0 in 1.0 .. 1000.0, "s";
+        /// Time constant of the azimuth with a track over ground; the bias about the vertical follows with twice that.
+        track_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
+        /// The same once turns have told the azimuth, so that a crab angle does not take it back.
+        turned_track_time_constant_s: 100.0 in 5.0 .. 10000.0, "s";
+        /// Time constant of the azimuth with the direction of accelerations, in a turn.
+        turn_time_constant_s: 10.0 in 1.0 .. 10000.0, "s";
+        /// Ground speed below which a track says nothing about the course.
+        track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
+        /// How old a velocity is on arrival where the receiver does not tell.
+        latency_s: 0.2 in 0.0 .. 0.8, "s";
+        /// A fix of a larger standard deviation is none.
+        velocity_sd_max_m_s: 1.0 in 0.01 .. 100.0, "m/s";
+        /// Time over which a correction is fed in.
+        feed_in_s: 0.3 in 0.0 .. 5.0, "s";
+        /// Time after the last fix from which levelling is autonomous. A receiver slower than that aids nothing.
+        gap_s: 1.5 in 0.1 .. 60.0, "s";
+        /// Time constant of levelling in a gap.
+        gap_time_constant_s: 100.0 in 1.0 .. 10000.0, "s";
+        /// Low-pass of what is left of the specific force in a gap.
+        gap_low_pass_s: 30.0 in 0.0 .. 1000.0, "s";
+        /// Integral time of the gyro's bias in a gap.
+        gap_integral_s: 4000.0 in 100.0 .. 1000000.0, "s";
+        /// Turn rate at which the force counts for half in a gap.
+        gap_turn_deg_s: 1.0 in 0.01 .. 1000.0, "°/s";
+        /// Time constant of levelling while the gyro's bias is unknown and there is no satellite velocity.
+        cold_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
+        /// Low-pass of the specific force then.
+        cold_low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
+    }
+}
+
+/// Standard deviation of a bias of which nothing is known, rad/s: 0.1 °/s.
+const BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
+/// Standard deviation up to which the bias counts as known, rad/s.
+const BIAS_KNOWN_SD_RAD_S: f64 = 0.05 * PI / 180.0;
+/// Standard deviation of a bias found at standstill, rad/s.
+const BIAS_STILL_SD_RAD_S: f64 = 0.01 * PI / 180.0;
+/// Random walk of the bias, rad/s/√s: 0.0005 °/s/√s.
+const BIAS_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
+/// Time constant at which the bias follows the mean rate at standstill, s.
+const BIAS_STILL_S: f64 = 5.0;
+/// Largest component of the bias, rad/s: 5 °/s. A loop that asks for more is not following a bias.
+const BIAS_MAX_RAD_S: f64 = 5.0 * PI / 180.0;
+/// Time over which the turn rate is averaged that decides how much the force counts, s.
+const TURN_MEAN_S: f64 = 1.0;
+
+/// The fuser stage `levelling-pi`.
+///
+/// | | tilt | bias |
+/// | --- | --- | --- |
+/// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the moments at which the fixes were valid, τ = 20 s | its integral in body axes over 4 τ |
+/// | track | azimuth by (H − H_track)/T, T = 50 s, 100 s after turns | about the vertical, over 4 T |
+/// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, over 10 s of turning | about the vertical |
+/// | gap | low-pass of f_P less V H' of the remembered speed, over 100 s, less in a turn | its integral over 4000 s |
+/// | cold | low-pass of f_P over 60 s, as S4 | none |
+/// | standstill | as in a gap | the mean rate |
+///
+/// An increment of velocity counts once; after a lost interval the next two fixes begin a new one. Two tracks that agree turn the
+/// platform to north, which is a jump, and the heading is true from then on. A magnetic heading that is handed over is none here.
+///
+/// Without a receiver the integral would follow accelerations instead of the bias; it starts when fixes or a standstill have told
+/// the bias. Until then the stage is S4's autonomous law.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevellingPi {
+    settings: PiSettings,
+    attitude: Attitude,
+    started: bool,
+    /// Time since the last force, s.
+    unlevelled_s: f64,
+    bias_rad_s: Vector3<f64>,
+    bias_variance_rad2_s2: f64,
+    /// H', averaged.
+    turn_rate_rad_s: f64,
+    aiding: Aiding,
+    heading: Heading,
+    /// Tilt that is still to be taken away, platform, rad.
+    pending_rad: Complex<f64>,
+    /// What is left of the force in a gap, low-passed, platform, m/s².
+    low_pass_m_s2: Complex<f64>,
+    /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
+    lag_rad: Complex<f64>,
+    still: Still,
+}
+
+impl Default for LevellingPi {
+    fn default() -> Self {
+        let none = Complex::new(0.0, 0.0);
+        Self {
+            settings: PiSettings::default(),
+            attitude: Attitude::default(),
+            started: false,
+            unlevelled_s: 0.0,
+            bias_rad_s: Vector3::zeros(),
+            bias_variance_rad2_s2: BIAS_SD_RAD_S * BIAS_SD_RAD_S,
+            turn_rate_rad_s: 0.0,
+            aiding: Aiding::default(),
+            heading: Heading::default(),
+            pending_rad: none,
+            low_pass_m_s2: none,
+            lag_rad: none,
+            still: Still::default(),
+        }
+    }
+}
+
+impl LevellingPi {
+    pub(in crate::fuser) fn realign(&mut self) {
+        self.started = false;
+    }
+
+    /// Levels anew: what was followed belonged to another level.
+    fn level(&mut self, inclination: &Inclination) {
+        self.attitude = self.attitude.realigned(inclination.up).attitude;
+        let none = Complex::new(0.0, 0.0);
+        (self.pending_rad, self.low_pass_m_s2, self.lag_rad) = (none, none, none);
+        self.aiding.interrupt();
+        self.started = true;
+    }
+
+    /// One force: into the increment, and in a gap into the level. True when it has levelled.
+    fn pull(&mut self, inclination: &Inclination, turn_rate_rad_s: f64) -> bool {
+        let pull = Pull::of(self.attitude, inclination, self.unlevelled_s);
+        if self.unlevelled_s > pull.dt_s {
+            self.aiding.interrupt();
+        }
+        self.aiding.push(azimuth(self.attitude) * pull.level_m_s2, pull.dt_s);
+        if self.aiding.is_recent(self.settings.gap_s) {
+            self.low_pass_m_s2 = Complex::new(0.0, 0.0);
+            return false;
+        }
+        self.coast(pull, turn_rate_rad_s);
+        true
+    }
+
+    /// What levelling lags by, and in a gap what an unknown bias has done since.
+    fn inclination_sd_rad(&self) -> f64 {
+        let since_s = self.aiding.since_fix_s();
+        let gap_s = if since_s > self.settings.gap_s { since_s.min(self.settings.gap_time_constant_s) } else { 0.0 };
+        let drift_rad = self.bias_sd_rad_s() * gap_s;
+        libm::sqrt(self.lag_rad.norm_sqr() + drift_rad * drift_rad + FLOOR_RAD * FLOOR_RAD)
+    }
+
+    fn heading_sd_rad(&self) -> f64 {
+        self.heading.sd_rad(self.aiding.speed_m_s().unwrap_or(0.0))
+    }
+
+    fn reference(&self) -> Reference {
+        if self.heading.known { Reference::True } else { Reference::Arbitrary }
+    }
+
+    fn usable<'a>(&self, fix: Option<&'a Fix>) -> Option<&'a Fix> {
+        credible(fix).filter(|fix| fix.sd_m_s.is_none_or(|sd| sd <= self.settings.velocity_sd_max_m_s))
+    }
+}
+
+impl Stage for LevellingPi {
+    type Input = FuserInput;
+    type Output = Fused;
+    type Common = Estimate;
+
+    fn name(&self) -> &'static str {
+        "levelling-pi"
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        PiSettings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.settings.set(name, value)
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        let dt_s = interval_s(input.motion.as_ref());
+        let sensed_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
+        if let Some(motion) = &input.motion {
+            let bias_turn = Turn::of_rotation_vector(self.bias_rad_s * -dt_s);
+            self.attitude = self.attitude.turned(motion.turn.then(bias_turn)).attitude;
+        }
+        self.pass(dt_s);
+        let turn_rate_rad_s = turn_rate_rad_s(self.attitude, sensed_rad_s - self.bias_rad_s);
+        self.turn_rate_rad_s += (turn_rate_rad_s - self.turn_rate_rad_s) * low_pass_gain(dt_s, TURN_MEAN_S);
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            if self.started {
+                innovation = innovation_rad(inclination, self.attitude);
+                corrections.tilt = self.pull(inclination, turn_rate_rad_s);
+            } else {
+                self.level(inclination);
+                corrections.aligned = true;
+            }
+            self.unlevelled_s = 0.0;
+        }
+        if let (true, Some(fix)) = (self.started, self.usable(input.fix.as_ref())) {
+            let taken = self.take(fix);
+            let (tilt, aligned) = (corrections.tilt || taken.tilt, corrections.aligned || taken.aligned);
+            corrections = Corrections { tilt, aligned, ..taken };
+        }
+        self.feed_in(dt_s);
+        match (&input.motion, &input.inclination) {
+            (Some(_), Some(inclination)) if input.rest_credible => {
+                corrections.rest = self.stand(sensed_rad_s, inclination.force_m_s2, dt_s);
+                corrections.bias |= corrections.rest;
+            }
+            _ => self.still.interrupt(),
+        }
+        Fused {
+            attitude: self.attitude,
+            rate_rad_s: sensed_rad_s - self.bias_rad_s,
+            bias_rad_s: self.bias_rad_s,
+            innovation_rad: innovation,
+            inclination_sd_rad: self.inclination_sd_rad(),
+            heading_sd_rad: self.heading_sd_rad(),
+            reference: self.reference(),
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.attitude.visit(visit);
+        self.started.visit(visit);
+        self.unlevelled_s.visit(visit);
+        self.bias_rad_s.visit(visit);
+        self.bias_variance_rad2_s2.visit(visit);
+        self.turn_rate_rad_s.visit(visit);
+        self.aiding.visit(visit);
+        self.heading.visit(visit);
+        self.pending_rad.visit(visit);
+        self.low_pass_m_s2.visit(visit);
+        self.lag_rad.visit(visit);
+        self.still.visit(visit);
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        let negative = self.bias_variance_rad2_s2 < 0.0 || self.unlevelled_s < 0.0;
+        attitude_flaw(self.attitude)
+            .or(bias_flaw(self.bias_rad_s))
+            .or(negative.then_some("a variance or a time below zero"))
+            .or_else(|| self.aiding.flaw())
+            .or_else(|| self.heading.flaw())
+            .or_else(|| self.still.flaw())
+    }
+
+    fn common(&self) -> Estimate {
+        Estimate {
+            attitude: self.attitude,
+            reference: self.reference(),
+            bias_rad_s: self.bias_rad_s,
+            inclination_sd_rad: self.inclination_sd_rad(),
+            heading_sd_rad: self.heading_sd_rad(),
+            bias_sd_rad_s: self.bias_sd_rad_s(),
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
+        if common.bias_sd_rad_s.is_finite() {
+            adopted.bias_rad_s = bounded(common.bias_rad_s, BIAS_MAX_RAD_S);
+            let variance = common.bias_sd_rad_s * common.bias_sd_rad_s;
+            adopted.bias_variance_rad2_s2 = variance.min(adopted.bias_variance_rad2_s2);
+        }
+        if common.reference == Reference::True {
+            adopted.heading = Heading::of(common.heading_sd_rad);
+        }
+        *self = adopted;
+        Ok(())
+    }
+}

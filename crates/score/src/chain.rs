@@ -1,0 +1,58 @@
+//! The stages of one path.
+
+use attitude::{
+    accel::Accelerometer,
+    course::Course,
+    fuser::Fuser,
+    gyro::Gyro,
+    parameters::{Parameter, ParameterError},
+    stage::Stage,
+};
+use launch::{Launch, Service};
+use runtime::{RuntimeError, stage::filled};
+
+/// The stages of one path, before their first step.
+#[derive(Debug, Clone)]
+pub struct Stages {
+    /// Of the slot `gyro`.
+    pub gyro: Gyro,
+    /// Of the slot `accel`.
+    pub accel: Accelerometer,
+    /// Of the slot `fuser`.
+    pub fuser: Fuser,
+    /// Of the slot `course`.
+    pub course: Course,
+}
+
+impl Stages {
+    /// What a launch names, as it sets them.
+    pub fn of(launch: &Launch) -> Result<Self, RuntimeError> {
+        Ok(Self {
+            gyro: filled(Service::Gyro, &launch.gyro, Gyro::named)?,
+            accel: filled(Service::Accel, &launch.accel, Accelerometer::named)?,
+            fuser: filled(Service::Fuser, &launch.fuser, Fuser::named)?,
+            course: filled(Service::Course, &launch.course, Course::named)?,
+        })
+    }
+
+    /// Tries a setting on the stage of a slot.
+    pub(crate) fn set(&mut self, slot: Service, key: &str, value: f64) -> Result<(), ParameterError> {
+        match slot {
+            Service::Gyro => self.gyro.set(key, value),
+            Service::Accel => self.accel.set(key, value),
+            Service::Fuser => self.fuser.set(key, value),
+            Service::Course => self.course.set(key, value),
+            Service::Ingest => Ok(()),
+        }
+    }
+
+    /// Each slot's stage and its parameters.
+    pub(crate) fn parameters(&self) -> [(Service, &'static str, &'static [Parameter]); 4] {
+        [
+            (Service::Gyro, self.gyro.name(), self.gyro.parameters()),
+            (Service::Accel, self.accel.name(), self.accel.parameters()),
+            (Service::Fuser, self.fuser.name(), self.fuser.parameters()),
+            (Service::Course, self.course.name(), self.course.parameters()),
+        ]
+    }
+}

@@ -1,0 +1,119 @@
+"""Writes conventions.json: attitudes in every convention, from the definitions and by matrices alone.
+
+Each attitude is given by yaw, pitch and roll. Its matrix is the product of three elementary rotations; everything else is read
+from that matrix, or from matrices of other frames. `python3 docs/conventions.py > docs/conventions.json`
+"""
+
+import json
+from math import atan2, cos, hypot, pi, radians, sin, sqrt
+
+GRAVITY_M_S2 = 9.80665
+NAMES = {
+    "level, facing north": (0, 0, 0),
+    "level, facing east": (-90, 0, 0),
+    "level, facing west": (90, 0, 0),
+    "level, facing south": (180, 0, 0),
+    "nose up": (0, 30, 0),
+    "right side down": (0, 0, 30),
+    "climbing left turn": (40, 20, -50),
+    "nose down, past the side": (-120, -35, 100),
+    "on the right side": (10, 0, 90),
+    "inverted by roll": (30, 0, 180),
+    "inverted by pitch": (180, 0, 180),
+    "nearly inverted": (-77, 1, 179),
+    "nose straight up": (25, 90, 0),
+    "nose straight down": (-70, -90, 40),
+}
+
+
+def about_x(angle):
+    """Components of a fixed vector after the axes turned by `angle` about x."""
+    return [[1, 0, 0], [0, cos(angle), sin(angle)], [0, -sin(angle), cos(angle)]]
+
+
+def about_y(angle):
+    return [[cos(angle), 0, -sin(angle)], [0, 1, 0], [sin(angle), 0, cos(angle)]]
+
+
+def about_z(angle):
+    return [[cos(angle), sin(angle), 0], [-sin(angle), cos(angle), 0], [0, 0, 1]]
+
+
+def product(*matrices):
+    result, *rest = matrices
+    for matrix in rest:
+        result = [[sum(row[k] * matrix[k][j] for k in range(3)) for j in range(3)] for row in result]
+    return result
+
+
+def transposed(matrix):
+    return [list(column) for column in zip(*matrix)]
+
+
+def quaternion(rotation):
+    """w, x, y, z of v' = rotation v, by Shepperd's method; the first that is not zero is positive."""
+    m = rotation
+    squares = [
+        1 + m[0][0] + m[1][1] + m[2][2],
+        1 + m[0][0] - m[1][1] - m[2][2],
+        1 - m[0][0] + m[1][1] - m[2][2],
+        1 - m[0][0] - m[1][1] + m[2][2],
+    ]
+    products = [
+        [0, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]],
+        [m[2][1] - m[1][2], 0, m[0][1] + m[1][0], m[0][2] + m[2][0]],
+        [m[0][2] - m[2][0], m[0][1] + m[1][0], 0, m[1][2] + m[2][1]],
+        [m[1][0] - m[0][1], m[0][2] + m[2][0], m[1][2] + m[2][1], 0],
+    ]
+    largest = squares.index(max(squares))
+    size = sqrt(squares[largest])
+    q = [size / 2 if i == largest else products[largest][i] / (2 * size) for i in range(4)]
+    sign = next(x for x in q if abs(x) > 1e-12)
+    return [x if sign > 0 else -x for x in q]
+
+
+def shortest(n):
+    """The matrix reference → body of the shortest turn that takes up to n, Rodrigues' formula about n × up."""
+    a, b, c = n
+    sine = hypot(a, b)
+    x, y = (b / sine, -a / sine) if sine > 0 else (1, 0)
+    cross = [[0, 0, y], [0, 0, -x], [-y, x, 0]]
+    square = product(cross, cross)
+    identity = [[float(i == j) for j in range(3)] for i in range(3)]
+    return [[identity[i][j] - sine * cross[i][j] + (1 - c) * square[i][j] for j in range(3)] for i in range(3)]
+
+
+def attitude(name, yaw_deg, pitch_deg, roll_deg):
+    yaw, pitch, roll = radians(yaw_deg), radians(pitch_deg), radians(roll_deg)
+    # Reference → body; axes right, forward, up: pitch about x, roll about y.
+    matrix = product(about_y(roll), about_x(pitch), about_z(yaw))
+    inverted = matrix[2][2] < -1e-12
+    # The inverted chart is the upright chart of the body turned by π about its right axis.
+    seen = product([[1, 0, 0], [0, -1, 0], [0, 0, -1]], matrix) if inverted else matrix
+    n = [row[2] for row in seen]
+    turn = product(transposed(shortest(n)), seen)
+    to_reference = transposed(matrix)
+    forward_left_up = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    swap = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
+    w, x, y, z = quaternion(product(to_reference, forward_left_up))
+    return {
+        "name": name,
+        "yaw_rad": yaw,
+        "pitch_rad": pitch,
+        "roll_rad": roll,
+        "course_rad": (-yaw) % (2 * pi),
+        "near_gimbal": abs(pitch_deg) > 89,
+        "chart": "inverted" if inverted else "upright",
+        "u": n[0] / (1 + n[2]),
+        "v": n[1] / (1 + n[2]),
+        "z_rad": atan2(turn[0][1], turn[0][0]),
+        "inclination_rad": atan2(hypot(matrix[0][2], matrix[1][2]), matrix[2][2]),
+        "matrix_reference_to_body": matrix,
+        "quaternion_wxyz": quaternion(to_reference),
+        "ros_xyzw": [x, y, z, w],
+        "ned_frd_wxyz": quaternion(product(swap, to_reference, swap)),
+        "force_at_rest_m_s2": [GRAVITY_M_S2 * row[2] for row in matrix],
+    }
+
+
+print(json.dumps([attitude(name, *angles) for name, angles in NAMES.items()], indent=1, ensure_ascii=False))
