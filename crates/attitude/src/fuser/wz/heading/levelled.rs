@@ -4,12 +4,7 @@
 //! 0.2 %. The mean of a window was true when the body was where it was a delay and the samples' mean age ago: the attitude is taken back
 //! by the rotation of that time. R' being that attitude, the interval's means are those of R'm, of R' and of Ω = R'ω.
 
-use crate::{
-    Complex, Vector3,
-    stage::Numbers,
-    state::Axes,
-    turn::Turn,
-};
+use crate::{Complex, Vector3, stage::Numbers, state::Axes, turn::Turn};
 
 use super::Sighting;
 

@@ -61,7 +61,7 @@ const JUMP_RAD: f64 = 0.017_453_293;
 
 settings! {
     /// Settings of the stage.
-    pub struct Settings {
+    pub(super) struct Settings {
         /// Standard deviation of the hard iron at the start, each axis; 0: the magnetometer is calibrated.
         hard_iron_sd_ut: 0.0 in 0.0 .. 200.0, "µT";
         /// How late the magnetometer is on the gyro; where the estimate begins.
