@@ -16,7 +16,7 @@ settings! {
         /// Scale error of gyro and accelerometer, taken for noise that grows with the motion.
         scale_noise: 0.001 in 0.0 .. 0.1, "";
         /// Standard deviation of the gyro bias at the start.
-        gyro_bias_sd_deg_s: 0.1 in 0.0001 .. 10.0, "°/s";
+        gyro_bias_sd_deg_s: 0.2 in 0.0001 .. 10.0, "°/s";
         /// Standard deviation of the accelerometer bias at the start.
         accel_bias_sd_m_s2: 0.05 in 0.0001 .. 10.0, "m/s²";
         /// Standard deviation of the first level, about each horizontal axis.

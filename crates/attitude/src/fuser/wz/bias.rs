@@ -136,10 +136,10 @@ impl BiasFilter {
         }
     }
 
-    /// The levelled force was this for `dt_s`.
+    /// The integral of the levelled force over `dt_s`.
     #[inline]
-    pub(super) fn saw(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
-        self.force_dt_m_s += force_m_s2 * dt_s;
+    pub(super) fn saw(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
+        self.force_dt_m_s += force_dt_m_s;
         self.since_update_s += dt_s;
     }
 

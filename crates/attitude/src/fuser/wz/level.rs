@@ -38,13 +38,12 @@ pub(super) struct Error {
     pub(super) velocity: Complex<f64>,
 }
 
-impl Default for Level {
-    fn default() -> Self {
+impl Level {
+    /// Waits for the first inclination.
+    pub(super) fn new() -> Self {
         Self { started: false, ..Self::of(Attitude::default()) }
     }
-}
 
-impl Level {
     /// Goes on from an attitude.
     pub(super) fn of(attitude: Attitude) -> Self {
         let (sin, cos) = libm::sincos(attitude.z_rad);
@@ -93,10 +92,10 @@ impl Level {
         self.started = true;
     }
 
-    /// V' = h − V/T1.
+    /// V' = h − V/T1; h dt is given.
     #[inline]
-    pub(super) fn follow(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
-        self.velocity_m_s += (force_m_s2 - self.velocity_m_s * (1.0 / T1_S)) * dt_s;
+    pub(super) fn follow(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
+        self.velocity_m_s = self.velocity_m_s * (1.0 - dt_s * (1.0 / T1_S)) + force_dt_m_s;
     }
 
     /// What the level has leaned by since the last call, rad, as the velocity told: T1 (∫h dt − ΔV) of the integral of V.

@@ -39,12 +39,18 @@ const T2_S: f64 = 2.0;
 const FORCE_MAX_M_S2: f64 = 3000.0;
 
 /// The fuser stage `wz`.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     level: Level,
     bias: BiasFilter,
     rest: Rest,
     heading: Heading,
+}
+
+impl Default for Wz {
+    fn default() -> Self {
+        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default(), heading: Heading::default() }
+    }
 }
 
 impl Wz {
@@ -111,8 +117,9 @@ impl Stage for Wz {
             if levelling {
                 force_m_s2 = axes.horizontal(inclination.force_m_s2);
                 innovation_rad = angle_rad(&axes, inclination, force_m_s2);
-                self.level.follow(force_m_s2, dt_s);
-                self.bias.saw(force_m_s2, dt_s);
+                let force_dt_m_s = force_m_s2 * dt_s;
+                self.level.follow(force_dt_m_s, dt_s);
+                self.bias.saw(force_dt_m_s, dt_s);
                 self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {

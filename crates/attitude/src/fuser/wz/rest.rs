@@ -52,15 +52,15 @@ impl Rest {
     pub(super) fn saw(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
         let off_rad_s = rate_rad_s - self.rate_mean_rad_s;
         self.turned_rad += rate_rad_s * dt_s;
-        self.moved |= !(off_rad_s.norm_squared() < RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S);
+        self.moved |= off_rad_s.norm_squared() >= RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S;
     }
 
     /// The samples of `interval_s` make an update; `force_m_s2` is the last of them.
     pub(super) fn update(&mut self, force_m_s2: Vector3<f64>, interval_s: f64) {
         let rate_rad_s = core::mem::take(&mut self.turned_rad) / interval_s;
         let off_m_s2 = force_m_s2 - self.force_mean_m_s2;
-        self.moved |= !(off_m_s2.norm_squared() < FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2);
-        if !(rate_rad_s.amax() < RATE_LIMIT_RAD_S) {
+        self.moved |= off_m_s2.norm_squared() >= FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2;
+        if !(0.0..RATE_LIMIT_RAD_S * RATE_LIMIT_RAD_S).contains(&rate_rad_s.norm_squared()) {
             *self = Self::default();
             return;
         }

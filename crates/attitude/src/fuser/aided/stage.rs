@@ -1,0 +1,137 @@
+//! The contract of the stage: the order of a step, the numbers of the snapshot, what is handed over.
+
+use core::f64::consts::PI;
+
+use super::{Aided, GYRO, HEADING, Settings, square, strapdown};
+use crate::{
+    Vector3,
+    course::Reference,
+    fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad},
+    parameters::{Parameter, ParameterError, Parameters},
+    stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
+};
+
+impl Stage for Aided {
+    type Input = FuserInput;
+    type Output = Fused;
+    type Common = Estimate;
+
+    fn name(&self) -> &'static str {
+        "aided"
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        let mut settings = self.settings;
+        settings.set(name, value)?;
+        *self = Self::new(settings);
+        Ok(())
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut corrections = Corrections::default();
+        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
+        if let (false, Some(inclination)) = (self.started, &input.inclination) {
+            self.attitude = self.attitude.realigned(inclination.up).attitude;
+            self.started = true;
+            corrections.aligned = true;
+        }
+        let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::credible);
+        if let Some(motion) = &input.motion {
+            self.advance(motion, force_m_s2);
+            corrections.tilt = self.started;
+        }
+        if self.started {
+            self.aiding.advance(dt_s);
+            if let Some(fix) = &input.fix {
+                self.told(fix, &mut corrections);
+            }
+            corrections.bias |= self.assume();
+            corrections.rest = self.rest(input, force_m_s2);
+            corrections.bias |= corrections.velocity || corrections.rest;
+            self.since_field_s = (self.since_field_s + dt_s).min(10.0);
+            if let Some(field_ut) = &input.field_ut {
+                self.see_field(*field_ut, &mut corrections);
+            }
+        }
+        Fused {
+            attitude: self.attitude,
+            rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - self.gyro_bias_rad_s),
+            bias_rad_s: self.gyro_bias_rad_s,
+            innovation_rad: input.inclination.map_or(0.0, |inclination| innovation_rad(&inclination, self.attitude)),
+            inclination_sd_rad: self.inclination_sd_rad(),
+            heading_sd_rad: self.heading_sd_rad(),
+            reference: self.reference,
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.attitude.visit(visit);
+        self.pending_rad.visit(visit);
+        self.started.visit(visit);
+        let (mut magnetic, mut north) = (self.reference == Reference::Magnetic, self.reference == Reference::True);
+        magnetic.visit(visit);
+        north.visit(visit);
+        self.reference = match (magnetic, north) {
+            (_, true) => Reference::True,
+            (true, false) => Reference::Magnetic,
+            (false, false) => Reference::Arbitrary,
+        };
+        self.course_known.visit(visit);
+        for vector in [&mut self.velocity_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2] {
+            vector.visit(visit);
+        }
+        self.latency_s.visit(visit);
+        self.covariance.visit(visit);
+        self.past.visit(visit);
+        self.sums.visit(visit);
+        self.turn_rate_rad_s.visit(visit);
+        self.aiding.visit(visit);
+        self.standstill.visit(visit);
+        self.since_field_s.visit(visit);
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        let pending = (self.pending_rad.amax() > 1.0).then_some("a pending correction above 1 rad");
+        let latency = (!(0.0..=0.6).contains(&self.latency_s)).then_some("a latency outside 0 to 0.6 s");
+        attitude_flaw(self.attitude)
+            .or_else(|| bias_flaw(self.gyro_bias_rad_s))
+            .or(pending)
+            .or(latency)
+            .or_else(|| self.covariance.flaw())
+    }
+
+    fn common(&self) -> Estimate {
+        let bias_variance = (GYRO..GYRO + 3).map(|axis| self.covariance.variance(axis)).fold(0.0, f64::max);
+        Estimate {
+            attitude: self.attitude,
+            reference: self.reference,
+            bias_rad_s: self.gyro_bias_rad_s,
+            inclination_sd_rad: self.inclination_sd_rad(),
+            heading_sd_rad: self.heading_sd_rad(),
+            bias_sd_rad_s: libm::sqrt(bias_variance),
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        let limit_rad_s = square(self.settings.gyro_bias_sd_deg_s.to_radians());
+        let mut adopted = Self::new(self.settings);
+        adopted.attitude = common.attitude;
+        adopted.started = true;
+        adopted.gyro_bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-1.0, 1.0));
+        for axis in GYRO..GYRO + 3 {
+            adopted.covariance.begin(axis, square(common.bias_sd_rad_s).min(limit_rad_s));
+        }
+        adopted.begin_level(common.inclination_sd_rad.clamp(1e-4, 1.0));
+        adopted.reference = common.reference;
+        adopted.course_known = common.reference == Reference::True;
+        adopted.covariance.begin(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));
+        *self = adopted;
+        Ok(())
+    }
+}
