@@ -6,7 +6,7 @@ use recording::Row;
 
 /// What is put on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub(crate) enum Kind {
     /// 4 to 40 µT fixed to the body, put on and taken off while it moves.
     BodyStep,
     /// 4 to 40 µT fixed to the body, put on 10 s before it moves.
@@ -21,15 +21,15 @@ pub enum Kind {
 
 impl Kind {
     /// All.
-    pub const ALL: [Self; 5] = [Self::BodyStep, Self::BodyBefore, Self::BodyAlways, Self::Passes, Self::Place];
+    pub(crate) const ALL: [Self; 5] = [Self::BodyStep, Self::BodyBefore, Self::BodyAlways, Self::Passes, Self::Place];
 }
 
 /// Steele's splitmix64: the same numbers on every machine.
-pub struct Dice(pub u64);
+struct Dice(u64);
 
 impl Dice {
     /// In 0..1.
-    pub fn roll(&mut self) -> f64 {
+    fn roll(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -38,25 +38,20 @@ impl Dice {
     }
 
     /// Between two bounds.
-    pub fn between(&mut self, least: f64, most: f64) -> f64 {
+    fn between(&mut self, least: f64, most: f64) -> f64 {
         least + (most - least) * self.roll()
     }
 
     /// A direction, even over the sphere.
-    pub fn direction(&mut self) -> Vector3<f64> {
+    fn direction(&mut self) -> Vector3<f64> {
         let (z, angle) = (self.between(-1.0, 1.0), self.between(0.0, core::f64::consts::TAU));
         let r = (1.0 - z * z).sqrt();
         Vector3::new(r * angle.cos(), r * angle.sin(), z)
     }
-
-    /// Normal by twelve evens.
-    pub fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.roll()).sum::<f64>() - 6.0
-    }
 }
 
 /// The trial's rows with a disturbance of this kind.
-pub fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
+pub(crate) fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
     let mut dice = Dice(seed.wrapping_mul(0x1000) + trial.number().parse::<u64>().unwrap());
     let (from, to) = trial.movement();
     let length = (to - from) as f64;

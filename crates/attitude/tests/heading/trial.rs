@@ -12,19 +12,19 @@ use std::path::{Path, PathBuf};
 use vqf_rs::VQF;
 
 /// BROAD's sampling interval, s.
-pub const DT_S: f64 = 0.0035;
+pub(crate) const DT_S: f64 = 0.0035;
 
 /// A trial: what the sensors read, and the truth.
 #[derive(Clone)]
-pub struct Trial {
+pub(crate) struct Trial {
     /// Its name.
-    pub name: String,
+    pub(crate) name: String,
     /// Its rows.
-    pub rows: Vec<Row>,
+    pub(crate) rows: Vec<Row>,
 }
 
 /// The trials, or `None` with a word about it where there is no data.
-pub fn trials() -> Option<Vec<Trial>> {
+pub(crate) fn trials() -> Option<Vec<Trial>> {
     let folder = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from)
         .join("broad");
@@ -43,12 +43,12 @@ pub fn trials() -> Option<Vec<Trial>> {
 
 impl Trial {
     /// Its number in BROAD.
-    pub fn number(&self) -> &str {
+    pub(crate) fn number(&self) -> &str {
         &self.name[..2]
     }
 
     /// Ticks of the first and the last scored row.
-    pub fn movement(&self) -> (usize, usize) {
+    pub(crate) fn movement(&self) -> (usize, usize) {
         let scored = |row: &Row| row.reference.is_some_and(|reference| reference.scored);
         (self.rows.iter().position(scored).unwrap(), self.rows.iter().rposition(scored).unwrap())
     }
@@ -56,18 +56,18 @@ impl Trial {
 
 /// Root mean squares, degrees.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Errors {
+pub(crate) struct Errors {
     /// 2 acos |e_w|.
-    pub total: f64,
+    pub(crate) total: f64,
     /// 2 atan |e_z/e_w|.
-    pub heading: f64,
+    pub(crate) heading: f64,
     /// 2 acos √(e_w² + e_z²).
-    pub inclination: f64,
+    pub(crate) inclination: f64,
 }
 
 impl Errors {
     /// The mean over trials.
-    pub fn mean(all: &[Self]) -> Self {
+    pub(crate) fn mean(all: &[Self]) -> Self {
         let mean = |pick: fn(&Self) -> f64| all.iter().map(pick).sum::<f64>() / all.len() as f64;
         Self { total: mean(|e| e.total), heading: mean(|e| e.heading), inclination: mean(|e| e.inclination) }
     }
@@ -80,7 +80,11 @@ impl std::fmt::Display for Errors {
 }
 
 /// The errors of an estimator on rows, those before `unscored_s` left out.
-pub fn errors(rows: &[Row], unscored_s: f64, mut estimate: impl FnMut(usize, &Row) -> Quaternion<f64>) -> Errors {
+pub(crate) fn errors(
+    rows: &[Row],
+    unscored_s: f64,
+    mut estimate: impl FnMut(usize, &Row) -> Quaternion<f64>,
+) -> Errors {
     let (mut sums, mut count) = ([0.0; 3], 0.0);
     for (tick, row) in rows.iter().enumerate() {
         let q = estimate(tick, row);
@@ -104,27 +108,21 @@ pub fn errors(rows: &[Row], unscored_s: f64, mut estimate: impl FnMut(usize, &Ro
 }
 
 /// The default path from readings to the fused attitude.
-pub struct Chain {
+pub(crate) struct Chain {
     gyro: Gyro,
     accel: Projector,
-    /// The fuser.
-    pub fuser: Wz,
+    fuser: Wz,
     started: bool,
 }
 
 impl Chain {
     /// With the stage's defaults.
-    pub fn new() -> Self {
-        let mut fuser = Wz::default();
-        for setting in std::env::var("PLUMBLINE_SET").unwrap_or_default().split(',').filter(|it| !it.is_empty()) {
-            let (name, value) = setting.split_once('=').unwrap();
-            fuser.set(name, value.parse().unwrap()).unwrap();
-        }
-        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser, started: false }
+    pub(crate) fn new() -> Self {
+        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser: Wz::default(), started: false }
     }
 
     /// One row.
-    pub fn step(&mut self, row: &Row) -> Fused {
+    pub(crate) fn step(&mut self, row: &Row) -> Fused {
         let dt_s = if self.started { DT_S } else { 0.0 };
         self.started = true;
         let rate_rad_s = Vector3::from(row.rate_rad_s);
@@ -139,26 +137,17 @@ impl Chain {
 }
 
 /// Errors of `wz`.
-pub fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
+pub(crate) fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
     let mut chain = Chain::new();
     errors(rows, unscored_s, |_, row| chain.step(row).attitude.quaternion())
 }
 
 /// Errors of VQF with its own defaults.
-pub fn of_vqf(rows: &[Row], unscored_s: f64) -> Errors {
+pub(crate) fn of_vqf(rows: &[Row], unscored_s: f64) -> Errors {
     let mut vqf = VQF::new(DT_S, None, None, None);
     errors(rows, unscored_s, |_, row| {
         vqf.update(row.rate_rad_s, row.force_m_s2, row.field_ut);
         let q = vqf.quat_9d();
         Quaternion::new(q.0, q.1, q.2, q.3)
     })
-}
-
-/// t
-#[inline(never)]
-pub fn collected(rows: &[Row]) {
-    let mut chain = Chain::new();
-    let mut sink = 0.0;
-    rows.iter().for_each(|row| sink += chain.step(row).attitude.z_rad);
-    println!("{sink}");
 }

@@ -62,6 +62,12 @@ impl Level {
         self.attitude
     }
 
+    /// e^{jz}.
+    #[inline]
+    pub(super) fn azimuth(&self) -> Complex<f64> {
+        self.azimuth
+    }
+
     /// An inclination has been seen.
     pub(super) fn started(&self) -> bool {
         self.started

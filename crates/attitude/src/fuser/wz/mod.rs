@@ -139,6 +139,7 @@ impl Stage for Wz {
         let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
         let sighting = Sighting {
             attitude: self.level.attitude(),
+            azimuth: self.level.azimuth(),
             rate_rad_s,
             force_m_s2,
             field_ut: input.field_ut,

@@ -193,6 +193,8 @@ impl Filter {
             row[0] = cos * a - sin * b - y * t_s * c;
             row[1] = cos * b + sin * a + x * t_s * c;
         }
+        // Both halves alike to the last bit: a snapshot holds one.
+        self.p[1][0] = self.p[0][1];
         let drift = &mut self.p[BETA][BETA];
         if *drift < DRIFT_SD_RAD_S * DRIFT_SD_RAD_S {
             *drift += DRIFT_WALK_RAD_S * DRIFT_WALK_RAD_S * t_s;
@@ -210,8 +212,8 @@ impl Filter {
             let [a, b, c] = interval.axes[i];
             let hard_iron = a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
             innovation[i] = interval.field_ut[i] - (e[i] + late_s * swept[i] + hard_iron + self.x[D + i]);
-            for j in 0..COLUMNS {
-                w[i][j] = self.p[E + i][j]
+            for (j, w) in w[i].iter_mut().enumerate() {
+                *w = self.p[E + i][j]
                     + self.p[D + i][j]
                     + swept[i] * self.p[TAU][j]
                     + a * self.p[B][j]
@@ -239,10 +241,10 @@ impl Filter {
         let accepted = nis < gate;
         if accepted {
             let [w0, w1, w2] = &mut w;
-            for j in 0..COLUMNS {
-                w0[j] *= r0;
-                w1[j] = (w1[j] - l10 * w0[j]) * r1;
-                w2[j] = (w2[j] - l20 * w0[j] - l21 * w1[j]) * r2;
+            for ((w0, w1), w2) in w0.iter_mut().zip(&mut *w1).zip(&mut *w2) {
+                *w0 *= r0;
+                *w1 = (*w1 - l10 * *w0) * r1;
+                *w2 = (*w2 - l20 * *w0 - l21 * *w1) * r2;
             }
             for i in 0..STATES {
                 self.x[i] += w0[i] * z0 + w1[i] * z1 + w2[i] * z2;

@@ -4,12 +4,7 @@
 //! 0.2 %. The mean of a window was true when the body was where it was a delay and the samples' mean age ago: the attitude is taken back
 //! by the rotation of that time. R' being that attitude, the interval's means are those of R'm, of R' and of Ω = R'ω.
 
-use crate::{
-    Complex, Vector3,
-    stage::Numbers,
-    state::{Attitude, Axes, wrapped_rad},
-    turn::Turn,
-};
+use crate::{Complex, Vector3, stage::Numbers, state::Axes, turn::Turn};
 
 use super::Sighting;
 
@@ -57,9 +52,6 @@ pub(super) struct Levelled {
     rate_before_rad_s: Vector3<f64>,
     /// Sums of the interval.
     sums: Interval,
-    /// e^{jz} and the z it belongs to.
-    phase: Complex<f64>,
-    phase_z_rad: f64,
 }
 
 impl Default for Levelled {
@@ -72,8 +64,6 @@ impl Default for Levelled {
             window_s: 0.0,
             rate_before_rad_s: Vector3::zeros(),
             sums: Interval::default(),
-            phase: Complex::new(1.0, 0.0),
-            phase_z_rad: 0.0,
         }
     }
 }
@@ -101,13 +91,13 @@ impl Levelled {
         if self.window_s < WINDOW_S {
             return None;
         }
-        self.end_window(sighting.attitude, delay_s);
+        self.end_window(sighting, delay_s);
         let enough = if self.sums.windows > 0.0 { INTERVAL_S } else { SILENCE_S };
         (self.sums.duration_s >= enough).then(|| self.end_interval(sighting))
     }
 
     #[inline(never)]
-    fn end_window(&mut self, attitude: Attitude, delay_s: f64) {
+    fn end_window(&mut self, sighting: &Sighting, delay_s: f64) {
         let rate_rad_s = self.rotation_rad / self.window_s;
         if self.samples > 0.0 {
             let age_s = delay_s + self.age_sum_s / self.samples;
@@ -117,7 +107,7 @@ impl Levelled {
             } else {
                 rate_rad_s * age_s
             };
-            self.gather(attitude, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
+            self.gather(sighting, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
         }
         self.sums.duration_s += self.window_s;
         self.rate_before_rad_s = rate_rad_s;
@@ -128,11 +118,10 @@ impl Levelled {
         self.samples = 0.0;
     }
 
-    fn gather(&mut self, attitude: Attitude, back_rad: Vector3<f64>, field: Vector3<f64>, rate: Vector3<f64>) {
-        self.follow_phase(attitude.z_rad);
-        let earlier = attitude.turned(Turn::of_rotation_vector(-back_rad));
-        let phase = self.phase * earlier.swing.conj();
-        let Axes { horizontal, up } = earlier.attitude.axes(phase);
+    fn gather(&mut self, sighting: &Sighting, back_rad: Vector3<f64>, field: Vector3<f64>, rate: Vector3<f64>) {
+        let (mut attitude, mut azimuth) = (sighting.attitude, sighting.azimuth);
+        let back = Turn::of_rotation_vector(-back_rad);
+        let Axes { horizontal, up } = attitude.turn_and_lean(back, Complex::new(0.0, 0.0), &mut azimuth);
         let rows = [
             [horizontal[0].re, horizontal[1].re, horizontal[2].re],
             [horizontal[0].im, horizontal[1].im, horizontal[2].im],
@@ -148,33 +137,15 @@ impl Levelled {
         self.sums.windows += 1.0;
     }
 
-    /// e^{jz}, by the series of the small turn since the last window.
-    fn follow_phase(&mut self, z_rad: f64) {
-        let x = wrapped_rad(z_rad - self.phase_z_rad);
-        self.phase_z_rad = z_rad;
-        let x2 = x * x;
-        if x2 > 0.01 {
-            let (sin, cos) = libm::sincos(z_rad);
-            self.phase = Complex::new(cos, sin);
-        } else {
-            let cos = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0));
-            let sin = x * (1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0)));
-            self.phase *= Complex::new(cos, sin);
-        }
-    }
-
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
         let sums = [sums.duration_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
-        let unit = libm::fabs(self.phase.norm_sqr() - 1.0) < 1e-6;
-        (negative || !unit).then_some("sums of the levelled field that nothing adds up to")
+        negative.then_some("sums of the levelled field that nothing adds up to")
     }
 
     fn end_interval(&mut self, sighting: &Sighting) -> Interval {
-        let (sin, cos) = libm::sincos(sighting.attitude.z_rad);
-        (self.phase, self.phase_z_rad) = (Complex::new(cos, sin), sighting.attitude.z_rad);
         let mut means = core::mem::take(&mut self.sums);
         means.turning_rad_s = libm::sqrt(means.turning_rad_s / means.duration_s);
         means.acceleration_m_s2 = libm::sqrt(means.acceleration_m_s2 / means.duration_s);
@@ -200,7 +171,5 @@ impl Numbers for Levelled {
             &mut self.sums;
         field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).for_each(&mut *visit);
         [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
-        self.phase.visit(visit);
-        self.phase_z_rad.visit(visit);
     }
 }

@@ -61,7 +61,7 @@ const JUMP_RAD: f64 = 0.017_453_293;
 
 settings! {
     /// Settings of the stage.
-    pub struct Settings {
+    pub(super) struct Settings {
         /// Standard deviation of the hard iron at the start, each axis; 0: the magnetometer is calibrated.
         hard_iron_sd_ut: 0.0 in 0.0 .. 200.0, "µT";
         /// How late the magnetometer is on the gyro; where the estimate begins.
@@ -76,6 +76,8 @@ settings! {
 pub(super) struct Sighting {
     /// The attitude, its heading that of the gyro alone.
     pub(super) attitude: Attitude,
+    /// e^{jz} of that attitude.
+    pub(super) azimuth: Complex<f64>,
     /// Body rate less the bias, rad/s.
     pub(super) rate_rad_s: Vector3<f64>,
     /// Horizontal part of the specific force, m/s².
