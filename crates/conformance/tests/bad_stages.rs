@@ -73,7 +73,7 @@ impl Stage for Bad {
         let mut fused = self.inner.step(if self.mistake == Mistake::Deaf { &deaf } else { input });
         let dt_s = input.motion.map_or(1.0, |motion| motion.dt_s);
         match self.mistake {
-            Mistake::Interval => fused.innovation_rad /= dt_s / dt_s,
+            Mistake::Interval => fused.innovation_rad *= dt_s * dt_s.recip(),
             Mistake::Forgotten | Mistake::Unchecked => fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6,
             Mistake::Parameter => fused.innovation_rad /= self.divisor,
             _ => (),
