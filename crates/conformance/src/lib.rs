@@ -8,7 +8,7 @@
 //!
 //! let report = conformance::fuser(WzClosed::default);
 //! println!("{report}");
-//! ```no_run
+//! ```
 //!
 //! | module | what a stage must be able to do |
 //! | --- | --- |

@@ -30,10 +30,6 @@ const SMOOTHED_FIELD_S: f64 = 0.1;
 /// Largest component of a reading, in its SI unit or µT: far beyond any sensor, and its squares stay finite.
 const READING_MAX: f64 = 1e6;
 
-/// A bias that another stage found is not taken for better known than this, rad/s: 0.1 °/s. What its errors are made of is not
-/// known here.
-const BIAS_SD_MIN_RAD_S: f64 = 1.75e-3;
-
 /// The fuser stage `vqf`.
 pub struct Vqf {
     filter: VQF,
@@ -223,7 +219,8 @@ impl Stage for Vqf {
         let params = self.filter.params();
         let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
         let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
-        self.filter.set_bias_estimate(bias_rad_s.into(), Some(common.bias_sd_rad_s.clamp(BIAS_SD_MIN_RAD_S, sd_max)));
+        // How well it is known VQF finds out as at its own beginning: what the giver's error is made of is not known here.
+        self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
         let state = self.filter.state_mut();
         state.delta = 0.0;
         state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
