@@ -13,6 +13,8 @@ pub struct Errors {
     pub accel_noise_m_s2: f64,
     /// Every constant error has a sign on each axis that the seed draws.
     pub random_signs: bool,
+    /// Forces and fields have no noise in the first reading, so that a filter that begins with it begins with the truth.
+    pub exact_start: bool,
     /// White noise of the gyro on each axis and sample, standard deviation, rad/s.
     pub gyro_noise_rad_s: f64,
     /// Growth of the gyro bias on each axis, rad/s².
@@ -93,6 +95,7 @@ impl Errors {
         gyro_bias_rad_s: 0.0,
         accel_noise_m_s2: 0.0,
         random_signs: false,
+        exact_start: false,
         gyro_noise_rad_s: 0.0,
         gyro_bias_ramp_rad_s2: 0.0,
         gyro_scale: 0.0,
@@ -109,6 +112,7 @@ impl Errors {
             gyro_noise_rad_s: DEGREE_RAD,
             accel_noise_m_s2: 0.03 * GRAVITY_M_S2,
             field: Some(Field { reference_ut, noise_ut: 0.03 * reference_ut.norm() }),
+            exact_start: true,
             ..Self::NONE
         }
     }

@@ -95,6 +95,7 @@ impl Sensors {
     pub fn read(&mut self, t_s: f64) -> Reading {
         let truth = self.body.at(t_s);
         let matrix = truth.attitude.matrix();
+        let noise = if self.errors.exact_start && self.before_s.is_none() { 0.0 } else { 1.0 };
         let mut rate_rad_s = match self.before_s.filter(|_| self.integrating) {
             Some(before_s) => self.body.mean_rate_rad_s(before_s, t_s),
             None => truth.rate_rad_s,
@@ -106,8 +107,8 @@ impl Sensors {
         }
         rate_rad_s += rate_rad_s.component_mul(&self.signs.gyro_scale) * self.errors.gyro_scale;
         rate_rad_s += self.gyro_bias_rad_s(t_s) + self.gyro.normals() * self.errors.gyro_noise_rad_s;
-        let accel_noise_m_s2 = self.accel.normals() * self.errors.accel_noise_m_s2;
-        let field_noise = self.field.normals();
+        let accel_noise_m_s2 = self.accel.normals() * (noise * self.errors.accel_noise_m_s2);
+        let field_noise = self.field.normals() * noise;
         Reading {
             rate_rad_s,
             force_m_s2: truth.force_m_s2 + self.accel_bias_m_s2() + accel_noise_m_s2,

@@ -7,8 +7,8 @@ use super::{
 };
 use crate::{GRAVITY_M_S2, Vector3, course::Reference, gnss::Fix, stage::Numbers, state::wrapped_rad};
 
-/// Speed from which the track tells the course, m/s.
-const TRACK_MIN_M_S: f64 = 5.0;
+/// Largest standard deviation of the first course because of the wind, rad: beyond it nothing is small any more.
+const FIRST_COURSE_SD_RAD: f64 = 0.8;
 /// Speed from which a velocity is not that of standstill, m/s.
 const MOVING_M_S: f64 = 1.5;
 /// Time between the two fixes that make a course, s.
@@ -85,7 +85,7 @@ impl Aided {
             self.aiding.since_assumed_s = 0.0;
             corrections.velocity = true;
         }
-        if speed_m_s > TRACK_MIN_M_S && !self.course_known {
+        if speed_m_s > self.settings.track_speed_m_s && !self.course_known {
             self.aiding.tracked_s = if lost { 0.0 } else { self.aiding.tracked_s + interval_s };
             if self.aiding.tracked_s > COURSE_AFTER_S {
                 self.begin_course(fix);
@@ -93,7 +93,7 @@ impl Aided {
                 corrections.aligned = true;
             }
         }
-        if let Some((_, course_rad)) = self.forward().filter(|_| speed_m_s > TRACK_MIN_M_S) {
+        if let Some((_, course_rad)) = self.forward().filter(|_| speed_m_s > self.settings.track_speed_m_s) {
             self.aiding.crab_rad = if self.course_known { wrapped_rad(fix.track_rad() - course_rad) } else { 0.0 };
         }
     }
@@ -128,7 +128,9 @@ impl Aided {
             self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] });
         }
         let speed_m_s = fix.speed_m_s();
-        if let Some((_, course_rad)) = self.forward().filter(|_| self.course_known && speed_m_s > TRACK_MIN_M_S) {
+        if let Some((_, course_rad)) =
+            self.forward().filter(|_| self.course_known && speed_m_s > self.settings.track_speed_m_s)
+        {
             let residual = wrapped_rad(course_rad - fix.track_rad() - self.turn_rate_rad_s * late_s);
             let variance = shared(settings.wind_m_s / speed_m_s, settings.wind_memory_s, interval_s);
             let row = [(HEADING, -1.0)];
@@ -147,7 +149,7 @@ impl Aided {
             let (sin, cos) = libm::sincos(turn_rad);
             let before = self.pending_rad;
             self.pending_rad = Vector3::new(cos * before.x - sin * before.y, sin * before.x + cos * before.y, before.z);
-            let wind = square(self.settings.wind_m_s / fix.speed_m_s());
+            let wind = square((self.settings.wind_m_s / fix.speed_m_s()).min(FIRST_COURSE_SD_RAD));
             self.covariance.begin(HEADING, square(self.settings.course_sd_deg.to_radians()) + wind);
             self.reference = Reference::True;
         }

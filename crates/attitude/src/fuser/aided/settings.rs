@@ -29,6 +29,8 @@ settings! {
         latency_s: 0.2 in 0.0 .. 0.6, "s";
         /// Standard deviation of that.
         latency_sd_s: 0.1 in 0.0 .. 0.5, "s";
+        /// Speed from which the track tells the course; a slow vehicle wants it lower, and less wind.
+        track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
         /// Wind to be expected, by which course and track over ground differ.
         wind_m_s: 6.0 in 0.1 .. 100.0, "m/s";
         /// Time over which the difference between course and track stays alike.
