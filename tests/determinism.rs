@@ -113,3 +113,29 @@ fn a_bad_recording_gives_the_same_bytes_at_any_speed() {
         assert_same_in_five(seed, "", &[&replay[..], &["--speed", speed]].concat(), &expected);
     }
 }
+
+#[test]
+fn fields_and_fixes_give_the_same_bytes_from_one_process_and_five() {
+    let flight =
+        "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n[course]\nstage = \"track\"";
+    let field = "[ingest.sim]\nscenario = \"s3\"\n[fuser]\nstage = \"wz\"\nset.magnetometer_delay_s = 0.01";
+    for (seeds, source, length) in [(300..303, flight, "120s"), (310..313, field, "15s")] {
+        let arguments = ["--for", length, "--speed", "max"];
+        let expected = in_one_process(source, &arguments[..2]);
+        for seed in seeds {
+            assert_same_in_five(seed, source, &arguments, &expected);
+        }
+    }
+}
+
+#[test]
+fn a_recorded_flight_gives_the_same_bytes_with_its_fixes_and_others_without() {
+    let Some(data) = common::data() else { return };
+    let file = data.join("flights/apm_plane_log2_imu.csv.gz");
+    let replay = ["--replay", file.to_str().unwrap()];
+    let stage = "[fuser]\nstage = \"aided\"\n";
+    let expected = in_one_process(stage, &replay);
+    assert_same_in_five(320, stage, &[&replay[..], &["--speed", "max"]].concat(), &expected);
+    let without = in_one_process(&format!("[ingest.replay]\ngnss = \"off\"\n{stage}"), &replay);
+    assert!(without.0 != expected.0, "the fixes do nothing");
+}
