@@ -69,6 +69,12 @@ impl Default for Levelled {
 }
 
 impl Levelled {
+    /// No sample is waiting for the end of its interval.
+    #[inline]
+    pub(super) fn is_empty(&self) -> bool {
+        self.samples == 0.0 && self.sums.windows == 0.0
+    }
+
     /// One tick; the interval that ends with it, the samples being `delay_s` late.
     #[inline]
     pub(super) fn step(

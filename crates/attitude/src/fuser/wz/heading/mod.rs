@@ -190,13 +190,13 @@ impl Heading {
     /// One tick.
     #[inline]
     pub(super) fn step(&mut self, sighting: &Sighting) -> News {
-        if !self.begun && sighting.field_ut.is_none() {
-            return News::default();
-        }
         let readable = |field: &Vector3<f64>| {
             (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
         };
         let field_ut = sighting.field_ut.filter(readable);
+        if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
+            return News::default();
+        }
         match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU]) {
             Some(interval) => self.update(&interval),
             None => News::default(),
