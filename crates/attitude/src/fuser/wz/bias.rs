@@ -8,7 +8,7 @@
 //! The loop stays what it is: of the filter's findings it is only told what the error of the bias, and of the first level, did to
 //! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro.
 
-use super::{T1_S, T2_S, level::Error};
+use super::{T1_S, T2_S, doubt::Doubt, level::Error};
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     stage::{Numbers, bias_flaw},
@@ -62,6 +62,7 @@ pub(super) struct BiasFilter {
     since_update_s: f64,
     tilt_sd_rad: f64,
     noise: Noise,
+    doubt: Doubt,
 }
 
 /// The noise of the levelled force, from the innovations.
@@ -95,12 +96,8 @@ impl BiasFilter {
             force_dt_m_s: Complex::new(0.0, 0.0),
             since_update_s: 0.0,
             tilt_sd_rad: level_sd,
-            noise: Noise {
-                mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
-                mean_product: 0.0,
-                before: Complex::new(0.0, 0.0),
-                memory_s: MEMORY_BEFORE_S,
-            },
+            noise: Noise::before(),
+            doubt: Doubt::default(),
         }
     }
 
@@ -175,6 +172,9 @@ impl BiasFilter {
         // The force is that of the middle of the interval.
         let innovation = force - self.tilt_rad + leaned_rad * 0.5;
         self.tilt_rad -= leaned_rad;
+        if let Some(wrong_rad) = self.doubt.saw(innovation, interval_s) {
+            return self.begin_anew(wrong_rad);
+        }
         let variance = self.noise.variance(innovation, interval_s);
         let mut change = self.update_by(0, innovation.re, variance);
         change += self.update_by(1, innovation.im - change[1], variance);
@@ -195,6 +195,14 @@ impl BiasFilter {
         let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
         self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
         error
+    }
+
+    /// The level was wrong by `wrong_rad` more than was known: it and the bias are as unknown as at the beginning.
+    #[cold]
+    fn begin_anew(&mut self, wrong_rad: Complex<f64>) -> Error {
+        let tilt = self.tilt_rad + wrong_rad;
+        *self = Self::of(self.bias_rad_s, SD_MAX_RAD_S, SD_LEVEL_RAD);
+        Error { tilt, velocity: Complex::new(0.0, 0.0) }
     }
 
     /// P ← F P Fᵀ + Q.
@@ -265,6 +273,7 @@ impl BiasFilter {
         let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();
         bias_flaw(self.bias_rad_s)
             .or(indefinite.then_some("a covariance that is not symmetric and positive"))
+            .or_else(|| self.doubt.flaw())
             .or((self.noise.mean_square < 0.0).then_some("a mean square below zero"))
             .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0 || self.noise.memory_s <= 0.0)
                 .then_some("a time or standard deviation below zero"))
@@ -272,6 +281,16 @@ impl BiasFilter {
 }
 
 impl Noise {
+    /// Before there were any innovations.
+    fn before() -> Self {
+        Self {
+            mean_square: FORCE_SD_BEFORE * FORCE_SD_BEFORE,
+            mean_product: 0.0,
+            before: Complex::new(0.0, 0.0),
+            memory_s: MEMORY_BEFORE_S,
+        }
+    }
+
     /// The variance that one innovation stands for, were the next independent of it.
     fn variance(&mut self, innovation: Complex<f64>, interval_s: f64) -> f64 {
         self.memory_s = (self.memory_s + interval_s).min(INNOVATION_MEMORY_S);
@@ -306,5 +325,6 @@ impl Numbers for BiasFilter {
         self.noise.mean_product.visit(visit);
         self.noise.before.visit(visit);
         self.noise.memory_s.visit(visit);
+        self.doubt.visit(visit);
     }
 }

@@ -10,6 +10,7 @@
 //! second order, with its "+" replaced by a Möbius map and its low-pass moved to the horizontal frame.
 
 mod bias;
+mod doubt;
 mod heading;
 mod level;
 mod rest;
