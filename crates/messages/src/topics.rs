@@ -66,6 +66,15 @@ impl CourseReference {
     pub const MAGNETIC: Self = Self(1);
     /// From true north.
     pub const TRUE: Self = Self(2);
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MAGNETIC => "magnetic",
+            Self::TRUE => "true",
+            _ => "arbitrary",
+        }
+    }
 }
 
 /// What a service does.

@@ -147,13 +147,17 @@ fn attitude(collector: &Collector) -> String {
     let Some(output) = collector.last() else { return "no attitude yet".into() };
     let [yaw, pitch, roll, course] =
         [output.yaw_rad, output.pitch_rad, output.roll_rad, output.course_rad].map(f64::to_degrees);
-    format!("yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° (arbitrary)")
+    format!(
+        "yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° ({})",
+        output.course_reference.name()
+    )
 }
 
 fn service_line(service: Service, heard: Option<&Heard>) -> String {
     let Some(Heard { health, at }) = heard else { return format!("  {service:<7} starting") };
     let Health { ticks, lost, pid, late_wakes, .. } = health;
-    let notable = Flags(health.flags.0 & !(Flags::RATE_INSTANT.0 | Flags::ALIGNED.0 | Flags::AT_REST.0));
+    let usual = Flags::RATE_INSTANT | Flags::ALIGNED | Flags::AT_REST | Flags::FIELD | Flags::FIX;
+    let notable = Flags(health.flags.0 & !usual.0);
     let state = match at.elapsed() {
         silent if silent > SILENT => format!("silent {} s", silent.as_secs()),
         _ => State::name(health.state).into(),
