@@ -3,7 +3,7 @@
 //! Input: a script. Output: the script with one fault from [`BEGIN_S`] on. Time: the ticks' own. Failure: none.
 //!
 //! A stage stands behind ingest, which makes stamps grow and values finite; so a stamp that stands, repeats or runs backward is an
-//! interval of zero here, a leap is an interval of up to [`BRIDGE_S`], and a value that is not a number is a missing one.
+//! interval of zero here, a leap is an interval of up to `BRIDGE_S`, and a value that is not a number is a missing one.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 

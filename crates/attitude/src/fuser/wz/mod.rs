@@ -3,7 +3,7 @@
 //! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in a
 //! horizontal frame, where gravity stands still. Per tick:
 //!
-//! 1. w ← the exact step less the bias, while the level leans by κ dt ([`Level`]);
+//! 1. w ← the exact step less the bias, while the level leans by κ dt (`Level`);
 //! 2. h, the horizontal part of the force; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate.
 //!
 //! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
