@@ -151,7 +151,8 @@ impl BiasFilter {
         (self.since_update_s, self.force_dt_m_s)
     }
 
-    /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last. What the error of the
+    /// The update, of a body that turns by `rate_rad_s`. The loop has leaned by `leaned_rad` since the last and has the leaky
+    /// velocity `velocity_s`, over g. What the error of the
     /// bias and of the first level had done to the loop until now, to be taken back.
     #[inline(never)]
     pub(super) fn update(
@@ -159,6 +160,7 @@ impl BiasFilter {
         rate_rad_s: Vector3<f64>,
         leaned_rad: Complex<f64>,
         bias_at_rest: Option<Vector3<f64>>,
+        velocity_s: Complex<f64>,
     ) -> Error {
         let interval_s = self.since_update_s;
         let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
@@ -173,7 +175,7 @@ impl BiasFilter {
         let innovation = force - self.tilt_rad + leaned_rad * 0.5;
         self.tilt_rad -= leaned_rad;
         if let Some(wrong_rad) = self.doubt.saw(innovation, interval_s) {
-            return self.begin_anew(wrong_rad);
+            return self.begin_anew(wrong_rad, velocity_s);
         }
         let variance = self.noise.variance(innovation, interval_s);
         let mut change = self.update_by(0, innovation.re, variance);
@@ -197,12 +199,13 @@ impl BiasFilter {
         error
     }
 
-    /// The level was wrong by `wrong_rad` more than was known: it and the bias are as unknown as at the beginning.
+    /// The level was wrong by `wrong_rad` more than was known, so the velocity is its work: level and bias are as unknown as at the
+    /// beginning.
     #[cold]
-    fn begin_anew(&mut self, wrong_rad: Complex<f64>) -> Error {
+    fn begin_anew(&mut self, wrong_rad: Complex<f64>, velocity_s: Complex<f64>) -> Error {
         let tilt = self.tilt_rad + wrong_rad;
         *self = Self::of(self.bias_rad_s, SD_MAX_RAD_S, SD_LEVEL_RAD);
-        Error { tilt, velocity: Complex::new(0.0, 0.0) }
+        Error { tilt, velocity: velocity_s }
     }
 
     /// P ← F P Fᵀ + Q.

@@ -50,3 +50,26 @@ impl Numbers for Doubt {
         self.since_s.visit(visit);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const INTERVAL_S: f64 = 0.2;
+
+    #[test]
+    fn a_wrong_level_is_told_with_its_error() {
+        let (mut doubt, wrong_rad) = (Doubt::default(), Complex::new(0.3, -0.4));
+        let told = (0..10).find_map(|_| doubt.saw(wrong_rad, INTERVAL_S));
+        assert!(told.is_some_and(|told| (told - wrong_rad).norm_sqr() < 1e-20), "{told:?}");
+    }
+
+    #[test]
+    fn accelerations_that_end_in_no_velocity_are_never_doubted() {
+        let mut doubt = Doubt::default();
+        for i in 0..10_000 {
+            let sign = if i / 5 % 2 == 0 { 0.7 } else { -0.7 };
+            assert_eq!(doubt.saw(Complex::new(sign, 0.1), INTERVAL_S), None, "{i}");
+        }
+    }
+}

@@ -68,6 +68,11 @@ impl Level {
         self.azimuth
     }
 
+    /// The leaky velocity over g, s.
+    pub(super) fn velocity_s(&self) -> Complex<f64> {
+        self.velocity_m_s / GRAVITY_M_S2
+    }
+
     /// An inclination has been seen.
     pub(super) fn started(&self) -> bool {
         self.started

@@ -78,7 +78,7 @@ impl Wz {
         let (interval_s, force_dt_m_s) = self.bias.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
-        let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s());
+        let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
         self.level.take_back(error);
     }
 }
