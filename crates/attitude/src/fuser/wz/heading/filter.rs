@@ -1,12 +1,14 @@
-//! One hypothesis about the field: a Kalman filter of eleven states.
+//! One hypothesis about the field: a Kalman filter of fourteen states.
 //!
 //! x = [e(3) field of the place, β drift rate of the gyro's heading, τ delay of the magnetometer, b(3) hard iron, d(3) what the
-//! place adds where the body is], all but b in the reference frame. Of an interval's means y, R', Ω:
+//! place adds where the body is, κ(3) error of the gyro's scale, each axis], all but b and κ in the reference frame. Of an interval's means y, R', Ω:
 //!
 //! y = e + (τ − τ') Ω × e + R' b + d + v,
 //!
-//! τ' being the delay that R' was taken back by. Between intervals e turns by βT about the vertical, with a random walk along
-//! ζ0 × e, for the gyro turns it and stretches nothing; d fades with the way the body has gone, and while it stays d stays: a
+//! τ' being the delay that R' was taken back by. Between intervals e turns about the vertical by βT + Σ κ_i ψ_i, ψ_i = ∫ u_i ω_i dt
+//! being the turn about the vertical that body axis i made (u: up in body axes), with a random walk along ζ0 × e, for the gyro turns
+//! it and stretches nothing. Without κ a body that keeps turning one way has a drift that is none when it stops or turns back: half a
+//! per cent of a turn is 2°, and β, which stands for what does not depend on the motion, follows it for a minute. d fades with the way the body has gone, and while it stays d stays: a
 //! sensor that does not move learns nothing about the field beyond its place.
 //!
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
@@ -15,24 +17,29 @@ use super::{Settings, levelled::Interval};
 use crate::stage::Numbers;
 
 /// Numbers in the state, and where its parts begin.
-pub(super) const STATES: usize = 11;
+pub(super) const STATES: usize = 14;
 pub(super) const E: usize = 0;
 pub(super) const BETA: usize = 3;
 pub(super) const TAU: usize = 4;
 pub(super) const B: usize = 5;
 const D: usize = 8;
+pub(super) const KAPPA: usize = 11;
 /// Columns of the covariance, filled up to whole vector registers.
-const COLUMNS: usize = 12;
+const COLUMNS: usize = 16;
 
 /// Standard deviation of the field of a place that is not known, µT: the strongest on earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
 const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s: a rest's bias ages by its own size in half a minute of motion.
-const DRIFT_WALK_RAD_S: f64 = 1e-4;
+/// Random walk of the drift rate while the body moves, rad/s/√s: that of the gyro's bias.
+const DRIFT_WALK_RAD_S: f64 = 3e-5;
+/// Error of the gyro's scale, each axis: data sheets of MEMS gyros allow 0.5 to 1 % at most.
+const SCALE_SD: f64 = 0.003;
+/// Its random walk, 1/√s: what a few degrees of warming make of it in an hour.
+const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
-const TURN_WALK_RAD: f64 = 5e-4;
-const TURN_WALK_BY_RATE: f64 = 5e-4;
+const TURN_WALK_RAD: f64 = 3e-4;
+const TURN_WALK_BY_RATE: f64 = 3e-4;
 /// Random walk of the field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
 /// What the place adds: iron in a building, and the sensor's own soft iron.
@@ -50,6 +57,8 @@ const DELAY_MAX_S: f64 = 0.04;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Passage {
     duration_s: f64,
+    /// Turn about the vertical by each body axis, rad.
+    turned_rad: [f64; 3],
     /// The body moved, so that the gyro's heading drifted.
     moved: bool,
     /// What is left of d, and the variance that comes for it, µT².
@@ -69,6 +78,7 @@ impl Passage {
         let walk_rad = TURN_WALK_RAD + TURN_WALK_BY_RATE * turning;
         Self {
             duration_s: t_s,
+            turned_rad: interval.turned_rad,
             moved: !interval.at_rest,
             kept,
             place_variance_ut2: PLACE_SD_UT * PLACE_SD_UT * (1.0 - kept * kept),
@@ -105,14 +115,15 @@ impl Filter {
         filter.open(E, FIELD_SD_UT);
         filter.open(B, settings.hard_iron_sd_ut);
         filter.open(D, PLACE_SD_UT);
+        filter.open(KAPPA, SCALE_SD);
         filter.reset(BETA, DRIFT_SD_RAD_S);
         filter.p[TAU][TAU] = settings.magnetometer_delay_sd_s * settings.magnetometer_delay_sd_s;
         filter
     }
 
-    /// The field and the hard iron, within `hard_iron_sd_ut`, begin anew; the drift and the delay of `known` stay.
+    /// The field and the hard iron, within `hard_iron_sd_ut`, begin anew; the drift, the gyro's scale and the delay of `known` stay.
     pub(super) fn keep_clockwork(&mut self, known: &Self, hard_iron_sd_ut: f64) {
-        for i in [BETA, TAU] {
+        for i in [BETA, TAU, KAPPA, KAPPA + 1, KAPPA + 2] {
             self.x[i] = known.x[i];
             self.p[i][i] = known.p[i][i];
         }
@@ -161,14 +172,14 @@ impl Filter {
     /// Time passes.
     pub(super) fn predict(&mut self, passage: &Passage) {
         if passage.moved {
-            self.drift(passage.duration_s);
+            self.drift(passage.duration_s, passage.turned_rad);
         }
-        for i in D..STATES {
+        for i in D..D + 3 {
             self.x[i] *= passage.kept;
             self.p[i].iter_mut().for_each(|part| *part *= passage.kept);
         }
         for row in &mut self.p {
-            row[D..STATES].iter_mut().for_each(|part| *part *= passage.kept);
+            row[D..D + 3].iter_mut().for_each(|part| *part *= passage.kept);
         }
         for i in 0..3 {
             self.p[D + i][D + i] += passage.place_variance_ut2;
@@ -177,21 +188,28 @@ impl Filter {
         self.turn_walk(passage.turn_variance_rad2);
     }
 
-    /// e turns by βT.
-    fn drift(&mut self, t_s: f64) {
+    /// e turns by βT + Σ κψ.
+    fn drift(&mut self, t_s: f64, [psi_x, psi_y, psi_z]: [f64; 3]) {
+        let drift = |of: &[f64]| t_s * of[BETA] + psi_x * of[KAPPA] + psi_y * of[KAPPA + 1] + psi_z * of[KAPPA + 2];
         let (x, y) = (self.x[E], self.x[E + 1]);
-        let sin = (self.x[BETA] * t_s).clamp(-0.1, 0.1);
+        let sin = drift(&self.x).clamp(-0.1, 0.1);
         let cos = 1.0 - 0.5 * sin * sin;
         (self.x[E], self.x[E + 1]) = (cos * x - sin * y, cos * y + sin * x);
-        let (p0, p1, p3) = (self.p[0], self.p[1], self.p[BETA]);
+        // F P Fᵀ: the rows, then the columns.
+        let (p0, p1) = (self.p[0], self.p[1]);
+        let (by_beta, [by_x, by_y, by_z]) = (self.p[BETA], [self.p[KAPPA], self.p[KAPPA + 1], self.p[KAPPA + 2]]);
         for j in 0..COLUMNS {
-            self.p[0][j] = cos * p0[j] - sin * p1[j] - y * t_s * p3[j];
-            self.p[1][j] = cos * p1[j] + sin * p0[j] + x * t_s * p3[j];
+            let turn = t_s * by_beta[j] + psi_x * by_x[j] + psi_y * by_y[j] + psi_z * by_z[j];
+            self.p[0][j] = cos * p0[j] - sin * p1[j] - y * turn;
+            self.p[1][j] = cos * p1[j] + sin * p0[j] + x * turn;
         }
         for row in &mut self.p {
-            let (a, b, c) = (row[0], row[1], row[BETA]);
-            row[0] = cos * a - sin * b - y * t_s * c;
-            row[1] = cos * b + sin * a + x * t_s * c;
+            let (a, b, c) = (row[0], row[1], drift(row));
+            row[0] = cos * a - sin * b - y * c;
+            row[1] = cos * b + sin * a + x * c;
+        }
+        for i in KAPPA..KAPPA + 3 {
+            self.p[i][i] += SCALE_WALK * SCALE_WALK * t_s;
         }
         // Both halves alike to the last bit: a snapshot holds one.
         self.p[1][0] = self.p[0][1];

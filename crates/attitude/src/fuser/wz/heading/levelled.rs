@@ -31,6 +31,8 @@ pub(super) struct Interval {
     pub(super) axes: [[f64; 3]; 3],
     /// R'ω, rad/s, reference axes.
     pub(super) rate_rad_s: [f64; 3],
+    /// Turn about the vertical that each body axis made, rad.
+    pub(super) turned_rad: [f64; 3],
     /// Root mean square of the rate, rad/s.
     pub(super) turning_rad_s: f64,
     /// Root mean square of the horizontal acceleration, m/s².
@@ -116,6 +118,8 @@ impl Levelled {
             self.gather(sighting, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
         }
         self.sums.duration_s += self.window_s;
+        let turned_rad = sighting.attitude.up.direction().component_mul(&self.rotation_rad);
+        self.sums.turned_rad.iter_mut().zip(turned_rad.iter()).for_each(|(sum, part)| *sum += part);
         self.rate_before_rad_s = rate_rad_s;
         self.rotation_rad = Vector3::zeros();
         self.window_s = 0.0;
@@ -173,9 +177,19 @@ impl Numbers for Levelled {
         self.rotation_rad.visit(visit);
         self.window_s.visit(visit);
         self.rate_before_rad_s.visit(visit);
-        let Interval { duration_s, windows, field_ut, axes, rate_rad_s, turning_rad_s, acceleration_m_s2, at_rest: _ } =
-            &mut self.sums;
-        field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).for_each(&mut *visit);
+        let Interval {
+            duration_s,
+            windows,
+            turned_rad,
+            field_ut,
+            axes,
+            rate_rad_s,
+            turning_rad_s,
+            acceleration_m_s2,
+            at_rest: _,
+        } = &mut self.sums;
+        let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(turned_rad);
+        vectors.for_each(&mut *visit);
         [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
     }
 }

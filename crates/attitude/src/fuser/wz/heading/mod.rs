@@ -5,8 +5,8 @@
 //! intervals. Failure: without a field, or with one that nothing explains, a stays and the heading is the gyro's.
 //!
 //! In the frame of the gyro's heading north stands still, up to a slow drift, so that the field is a linear measurement of what is
-//! unknown: the field of the place e, the drift β, the delay of the magnetometer τ, the hard iron b, what the place adds d
-//! (see `filter`). a = atan2(e_ξ, e_η).
+//! unknown: the field of the place e, the drift β, the delay of the magnetometer τ, the hard iron b, what the place adds d, the error
+//! of the gyro's scale κ (see `filter`). a = atan2(e_ξ, e_η).
 //!
 //! | file | what it does |
 //! | --- | --- |
