@@ -191,7 +191,7 @@ fn a_drift_of_the_gyro_is_taken_off() {
     let world = World { drift_rad_s: 0.1f64.to_radians(), ..WORLD };
     let worst = worst_deg(world, 60.0, 600.0, as_it_is);
     println!("0.1 °/s for 600 s: {worst:.2}°");
-    assert!(worst < 2.0, "{worst}°");
+    assert!(worst < 2.5, "{worst}°");
 }
 
 #[test]

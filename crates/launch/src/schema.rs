@@ -367,7 +367,7 @@ launch.toml: 2 problems"#;
                 &["unknown key \"rate\" in [ingest.sim]", ":2:1\n", "| ^^^^ not", "did you mean \"rate_hz\"?"],
             ),
             ("[igest]\n", &["unknown key \"igest\"", ":1:2\n", "|  ^^^^^ not", "did you mean \"ingest\"?"]),
-            ("[gyro]\nstage = \"kalman\"", &[":2:9\n", "allowed: \"mobius\", \"rk4\", \"euler\""]),
+            ("[gyro]\nstage = \"kalman\"", &[":2:9\n", "allowed: \"mobius\", \"mobius-coning\", \"rk4\", \"euler\""]),
             ("[ingest]\nsource = \"Sim\"", &["ingest.source", ":2:10\n", "^^^^^ not", "did you mean \"sim\"?"]),
             ("buffer_s = \"1\"", &["buffer_s: expected a number, found a string", ":1:12\n", "^^^ expected a number"]),
             ("name = 3", &["name: expected a string, found an integer", ":1:8\n", "^ expected a string"]),

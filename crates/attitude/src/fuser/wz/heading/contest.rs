@@ -41,7 +41,7 @@ const REJECTED_S: f64 = 60.0;
 const BEGINNER_S: f64 = 10.0;
 const BEGINNER_REJECTED_S: f64 = 2.0;
 /// The drift rate of the gyro's heading, once its bias was seen at rest, rad/s.
-const DRIFT_SD_AT_REST_RAD_S: f64 = 5e-4;
+const DRIFT_SD_AT_REST_RAD_S: f64 = 3e-4;
 
 /// What became of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,15 +1,16 @@
 //! One hypothesis about the field: a Kalman filter of fourteen states.
 //!
 //! x = [e(3) field of the place, β drift rate of the gyro's heading, τ delay of the magnetometer, b(3) hard iron, d(3) what the
-//! place adds where the body is, κ(3) error of the gyro's scale, each axis], all but b and κ in the reference frame. Of an interval's means y, R', Ω:
+//! place adds where the body is, κ(3) error of the gyro's scale, each axis], all but b and κ in the reference frame. Of an
+//! interval's means y, R', Ω:
 //!
 //! y = e + (τ − τ') Ω × e + R' b + d + v,
 //!
 //! τ' being the delay that R' was taken back by. Between intervals e turns about the vertical by βT + Σ κ_i ψ_i, ψ_i = ∫ u_i ω_i dt
 //! being the turn about the vertical that body axis i made (u: up in body axes), with a random walk along ζ0 × e, for the gyro turns
 //! it and stretches nothing. Without κ a body that keeps turning one way has a drift that is none when it stops or turns back: half a
-//! per cent of a turn is 2°, and β, which stands for what does not depend on the motion, follows it for a minute. d fades with the way the body has gone, and while it stays d stays: a
-//! sensor that does not move learns nothing about the field beyond its place.
+//! per cent of a turn is 2°, and β, which stands for what does not depend on the motion, follows it for a minute. d fades with the
+//! way the body has gone and little while it stays: a sensor that does not move learns nothing about the field beyond its place.
 //!
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 
@@ -31,8 +32,8 @@ const COLUMNS: usize = 16;
 const FIELD_SD_UT: f64 = 60.0;
 /// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
 const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s: that of the gyro's bias.
-const DRIFT_WALK_RAD_S: f64 = 3e-5;
+/// Random walk of the drift rate while the body moves, rad/s/√s: a rest's bias ages by its own size in ten seconds of motion.
+const DRIFT_WALK_RAD_S: f64 = 1e-4;
 /// Error of the gyro's scale, each axis: data sheets of MEMS gyros allow 0.5 to 1 % at most.
 const SCALE_SD: f64 = 0.003;
 /// Its random walk, 1/√s: what a few degrees of warming make of it in an hour.
@@ -45,8 +46,8 @@ const FIELD_WALK_UT: f64 = 0.01;
 /// What the place adds: iron in a building, and the sensor's own soft iron.
 const PLACE_SD_UT: f64 = 1.0;
 /// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
-const FADE_AT_REST: f64 = 0.02;
-const FADE_BY_TURN: f64 = 0.35;
+const FADE_AT_REST: f64 = 0.05;
+const FADE_BY_TURN: f64 = 0.3;
 const FADE_BY_ACCELERATION: f64 = 0.175;
 const ACCELERATION_OF_REST_M_S2: f64 = 0.3;
 /// The delays of magnetometers there are, s.
