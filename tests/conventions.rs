@@ -125,6 +125,8 @@ fn published(it: &Vector) -> AttitudeOutput {
         pace: Pace::Max,
         ticks_max: None,
         incarnation: 0,
+        epoch: runtime::service::FIRST_EPOCH,
+        resume: None,
         supervisor_pid: 0,
     };
     let attitude = it.attitude();

@@ -64,6 +64,7 @@ impl Domain {
             let page = Page::map(&file).map_err(|cause| self.page_error("mapping", cause))?;
             page.set_owner_pid(std::process::id());
             let alone = self.await_members()?;
+            page.forget_ticks();
             self.remove_remains();
             drop(alone);
             return Ok(Claim { domain: self.clone(), _lock: file });

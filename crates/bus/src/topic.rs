@@ -4,7 +4,10 @@ use std::{cell::Cell, fmt, fs::File, sync::Arc, time::Duration};
 
 use iceoryx2::{
     node::{Node, NodeBuilder},
-    port::{publisher::Publisher as IoxPublisher, subscriber::Subscriber as IoxSubscriber},
+    port::{
+        publisher::Publisher as IoxPublisher, subscriber::Subscriber as IoxSubscriber,
+        update_connections::UpdateConnections,
+    },
     prelude::{
         AttributeVerifier, Config, LogLevel, MessagingPattern, NodeName, Service, ServiceName, SignalHandlingMode,
         ZeroCopySend, ipc, set_log_level,
@@ -22,8 +25,8 @@ use crate::{
 const PUBLISHERS: usize = 4;
 /// Services of the path, recorder, gateway, taps, and two that were killed.
 const SUBSCRIBERS: usize = 10;
-/// Every service says how it is.
-const HEALTH_PUBLISHERS: usize = 24;
+/// Every service says how it is and where.
+const EVERYBODY: usize = 24;
 const NODES: usize = 40;
 /// iceoryx2 holds eight attributes of 256 bytes.
 const LAYOUT_CHUNK: usize = 250;
@@ -55,7 +58,8 @@ impl Bus {
         Ok(Self { config, node, page, _member: member })
     }
 
-    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten.
+    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten, and as many
+    /// for readers that come later.
     pub fn publisher<M: Message>(&self, buffer: usize) -> Result<Publisher<M>, BusError> {
         let service = self.topic::<M>(buffer)?;
         let port = service
@@ -68,10 +72,30 @@ impl Bus {
 
     /// Reads `M`, from the next message that is published.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
+        self.reader(buffer, 0)
+    }
+
+    /// Reads `M`, from the oldest message that its living publishers still hold; they hand them over when they next act.
+    pub fn late_subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
+        self.reader(buffer, buffer)
+    }
+
+    /// Wakes everybody who waits for any topic, so that a new reader is noticed.
+    pub fn wake_all(&self) {
+        self.page.wake_all();
+    }
+
+    /// The tick after the newest one that was ever about to be published on the topic.
+    pub fn next_tick<M: Message>(&self) -> u64 {
+        self.word::<M>().next_tick()
+    }
+
+    fn reader<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
         let service = self.topic::<M>(buffer)?;
         let port = service
             .subscriber_builder()
             .buffer_size(buffer)
+            .history_request(history)
             .create()
             .map_err(|cause| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") })?;
         let word = self.word::<M>();
@@ -93,13 +117,14 @@ impl Bus {
             };
             attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
         }
-        let publishers = if M::TOPIC == messages::Health::TOPIC { HEALTH_PUBLISHERS } else { PUBLISHERS };
+        let everybody = [messages::Health::TOPIC, messages::Checkpoint::TOPIC].contains(&M::TOPIC);
+        let publishers = if everybody { EVERYBODY } else { PUBLISHERS };
         self.node
             .service_builder(&name)
             .publish_subscribe::<Sample<M>>()
             .enable_safe_overflow(true)
             .subscriber_max_buffer_size(buffer)
-            .history_size(0)
+            .history_size(buffer)
             .subscriber_max_borrowed_samples(1)
             .max_publishers(publishers)
             .max_subscribers(SUBSCRIBERS)
@@ -156,6 +181,16 @@ impl<M: Message> Publisher<M> {
         Ok(())
     }
 
+    /// Notes the tick of the message that is sent next: whoever goes on in place of a publisher that died knows how far it was.
+    pub fn note(&self, tick: u64) {
+        self.word.note(tick);
+    }
+
+    /// Hands what it holds to readers that have come since it last acted.
+    pub fn greet(&self) -> Result<(), BusError> {
+        self.port.update_connections().map_err(|cause| BusError::Send { topic: M::TOPIC, cause: format!("{cause:?}") })
+    }
+
     /// Wakes the readers, once after all that was sent.
     pub fn wake(&self) {
         self.word.wake();
@@ -191,6 +226,11 @@ impl<M: Message> Subscriber<M> {
         // There may be more: the next wait is none.
         self.seen.set(self.seen.get().wrapping_sub(1));
         Ok(())
+    }
+
+    /// The tick after the newest one that was ever about to be published.
+    pub fn next_tick(&self) -> u64 {
+        self.word.next_tick()
     }
 
     /// Sleeps until something was published since the last [`drain`](Self::drain) or wait began, no longer than `limit`.

@@ -10,7 +10,7 @@ use std::{
     ptr::NonNull,
     sync::{
         Arc,
-        atomic::{AtomicU32, Ordering::SeqCst},
+        atomic::{AtomicU32, AtomicU64, Ordering::SeqCst},
     },
     time::Duration,
 };
@@ -30,6 +30,8 @@ pub(crate) const PAGE_BYTES: usize = size_of::<Layout>();
 struct Word {
     wakes: AtomicU32,
     waiting: AtomicU32,
+    /// The tick after the newest one on the topic.
+    next_tick: AtomicU64,
 }
 
 #[repr(C)]
@@ -61,6 +63,16 @@ impl Page {
 
     pub(crate) fn set_owner_pid(&self, pid: u32) {
         self.layout().owner_pid.store(pid, SeqCst);
+    }
+
+    /// Wakes whoever waits for any topic.
+    pub(crate) fn wake_all(&self) {
+        self.layout().words.iter().for_each(Word::wake);
+    }
+
+    /// No topic has had a tick.
+    pub(crate) fn forget_ticks(&self) {
+        self.layout().words.iter().for_each(|word| word.next_tick.store(0, SeqCst));
     }
 
     fn layout(&self) -> &Layout {
@@ -95,6 +107,16 @@ pub(crate) struct TopicWord {
     index: usize,
 }
 
+impl Word {
+    fn wake(&self) {
+        self.wakes.fetch_add(1, SeqCst);
+        if self.waiting.load(SeqCst) != 0 && self.waiting.swap(0, SeqCst) != 0 {
+            // It can only fail when nobody waits any more.
+            let _ = futex::wake(&self.wakes, futex::Flags::empty(), i32::MAX as u32);
+        }
+    }
+}
+
 /// How a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Woken {
@@ -115,12 +137,17 @@ impl TopicWord {
 
     /// Wakes every reader that waits.
     pub(crate) fn wake(&self) {
-        let word = self.word();
-        word.wakes.fetch_add(1, SeqCst);
-        if word.waiting.load(SeqCst) != 0 && word.waiting.swap(0, SeqCst) != 0 {
-            // It can only fail when nobody waits any more.
-            let _ = futex::wake(&word.wakes, futex::Flags::empty(), i32::MAX as u32);
-        }
+        self.word().wake();
+    }
+
+    /// Notes the tick that is about to be published. A slot may begin at an earlier one again; the newest stays.
+    pub(crate) fn note(&self, tick: u64) {
+        self.word().next_tick.fetch_max(tick.saturating_add(1), SeqCst);
+    }
+
+    /// The tick after the newest one that was ever about to be published on the topic.
+    pub(crate) fn next_tick(&self) -> u64 {
+        self.word().next_tick.load(SeqCst)
     }
 
     /// What the word is now: to be asked before reading.

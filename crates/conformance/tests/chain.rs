@@ -64,8 +64,16 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
     let mut launch = Launch::default();
     launch.fuser.stage = fuser.into();
     let mut conditioner = Conditioner::new(&launch.ingest, RATE_HZ, GyroSamples::Instants).unwrap();
-    let orders =
-        Orders { launch, rate_hz: RATE_HZ, pace: Pace::Max, ticks_max: None, incarnation: 0, supervisor_pid: 0 };
+    let orders = Orders {
+        launch,
+        rate_hz: RATE_HZ,
+        pace: Pace::Max,
+        ticks_max: None,
+        incarnation: 0,
+        epoch: 1,
+        resume: None,
+        supervisor_pid: 0,
+    };
     let plan = Plan { orders, ticks: None, stop_after_s: None, has_reference: false, out: None };
     let mut path = Path::new(&plan).unwrap();
     let (mut next_tick, mut last) = (0, None);

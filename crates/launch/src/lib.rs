@@ -19,7 +19,7 @@ mod sensors;
 mod walk;
 
 pub use model::{
-    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, Replay, Service, Sim, Source,
-    Stage, TOPIC_MESSAGES_MAX,
+    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
+    Sim, Source, Stage, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems};

@@ -19,6 +19,8 @@ pub struct Launch {
     pub buffer_s: f64,
     /// How far ahead of a missing input another must be for a join to go on without it, s; less than `buffer_s`.
     pub lateness_s: f64,
+    /// When a service that ended is started again, and when no more.
+    pub restart: Restart,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
@@ -29,6 +31,34 @@ pub struct Launch {
     pub fuser: Stage,
     /// Which of `attitude::course::Course::NAMES` runs.
     pub course: Stage,
+}
+
+/// When a service that ended is started again, and when no more.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Restart {
+    /// A service that says nothing for so long is killed and started again, s.
+    pub silence_s: f64,
+    /// A life shorter than this counts as a failure, a longer one clears the count, s.
+    pub settled_s: f64,
+    /// The pause before the third life in a row that follows a failure; it doubles with each, s.
+    pub backoff_s: f64,
+    /// The longest pause, s.
+    pub backoff_max_s: f64,
+    /// After so many failures in a row the service has failed.
+    pub limit: u64,
+    /// What happens then.
+    pub on_limit: OnLimit,
+}
+
+/// What happens when a service has failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum OnLimit {
+    /// The system ends.
+    Stop,
+    /// The service stays away; the others go on with what there is.
+    Degrade,
+    /// It is tried again after the longest pause, without end.
+    Hold,
 }
 
 /// What fills a slot.
@@ -205,8 +235,16 @@ impl Default for Launch {
         Self {
             name: "plumbline".into(),
             services: Service::ALL.into(),
-            buffer_s: 1.0,
-            lateness_s: 0.5,
+            buffer_s: 2.0,
+            lateness_s: 1.0,
+            restart: Restart {
+                silence_s: 0.5,
+                settled_s: 1.0,
+                backoff_s: 0.05,
+                backoff_max_s: 2.0,
+                limit: 10,
+                on_limit: OnLimit::Stop,
+            },
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },

@@ -1,7 +1,7 @@
 //! Which keys there are, and what each may be.
 
 use crate::{
-    GyroSamples, Launch, LaunchError, Problems, Service, Source,
+    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
     model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
     sensors::{calibration, mounting},
@@ -57,6 +57,7 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
+        section.section("restart", |section| restart(section, &mut self.restart));
         section.section("ingest", |section| ingest(section, &mut self.ingest));
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
@@ -145,6 +146,16 @@ fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem>
         let note = format!("a topic holds {TOPIC_MESSAGES_MAX} messages at most");
         Problem { note: Some(note), ..Problem::new(place, title, format!("expected at most {most_s:.1}")) }
     })
+}
+
+fn restart(section: &mut Section<'_, '_>, out: &mut Restart) {
+    section.number("silence_s", 0.2..=60.0, &mut out.silence_s);
+    section.number("settled_s", 0.0..=60.0, &mut out.settled_s);
+    section.number("backoff_s", 0.0..=60.0, &mut out.backoff_s);
+    section.number("backoff_max_s", 0.0..=600.0, &mut out.backoff_max_s);
+    section.natural("limit", &mut out.limit);
+    let policies = [("stop", OnLimit::Stop), ("degrade", OnLimit::Degrade), ("hold", OnLimit::Hold)];
+    section.choice("on_limit", policies, &mut out.on_limit);
 }
 
 fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
@@ -265,6 +276,7 @@ mod tests {
             services = ["course", "fuser", "accel", "gyro", "ingest"]
             buffer_s = 60
             lateness_s = 0.01
+            restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
             gyro.stage = "rk4"
             accel = { stage = "projector" }
             [ingest]
@@ -301,6 +313,14 @@ mod tests {
             services: Service::ALL.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
+            restart: Restart {
+                silence_s: 1.0,
+                settled_s: 2.0,
+                backoff_s: 3.0,
+                backoff_max_s: 4.0,
+                limit: 5,
+                on_limit: OnLimit::Hold,
+            },
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {
@@ -344,7 +364,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "ingest", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "ingest", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9

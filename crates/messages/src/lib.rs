@@ -16,6 +16,8 @@
 //! | `fused` | [`FusedState`] | fuser | course |
 //! | `attitude` | [`AttitudeOutput`] | course | whoever asks |
 //! | `credit` | [`Credit`] | supervisor | ingest |
+//! | `checkpoint` | [`Checkpoint`] | every slot | supervisor |
+//! | `control` | [`Control`] | supervisor | every slot |
 //! | `health` | [`Health`] | every service | supervisor |
 #![forbid(unsafe_code)]
 
@@ -28,12 +30,12 @@ pub use convert::{finite, pair};
 pub use flags::Flags;
 pub use layout::{Field, Layout};
 pub use topics::{
-    AccelPoint, AttitudeOutput, Chart, CourseReference, Credit, FusedState, GnssFix, GyroStep, Header, Health,
-    ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
+    AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, FusedState,
+    GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
 };
 
 /// Every topic, in the order of the table above.
-pub const TOPICS: [&str; 12] = [
+pub const TOPICS: [&str; 14] = [
     SensorReading::TOPIC,
     ReceiverReading::TOPIC,
     ImuSample::TOPIC,
@@ -45,6 +47,8 @@ pub const TOPICS: [&str; 12] = [
     FusedState::TOPIC,
     AttitudeOutput::TOPIC,
     Credit::TOPIC,
+    Checkpoint::TOPIC,
+    Control::TOPIC,
     Health::TOPIC,
 ];
 
@@ -66,11 +70,12 @@ pub trait Ticked: Message {
     /// Where it comes from.
     fn header_mut(&mut self) -> &mut Header;
 
-    /// The bytes that are the same in every run on the same input: those of the message without its stamps of this run's clock
-    /// and processes.
+    /// The bytes that are the same in every run on the same input: those of the message without its stamps of this run's clock,
+    /// decisions and processes.
     fn canonical(mut self) -> Self {
         let header = self.header_mut();
-        (header.t_born_ns, header.t_sent_ns, header.incarnation) = (0, 0, 0);
+        (header.t_born_ns, header.t_sent_ns) = (0, 0);
+        (header.epoch, header.incarnation) = (0, 0);
         self
     }
 }

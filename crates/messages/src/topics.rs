@@ -286,6 +286,65 @@ payload! {
 }
 
 payload! {
+    /// The state of a slot between two ticks: from it the next life of the service goes on, or another stage.
+    Checkpoint = "plumbline.Checkpoint.1" on "checkpoint" {
+        /// The tick that the slot takes next.
+        next_tick: u64,
+        /// [`Checkpoint::sum`].
+        checksum: u64,
+        /// The service's place in the order ingest, gyro, accel, fuser, course.
+        service: u32,
+        /// The life of the sender.
+        incarnation: u32,
+        /// The stage's name, filled up with zeros.
+        stage: [u8; 32],
+        /// How many words are the slot's own.
+        slot_words: u32,
+        /// How many words after them are numbers that every stage of the slot can go on with.
+        common_words: u32,
+        /// How many words after those are the numbers of this stage.
+        stage_words: u32,
+        /// Zero.
+        reserved: u32,
+        /// Numbers, each as its bits.
+        words: [u64; CHECKPOINT_WORDS],
+    }
+}
+
+/// Words of a checkpoint at most: the state of the largest stage and what a slot keeps beside it.
+pub const CHECKPOINT_WORDS: usize = 576;
+
+impl Checkpoint {
+    /// FNV-1a over all but the checksum itself.
+    pub fn sum(&self) -> u64 {
+        let summed = Self { checksum: 0, ..*self };
+        crate::hash(crate::HASH_START, bytemuck::bytes_of(&summed))
+    }
+
+    /// The stage's name; empty when it is none.
+    pub fn stage(&self) -> &str {
+        let len = self.stage.iter().position(|byte| *byte == 0).unwrap_or(self.stage.len());
+        std::str::from_utf8(&self.stage[..len]).unwrap_or_default()
+    }
+}
+
+payload! {
+    /// Who owns a slot from a tick on: the supervisor's decision.
+    Control = "plumbline.Control.1" on "control" {
+        /// The first tick of the decision.
+        from_tick: u64,
+        /// The decision's number; it grows with every decision about the slot.
+        epoch: u32,
+        /// The slot's place in the order ingest, gyro, accel, fuser, course.
+        service: u32,
+        /// The life that owns it.
+        owner: u32,
+        /// Zero.
+        reserved: u32,
+    }
+}
+
+payload! {
     /// What a service says of itself.
     Health = "plumbline.Health.1" on "health" {
         /// Ticks published since the start.
@@ -294,6 +353,10 @@ payload! {
         lost: u64,
         /// Messages that came twice or too late, and were left out.
         duplicated: u64,
+        /// Messages that a restarted service sent again, and that were left out.
+        repeated: u64,
+        /// The tick that the service takes next.
+        next_tick: u64,
         /// Readings refused at the source.
         refused: u64,
         /// Waits that ended by their limit although there was work: lost wake-ups.
@@ -308,6 +371,10 @@ payload! {
         incarnation: u32,
         /// Its process.
         pid: u32,
+        /// The decision about its slot that it follows.
+        epoch: u32,
+        /// Decisions that came too late for it to follow.
+        missed: u32,
     }
 }
 
@@ -330,7 +397,7 @@ macro_rules! ticked {
     )* };
 }
 
-whole!(SensorReading, ReceiverReading, Reference, Credit, Health);
+whole!(SensorReading, ReceiverReading, Reference, Credit, Checkpoint, Control, Health);
 ticked!(ImuSample, MagSample, GnssFix, GyroStep, AccelPoint, FusedState, AttitudeOutput);
 
 const _: () = {
@@ -340,7 +407,7 @@ const _: () = {
     assert!(size_of::<AccelPoint>() == 128);
     assert!(size_of::<FusedState>() == 184);
     assert!(size_of::<AttitudeOutput>() == 224);
-    assert!(size_of::<Health>() == 64);
+    assert!(size_of::<Health>() == 88);
 };
 
 #[cfg(test)]
@@ -361,6 +428,8 @@ mod tests {
             FusedState::layout(),
             AttitudeOutput::layout(),
             Credit::layout(),
+            Checkpoint::layout(),
+            Control::layout(),
             Health::layout(),
         ]
     }
@@ -398,6 +467,18 @@ mod tests {
             "scored",
             "reset_counter",
             "course_reference",
+            "repeated",
+            "next_tick",
+            "from_tick",
+            "missed",
+            "owner",
+            "checksum",
+            "stage",
+            "slot_words",
+            "common_words",
+            "stage_words",
+            "reserved",
+            "words",
         ];
         for layout in layouts() {
             for field in layout.fields {
@@ -423,7 +504,8 @@ mod tests {
         let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
         sample.header.tick = 7;
         let mut later = sample;
-        (later.header.t_born_ns, later.header.t_sent_ns, later.header.incarnation) = (1, 2, 3);
+        (later.header.t_born_ns, later.header.t_sent_ns) = (1, 2);
+        (later.header.epoch, later.header.incarnation) = (3, 4);
         let digest = |sample: ImuSample| hash(HASH_START, bytemuck::bytes_of(&sample.canonical()));
         assert_eq!(digest(sample), digest(later));
         later.header.tick = 8;

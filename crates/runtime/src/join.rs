@@ -26,67 +26,77 @@ pub struct Joined<A, B> {
 /// a silent one. The last is decided by ticks alone, so a replay decides alike.
 #[derive(Debug, Clone)]
 pub struct Join<A, B> {
-    first: VecDeque<A>,
-    second: VecDeque<B>,
+    first: Inbox<A>,
+    second: Inbox<B>,
     lateness_ticks: u64,
+    expected_until: u64,
     sequence: Sequence,
+}
+
+/// Messages of one input that wait for their tick.
+#[derive(Debug, Clone)]
+struct Inbox<M> {
+    queue: VecDeque<M>,
+    /// The life that sent the newest.
+    sender: u32,
 }
 
 impl<A: Ticked, B: Ticked> Join<A, B> {
     /// A join that waits for `lateness_ticks`.
     pub fn new(lateness_ticks: u64) -> Self {
-        Self { first: VecDeque::new(), second: VecDeque::new(), lateness_ticks, sequence: Sequence::default() }
+        let (first, second) = (Inbox::default(), Inbox::default());
+        Self { first, second, lateness_ticks, expected_until: 0, sequence: Sequence::default() }
+    }
+
+    /// Before `tick` neither input is given up.
+    pub fn expect_until(&mut self, tick: u64) {
+        self.expected_until = tick;
     }
 
     /// Takes a message of the first input.
     pub fn offer_first(&mut self, message: A) {
-        offer(&mut self.first, message, &mut self.sequence);
+        self.first.offer(message, &mut self.sequence);
     }
 
     /// Takes a message of the second input.
     pub fn offer_second(&mut self, message: B) {
-        offer(&mut self.second, message, &mut self.sequence);
+        self.second.offer(message, &mut self.sequence);
     }
 
     /// The next complete tick.
     pub fn take(&mut self) -> Option<Joined<A, B>> {
-        let (first, second) = (front(&self.first), front(&self.second));
-        let tick = match (first, second) {
-            (Some(first), Some(second)) => first.min(second),
-            (Some(tick), None) => self.overdue(tick, back(&self.first))?,
-            (None, Some(tick)) => self.overdue(tick, back(&self.second))?,
-            (None, None) => return None,
-        };
-        let missing = self.sequence.admit(tick)?;
+        let header = self.peek()?;
+        let missing = self.sequence.admit(&header)?;
+        let its = |message: &mut Header| message.tick == header.tick;
         Some(Joined {
             missing,
-            first: self.first.pop_front_if(|message| message.header().tick == tick),
-            second: self.second.pop_front_if(|message| message.header().tick == tick),
+            first: self.first.queue.pop_front_if(|message| its(message.header_mut())),
+            second: self.second.queue.pop_front_if(|message| its(message.header_mut())),
         })
     }
 
     /// The header of the tick that [`Self::take`] would give next; any of its messages' flags.
     pub fn peek(&self) -> Option<Header> {
-        let (first, second) = (self.first.front().map(Ticked::header), self.second.front().map(Ticked::header));
+        let (first, second) = (self.first.front(), self.second.front());
         match (first, second) {
             (Some(first), Some(second)) if first.tick == second.tick => {
                 Some(Header { flags: first.flags | second.flags, ..*first })
             }
             (Some(first), Some(second)) => Some(if first.tick < second.tick { *first } else { *second }),
-            (Some(tick), None) => self.overdue(tick.tick, back(&self.first)).map(|_| *tick),
-            (None, Some(tick)) => self.overdue(tick.tick, back(&self.second)).map(|_| *tick),
+            (Some(tick), None) => self.overdue(tick.tick, self.first.back()).then_some(*tick),
+            (None, Some(tick)) => self.overdue(tick.tick, self.second.back()).then_some(*tick),
             (None, None) => None,
         }
     }
 
     /// The newest tick of either input.
     pub fn newest_tick(&self) -> u64 {
-        back(&self.first).max(back(&self.second)).unwrap_or(0)
+        self.first.back().max(self.second.back()).unwrap_or(0)
     }
 
     /// Which input the next tick waits for: 1 for the second while only the first is there, else 0.
     pub fn lacks(&self) -> usize {
-        usize::from(!self.first.is_empty() && self.second.is_empty())
+        usize::from(!self.first.queue.is_empty() && self.second.queue.is_empty())
     }
 
     /// The joined stream, so far.
@@ -94,8 +104,40 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
         &self.sequence
     }
 
-    fn overdue(&self, tick: u64, newest: Option<u64>) -> Option<u64> {
-        newest.filter(|newest| newest - tick >= self.lateness_ticks).map(|_| tick)
+    /// The joined stream, for a state to be put in.
+    pub fn sequence_mut(&mut self) -> &mut Sequence {
+        &mut self.sequence
+    }
+
+    fn overdue(&self, tick: u64, newest: Option<u64>) -> bool {
+        tick >= self.expected_until && newest.is_some_and(|newest| newest - tick >= self.lateness_ticks)
+            || self.first.queue.len().max(self.second.queue.len()) >= QUEUE_MAX
+    }
+}
+
+impl<M> Default for Inbox<M> {
+    fn default() -> Self {
+        Self { queue: VecDeque::new(), sender: 0 }
+    }
+}
+
+impl<M: Ticked> Inbox<M> {
+    fn offer(&mut self, message: M, sequence: &mut Sequence) {
+        let Header { tick, incarnation, .. } = *message.header();
+        if tick < sequence.next_tick || self.back().is_some_and(|newest| tick <= newest) {
+            sequence.refuse(incarnation, self.sender);
+            return;
+        }
+        self.sender = incarnation;
+        self.queue.push_back(message);
+    }
+
+    fn front(&self) -> Option<&Header> {
+        self.queue.front().map(Ticked::header)
+    }
+
+    fn back(&self) -> Option<u64> {
+        self.queue.back().map(|message| message.header().tick)
     }
 }
 
@@ -105,13 +147,19 @@ pub struct Beside<M> {
     queue: VecDeque<M>,
     flag: Flags,
     lateness_ticks: u64,
+    expected_until: u64,
     next_tick: u64,
 }
 
 impl<M: Ticked> Beside<M> {
     /// Messages for ticks with `flag`, waited for until the other stream is `lateness_ticks` ahead.
     pub fn new(flag: Flags, lateness_ticks: u64) -> Self {
-        Self { queue: VecDeque::new(), flag, lateness_ticks, next_tick: 0 }
+        Self { queue: VecDeque::new(), flag, lateness_ticks, expected_until: 0, next_tick: 0 }
+    }
+
+    /// Before `tick` no message is given up.
+    pub fn expect_until(&mut self, tick: u64) {
+        self.expected_until = tick;
     }
 
     /// Takes a message; one that comes again or too late is left out.
@@ -127,7 +175,7 @@ impl<M: Ticked> Beside<M> {
     pub fn is_ready(&self, header: &Header, newest_tick: u64) -> bool {
         !header.flags.any(self.flag)
             || self.next_tick > header.tick
-            || newest_tick.saturating_sub(header.tick) >= self.lateness_ticks
+            || header.tick >= self.expected_until && newest_tick.saturating_sub(header.tick) >= self.lateness_ticks
     }
 
     /// The message of this tick, if it has come.
@@ -139,23 +187,6 @@ impl<M: Ticked> Beside<M> {
 
 /// Messages of another stream that wait for their tick at most.
 const QUEUE_MAX: usize = launch::TOPIC_MESSAGES_MAX;
-
-fn offer<M: Ticked>(queue: &mut VecDeque<M>, message: M, sequence: &mut Sequence) {
-    let tick = message.header().tick;
-    if tick < sequence.next_tick || back(queue).is_some_and(|newest| tick <= newest) {
-        sequence.duplicated += 1;
-        return;
-    }
-    queue.push_back(message);
-}
-
-fn front<M: Ticked>(queue: &VecDeque<M>) -> Option<u64> {
-    queue.front().map(|message| message.header().tick)
-}
-
-fn back<M: Ticked>(queue: &VecDeque<M>) -> Option<u64> {
-    queue.back().map(|message| message.header().tick)
-}
 
 #[cfg(test)]
 mod tests {
@@ -263,6 +294,9 @@ mod tests {
             join.offer_second(accel(tick));
         }
         assert_eq!(drain(&mut join), [(0, true, true, 0), (4, true, true, 3)]);
-        assert_eq!(*join.sequence(), Sequence { next_tick: 5, ticks: 2, lost: 3, duplicated: 4 });
+        assert_eq!(
+            *join.sequence(),
+            Sequence { next_tick: 5, ticks: 2, lost: 3, duplicated: 4, repeated: 0, sender: 0 }
+        );
     }
 }

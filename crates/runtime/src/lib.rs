@@ -7,6 +7,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`slot`] | a slot's work without clock or bus |
+//! | [`words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`service`] | the loop over the bus |
@@ -14,12 +15,14 @@
 //! | [`clock`] | the monotonic clock |
 #![forbid(unsafe_code)]
 
+pub mod checkpoint;
 pub mod clock;
 pub mod join;
 pub mod orders;
 pub mod service;
 pub mod slot;
 pub mod stage;
+pub mod words;
 
 pub use join::{Beside, Join, Joined};
 pub use orders::{Orders, Pace};

@@ -1,6 +1,7 @@
 //! What a service is told when it starts.
 
 use launch::{GyroSamples, Launch, Source, TOPIC_MESSAGES_MAX};
+use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
 
 /// How fast the source goes.
@@ -25,6 +26,10 @@ pub struct Orders {
     pub ticks_max: Option<u64>,
     /// The life of this service.
     pub incarnation: u32,
+    /// The decision under which it owns its slot.
+    pub epoch: u32,
+    /// From where it goes on, if it is not its first life.
+    pub resume: Option<Resume>,
     /// The process to end with.
     pub supervisor_pid: u32,
 }
@@ -39,6 +44,11 @@ impl Orders {
     /// How many ticks another input must be ahead before a missing one is left out.
     pub fn lateness_ticks(&self) -> u64 {
         ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, TOPIC_MESSAGES_MAX as u64)
+    }
+
+    /// Ticks from one checkpoint to the next.
+    pub fn checkpoint_ticks(&self) -> u64 {
+        (self.buffer_ticks() as u64 / CHECKPOINTS_PER_BUFFER).max(1)
     }
 
     /// The source waits for the slowest reader: nothing is dropped, whatever the speed.
@@ -60,6 +70,45 @@ impl Orders {
         }
     }
 }
+
+/// From where a service goes on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Resume {
+    /// From the beginning of what its inputs still hold: no checkpoint was made.
+    Fresh,
+    /// From the state of an earlier life, or of another stage.
+    Checkpoint(Box<Record>),
+    /// The source, from this tick on; its first reading was due at this time of CLOCK_MONOTONIC, ns.
+    Source {
+        /// The next tick.
+        next_tick: u64,
+        /// When the first tick was due, ns; 0 when none has been.
+        start_ns: u64,
+        /// Time of the samples less the sensor's, ns.
+        offset_ns: i64,
+    },
+}
+
+/// A checkpoint as text.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Record(Vec<u64>);
+
+impl From<&Checkpoint> for Record {
+    fn from(checkpoint: &Checkpoint) -> Self {
+        Self(bytemuck::cast_slice(std::slice::from_ref(checkpoint)).to_vec())
+    }
+}
+
+impl Record {
+    /// The checkpoint, if it has the right length.
+    pub fn checkpoint(&self) -> Option<Checkpoint> {
+        bytemuck::try_cast_slice::<u64, Checkpoint>(&self.0).ok()?.first().copied()
+    }
+}
+
+/// Checkpoints while a topic's buffer fills once.
+const CHECKPOINTS_PER_BUFFER: u64 = 32;
 
 /// Small enough for a slow sensor, large enough for the burst after a stall.
 const BUFFER_MIN: usize = 256;

@@ -12,11 +12,12 @@ use std::{
 use attitude::parameters::ParameterError;
 use bus::{Bus, BusError, Domain, Publisher, Subscriber, Woken};
 use launch::Service;
-use messages::{Flags, Header, Health, Message, State, Ticked};
+use messages::{Checkpoint, Flags, Header, Health, Message, State, Ticked};
 
 use crate::{
+    checkpoint::{self, ResumeError},
     clock::monotonic_ns,
-    orders::{BUFFER_BESIDE, Orders},
+    orders::{BUFFER_BESIDE, Orders, Resume},
     slot::{Sequence, Slot},
 };
 
@@ -118,9 +119,14 @@ impl Member {
         Ok(self.bus.publisher(self.orders.buffer_ticks())?)
     }
 
-    /// A reader on the path.
+    /// A reader on the path. In a later life of the service it begins with what its topic still holds.
     pub fn subscriber<M: Message>(&self) -> Result<Subscriber<M>, RuntimeError> {
-        Ok(self.bus.subscriber(self.orders.buffer_ticks())?)
+        let buffer = self.orders.buffer_ticks();
+        Ok(if self.orders.resume.is_some() {
+            self.bus.late_subscriber(buffer)?
+        } else {
+            self.bus.subscriber(buffer)?
+        })
     }
 
     /// The service is to end.
@@ -150,7 +156,7 @@ impl Member {
     /// Stamps a message as sent by this service now.
     pub fn stamp(&self, header: &mut Header) {
         header.t_sent_ns = monotonic_ns();
-        header.epoch = FIRST_EPOCH;
+        header.epoch = self.orders.epoch;
         header.incarnation = self.orders.incarnation;
     }
 }
@@ -166,6 +172,8 @@ pub trait Input<I> {
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
     /// Sleeps until something is published, no longer than `limit`.
     fn wait(&self, limit: Duration) -> Woken;
+    /// The tick after the newest one that was ever about to be published.
+    fn next_tick(&self) -> u64;
 }
 
 impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
@@ -176,42 +184,112 @@ impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
     fn wait(&self, limit: Duration) -> Woken {
         Subscriber::wait(self, limit)
     }
+
+    fn next_tick(&self) -> u64 {
+        Subscriber::next_tick(self)
+    }
 }
 
+/// Messages of one input taken before the others have their turn: a join must not think that one of them is silent.
+const TURN: usize = 32;
+
 /// Runs a slot until the service is to end. `inputs` are in the slot's own order.
-pub fn serve<S: Slot>(mut member: Member, mut slot: S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
+pub fn serve<S: Slot + Clone>(
+    member: Member,
+    mut slot: S,
+    inputs: &[&dyn Input<S::Input>],
+) -> Result<(), RuntimeError> {
     let output = member.publisher::<S::Output>()?;
-    let limit = member.orders.buffer_ticks();
-    let mut flags = Flags::NONE;
-    member.say(State::READY, |_| ())?;
-    while !member.ends() {
-        let mut failed = None;
-        let before = slot.sequence().ticks;
-        for input in inputs {
-            input.drain(limit, &mut |message| {
-                slot.offer(message, &mut |mut out| {
-                    flags |= out.header().flags;
-                    member.stamp(out.header_mut());
-                    if let Err(error) = output.send(&out) {
-                        failed.get_or_insert(error);
-                    }
-                });
-            })?;
-        }
-        if let Some(error) = failed {
-            return Err(error.into());
-        }
-        if slot.sequence().ticks != before {
-            output.wake();
-        }
-        let Sequence { ticks, lost, duplicated, .. } = *slot.sequence();
-        let state = if ticks > 0 { State::RUNNING } else { State::READY };
-        member.say(state, |health| {
-            *health = Health { ticks, lost, duplicated, flags, ..*health };
-        })?;
+    let checkpoints = member.bus.publisher::<Checkpoint>(BUFFER_BESIDE)?;
+    if member.orders.resume.is_some() {
+        resume(&member, &mut slot);
+        slot.expect_until(inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0));
+    }
+    let interval_ticks = member.orders.checkpoint_ticks();
+    let mut service = Serving { member, output, checkpoints, interval_ticks, next_checkpoint: 0, flags: Flags::NONE };
+    service.say(&slot, State::READY)?;
+    service.member.bus.wake_all();
+    while !service.member.ends() {
+        service.turn(&mut slot, inputs)?;
+        service.note(&mut slot)?;
+        let state = if slot.sequence().ticks > 0 { State::RUNNING } else { State::READY };
+        service.say(&slot, state)?;
         if let Some(lacking) = inputs.get(slot.lacks()) {
-            member.wait(*lacking);
+            service.member.wait(*lacking);
         }
     }
     Ok(())
+}
+
+/// Goes on from what the orders hold. What cannot be taken over is said; the service then begins with what its inputs hold.
+fn resume<S: Slot + Clone>(member: &Member, slot: &mut S) {
+    let Some(Resume::Checkpoint(record)) = &member.orders.resume else { return };
+    let resumed = record
+        .checkpoint()
+        .ok_or(ResumeError::Damaged)
+        .and_then(|checkpoint| checkpoint::resume(slot, member.service, &checkpoint));
+    if let Err(error) = resumed {
+        eprintln!("the service {} does not go on from its checkpoint: {error}; it begins anew", member.service);
+    }
+}
+
+/// A slot's service at work.
+struct Serving<O: Ticked> {
+    member: Member,
+    output: Publisher<O>,
+    checkpoints: Publisher<Checkpoint>,
+    interval_ticks: u64,
+    next_checkpoint: u64,
+    flags: Flags,
+}
+
+impl<O: Ticked> Serving<O> {
+    /// Takes what the inputs hold and publishes what follows from it.
+    fn turn<S: Slot<Output = O>>(&mut self, slot: &mut S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
+        self.output.greet()?;
+        let before = slot.sequence().ticks;
+        let mut failed = None;
+        for _ in 0..self.member.orders.buffer_ticks() / TURN + 1 {
+            let mut taken = 0;
+            for input in inputs {
+                input.drain(TURN, &mut |message| {
+                    taken += 1;
+                    slot.offer(message, &mut |mut out| {
+                        self.flags |= out.header().flags;
+                        self.member.stamp(out.header_mut());
+                        self.output.note(out.header().tick);
+                        if let Err(error) = self.output.send(&out) {
+                            failed.get_or_insert(error);
+                        }
+                    });
+                })?;
+            }
+            if taken == 0 {
+                break;
+            }
+            if slot.sequence().ticks != before {
+                self.output.wake();
+            }
+        }
+        failed.map_or(Ok(()), |error| Err(error.into()))
+    }
+
+    /// Publishes the state every so many ticks.
+    fn note<S: Slot<Output = O>>(&mut self, slot: &mut S) -> Result<(), RuntimeError> {
+        let next_tick = slot.sequence().next_tick;
+        if next_tick < self.next_checkpoint {
+            return Ok(());
+        }
+        self.next_checkpoint = next_tick + self.interval_ticks;
+        let Member { service, orders, .. } = &self.member;
+        Ok(self.checkpoints.send(&checkpoint::checkpoint(slot, *service, orders.incarnation))?)
+    }
+
+    fn say<S: Slot>(&mut self, slot: &S, state: State) -> Result<(), RuntimeError> {
+        let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *slot.sequence();
+        let (flags, epoch) = (self.flags, self.member.orders.epoch);
+        self.member.say(state, |health| {
+            *health = Health { ticks, lost, duplicated, repeated, next_tick, flags, epoch, ..*health };
+        })
+    }
 }

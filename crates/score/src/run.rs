@@ -117,6 +117,8 @@ fn plan(launch: &Launch, trial: &Trial) -> Plan {
         pace: Pace::Max,
         ticks_max: None,
         incarnation: 0,
+        epoch: runtime::service::FIRST_EPOCH,
+        resume: None,
         supervisor_pid: std::process::id(),
     };
     Plan { orders, ticks: Some(trial.rows), stop_after_s: None, has_reference: trial.has_reference, out: None }

@@ -35,6 +35,7 @@ pub fn run() -> Result<(), RuntimeError> {
 impl Work for AccelWork {
     type Input = ImuSample;
     type Output = AccelPoint;
+    type Stage = Accelerometer;
 
     fn work(&mut self, input: &ImuSample, mut header: Header) -> AccelPoint {
         let seen = self.stage.step(&input.force_m_s2.into());
@@ -48,4 +49,14 @@ impl Work for AccelWork {
             force_m_s2: input.force_m_s2,
         }
     }
+
+    fn stage(&self) -> &Accelerometer {
+        &self.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut Accelerometer {
+        &mut self.stage
+    }
+
+    fn visit_own(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}
 }

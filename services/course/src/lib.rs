@@ -16,7 +16,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AttitudeOutput, CourseReference, Flags, FusedState, GnssFix, Header, Ticked};
-use runtime::{Beside, Member, Orders, RuntimeError, Sequence, Slot, serve, stage};
+use runtime::{Beside, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words};
 
 /// What the slot reads.
 #[derive(Debug, Clone, Copy)]
@@ -78,6 +78,7 @@ pub fn run() -> Result<(), RuntimeError> {
 impl Slot for CourseSlot {
     type Input = CourseMessage;
     type Output = AttitudeOutput;
+    type Stage = Course;
 
     fn offer(&mut self, input: CourseMessage, publish: &mut dyn FnMut(AttitudeOutput)) {
         match input {
@@ -86,7 +87,7 @@ impl Slot for CourseSlot {
         }
         while !self.waits_for_fix() {
             let Some(state) = self.queue.pop_front() else { break };
-            if let Some(missing) = self.sequence.admit(state.header.tick) {
+            if let Some(missing) = self.sequence.admit(&state.header) {
                 let mut header = self.sequence.mark(state.header, missing);
                 let fix = self.fixes.take(header.tick).and_then(|gnss| gnss.fix());
                 header.flags |= Flags::AIDING_MISSING.when(header.flags.any(Flags::FIX) && fix.is_none());
@@ -101,6 +102,30 @@ impl Slot for CourseSlot {
 
     fn lacks(&self) -> usize {
         usize::from(self.waits_for_fix())
+    }
+
+    fn stage(&self) -> &Course {
+        &self.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut Course {
+        &mut self.stage
+    }
+
+    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.sequence.visit(visit);
+        self.attitude.visit(visit);
+        self.resets.visit(visit);
+        self.jump.visit(visit);
+    }
+
+    fn own_flaw(&self) -> Option<&'static str> {
+        let finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
+        (!finite).then_some("a number that is not finite")
+    }
+
+    fn expect_until(&mut self, tick: u64) {
+        self.fixes.expect_until(tick);
     }
 }
 

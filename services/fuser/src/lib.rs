@@ -16,7 +16,9 @@ use attitude::{
 };
 use launch::Service;
 use messages::{AccelPoint, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
-use runtime::{BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage};
+use runtime::{
+    BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words,
+};
 
 /// A time without a rate after which the attitude may be anywhere, s.
 const BLIND_S: f64 = 0.2;
@@ -115,6 +117,7 @@ pub fn run() -> Result<(), RuntimeError> {
 impl Slot for FuserSlot {
     type Input = FuserMessage;
     type Output = FusedState;
+    type Stage = Fuser;
 
     fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
         match input {
@@ -137,6 +140,37 @@ impl Slot for FuserSlot {
 
     fn lacks(&self) -> usize {
         self.waits_for().unwrap_or_else(|| self.join.lacks())
+    }
+
+    fn stage(&self) -> &Fuser {
+        &self.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut Fuser {
+        &mut self.stage
+    }
+
+    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.join.sequence_mut().visit(visit);
+        self.gyro_before.visit(visit);
+        self.aligned.visit(visit);
+        self.reset_counter.visit(visit);
+        self.blind_s.visit(visit);
+        self.attitude.visit(visit);
+        self.force_m_s2.visit(visit);
+        self.turned.visit(visit);
+    }
+
+    fn own_flaw(&self) -> Option<&'static str> {
+        let before = self.gyro_before.map_or(Attitude::default(), |(attitude, _)| attitude);
+        let attitudes = [self.attitude, before].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
+        (!attitudes || !self.blind_s.is_finite()).then_some("a number that is not finite")
+    }
+
+    fn expect_until(&mut self, tick: u64) {
+        self.join.expect_until(tick);
+        self.field.expect_until(tick);
+        self.fixes.expect_until(tick);
     }
 }
 

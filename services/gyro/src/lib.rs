@@ -13,7 +13,7 @@ use attitude::{
 };
 use launch::Service;
 use messages::{Flags, GyroStep, Header, ImuSample, pair};
-use runtime::{BRIDGE_S, EachTick, Member, Orders, RuntimeError, Work, serve, stage};
+use runtime::{BRIDGE_S, EachTick, Member, Orders, RuntimeError, Work, serve, stage, words::Words};
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
@@ -54,6 +54,7 @@ impl GyroWork {
 impl Work for GyroWork {
     type Input = ImuSample;
     type Output = GyroStep;
+    type Stage = Gyro;
 
     fn work(&mut self, input: &ImuSample, header: Header) -> GyroStep {
         let before_ns = self.t_end_ns.replace(header.t_end_ns).unwrap_or(header.t_start_ns);
@@ -74,5 +75,18 @@ impl Work for GyroWork {
             s: pair(motion.turn.s),
             rate_rad_s: motion.rate_rad_s.into(),
         }
+    }
+
+    fn stage(&self) -> &Gyro {
+        &self.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut Gyro {
+        &mut self.stage
+    }
+
+    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.aligned.visit(visit);
+        self.t_end_ns.visit(visit);
     }
 }

@@ -68,6 +68,8 @@ pub struct Conditioner {
     past: Option<(i64, i64)>,
     refused: u64,
     refused_before: bool,
+    /// It goes on for another.
+    continued: bool,
 }
 
 /// From the sensors' axes to the body's.
@@ -134,6 +136,7 @@ impl Conditioner {
             past: None,
             refused: 0,
             refused_before: false,
+            continued: false,
         })
     }
 
@@ -172,6 +175,16 @@ impl Conditioner {
         })
     }
 
+    /// Goes on for a conditioner that ended before `tick` and had this [`offset_ns`](Self::offset_ns); the next sample follows a gap.
+    pub fn continue_at(&mut self, tick: u64, offset_ns: i64) {
+        (self.tick, self.offset_ns, self.continued) = (tick, offset_ns, true);
+    }
+
+    /// Time of the samples less the sensor's, ns.
+    pub fn offset_ns(&self) -> i64 {
+        self.offset_ns
+    }
+
     /// Ticks given so far.
     pub fn ticks(&self) -> u64 {
         self.tick
@@ -185,6 +198,10 @@ impl Conditioner {
     /// The interval of a reading, and what is to be said about it.
     fn place(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
+            if self.continued {
+                let t_ns = reading.t_ns.saturating_add(self.offset_ns);
+                return Some((t_ns, t_ns, Flags::GAP));
+            }
             let t_ns = reading.t_ns.clamp(-START_MAX_NS, START_MAX_NS);
             self.offset_ns = t_ns - reading.t_ns;
             return Some((t_ns, t_ns, Flags::CLOCK_LEAP.when(self.offset_ns != 0)));

@@ -12,11 +12,13 @@ use std::time::Duration;
 
 use bus::{BusError, Publisher, Subscriber};
 use launch::{Service, Source};
-use messages::{Credit, Flags, GnssFix, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State};
+use messages::{
+    Checkpoint, Credit, Flags, GnssFix, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
+};
 use runtime::{
     Member, Orders, Pace, RuntimeError,
     clock::{monotonic_ns, sleep_until_ns},
-    orders::BUFFER_BESIDE,
+    orders::{BUFFER_BESIDE, Resume},
 };
 
 use conditioner::{Conditioner, Sample};
@@ -66,7 +68,13 @@ struct Ingest {
     mag: Publisher<MagSample>,
     gnss: Publisher<GnssFix>,
     reference: Publisher<Reference>,
+    checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
+    /// Ticks before this one were published by an earlier life.
+    first_tick: u64,
+    /// When the first tick was due, CLOCK_MONOTONIC, ns; 0 before.
+    start_ns: u64,
+    next_checkpoint: u64,
     allowed_ticks: u64,
     published_ticks: u64,
     flags: Flags,
@@ -76,16 +84,29 @@ impl Ingest {
     fn join() -> Result<Self, IngestError> {
         let member = Member::join(Service::Ingest)?;
         runtime::clock::wake_on_time();
+        let mut conditioner = conditioner(&member.orders)?;
+        let (mut first_tick, mut start_ns) = (0, 0);
+        if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = member.orders.resume {
+            (first_tick, start_ns) = (next_tick, since_ns);
+            if member.orders.launch.ingest.source == Source::Bus {
+                first_tick = member.bus.next_tick::<ImuSample>();
+                conditioner.continue_at(first_tick, offset_ns);
+            }
+        }
         Ok(Self {
-            conditioner: conditioner(&member.orders)?,
+            conditioner,
+            checkpoints: member.bus.publisher(BUFFER_BESIDE)?,
+            first_tick,
+            start_ns,
+            next_checkpoint: 0,
             imu: member.publisher()?,
             mag: member.publisher()?,
             gnss: member.publisher()?,
             reference: member.bus.publisher(member.orders.buffer_ticks())?,
-            credit: member.bus.subscriber(BUFFER_BESIDE)?,
+            credit: member.bus.late_subscriber(BUFFER_BESIDE)?,
             member,
             allowed_ticks: 0,
-            published_ticks: 0,
+            published_ticks: first_tick,
             flags: Flags::NONE,
         })
     }
@@ -94,19 +115,31 @@ impl Ingest {
     fn pace(&mut self) -> Result<(), IngestError> {
         let mut readings = Readings::open(&self.member.orders.launch)?;
         self.say(State::READY)?;
+        self.member.bus.wake_all();
         let mut next = self.read(&mut readings)?;
-        let mut start = None;
+        let Some(first_ns) = next.as_ref().map(|(sample, _)| sample.imu.header.t_end_ns) else { return Ok(()) };
+        // What an earlier life has published is made again, for the sake of what comes after it.
+        while let (false, Some(_)) =
+            (self.member.ends(), next.take_if(|(sample, _)| sample.imu.header.tick < self.first_tick))
+        {
+            next = self.read(&mut readings)?;
+            self.say(State::READY)?;
+        }
         while let (false, Some((sample, _))) = (self.member.ends(), &next) {
             self.drain_credit()?;
+            self.greet()?;
             if sample.imu.header.tick >= self.allowed_ticks {
+                self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
                 self.member.wait::<Credit>(&self.credit);
                 continue;
             }
             let t_end_ns = sample.imu.header.t_end_ns;
-            let (start_ns, first_ns) = *start.get_or_insert((monotonic_ns(), t_end_ns));
+            if self.start_ns == 0 {
+                self.start_ns = monotonic_ns();
+            }
             let due_ns = match self.member.orders.pace {
                 Pace::Max => 0,
-                Pace::Speed(speed) => start_ns + ((t_end_ns - first_ns) as f64 / speed) as u64,
+                Pace::Speed(speed) => self.start_ns + ((t_end_ns - first_ns) as f64 / speed) as u64,
             };
             if monotonic_ns() < due_ns {
                 sleep_until_ns(due_ns, SLEEP_LIMIT);
@@ -141,6 +174,7 @@ impl Ingest {
         self.say(State::READY)?;
         while !self.member.ends() {
             self.drain_credit()?;
+            self.greet()?;
             self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
             if self.published_ticks >= self.allowed_ticks {
                 self.member.wait::<Credit>(&self.credit);
@@ -164,6 +198,7 @@ impl Ingest {
     /// The source is at its end; the service stays until the last reader has what it sent.
     fn finish(&mut self) -> Result<(), IngestError> {
         while !self.member.ends() {
+            self.greet()?;
             self.say(State::FINISHED)?;
             self.member.wait::<Credit>(&self.credit);
         }
@@ -202,9 +237,35 @@ impl Ingest {
             self.gnss.send(&GnssFix { header: imu.header, ..gnss })?;
             self.gnss.wake();
         }
+        self.imu.note(imu.header.tick);
         self.imu.send(&imu)?;
         self.published_ticks += 1;
-        Ok(())
+        self.note()
+    }
+
+    /// Tells from time to time what another life needs to go on.
+    fn note(&mut self) -> Result<(), IngestError> {
+        if self.published_ticks < self.next_checkpoint {
+            return Ok(());
+        }
+        self.next_checkpoint = self.published_ticks + self.member.orders.checkpoint_ticks();
+        let mut checkpoint = Checkpoint {
+            next_tick: self.published_ticks,
+            service: Service::Ingest as u32,
+            incarnation: self.member.orders.incarnation,
+            slot_words: 2,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        checkpoint.words[..2].copy_from_slice(&[self.start_ns, self.conditioner.offset_ns().cast_unsigned()]);
+        checkpoint.checksum = checkpoint.sum();
+        Ok(self.checkpoints.send(&checkpoint)?)
+    }
+
+    /// Hands what the topics hold to readers that have come.
+    fn greet(&self) -> Result<(), IngestError> {
+        self.imu.greet()?;
+        self.mag.greet()?;
+        Ok(self.gnss.greet()?)
     }
 
     fn drain_credit(&mut self) -> Result<(), IngestError> {
@@ -215,7 +276,7 @@ impl Ingest {
     fn say(&mut self, state: State) -> Result<(), IngestError> {
         let (ticks, refused, flags) = (self.published_ticks, self.conditioner.refused(), self.flags);
         self.member.say(state, |health| {
-            (health.ticks, health.refused, health.flags) = (ticks, refused, flags);
+            (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, refused, flags);
         })?;
         Ok(())
     }

@@ -64,7 +64,7 @@ impl Collector {
     /// Takes the attitude at a tick.
     pub fn attitude(&mut self, output: &AttitudeOutput) -> Result<(), UpError> {
         let header = output.header;
-        if self.sequence.admit(header.tick).is_none() {
+        if self.sequence.admit(&header).is_none() {
             return Ok(());
         }
         self.latency_ns.saturating_record(header.t_sent_ns.saturating_sub(header.t_born_ns));

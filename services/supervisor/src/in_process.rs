@@ -15,8 +15,8 @@ use runtime::{
 
 use crate::{
     Plan, Report, UpError,
-    children::own_cpu_s,
     collector::Collector,
+    crew::own_cpu_s,
     report::{Account, ServiceReport},
     view::View,
 };
@@ -103,7 +103,7 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         taken?;
         if sample.imu.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
             seen_ns = sample.imu.header.t_born_ns;
-            view.show(&collector, &[]);
+            view.show(&collector, None);
         }
     }
     collector.finish()?;

@@ -1,7 +1,8 @@
 //! The supervisor: `plumb up`.
 //!
 //! Input: a launch file and what the command line adds to it. Output: a running system, its attitude, and how it went. Time: the
-//! clock, for deadlines and for what people see. Failure: a service that ends takes the system with it, and says why.
+//! clock, for deadlines and for what people see. Failure: a service that ends is started again where it was; one that cannot
+//! live ends the system, or stays away, as the launch file has it.
 //!
 //! | module | what it holds |
 //! | --- | --- |
@@ -10,12 +11,15 @@
 //! | [`in_process`] | the same slots in this process, without the bus |
 //! | [`collector`] | what becomes of the attitude: accuracy, latency, file |
 //! | [`report`] | how it went, for scripts and for people |
-//! | `children`, `view` | processes; the terminal |
+//! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `view` | the terminal |
 #![forbid(unsafe_code)]
 
-mod children;
 pub mod collector;
+mod crew;
 pub mod in_process;
+mod lives;
+mod memory;
 pub mod plan;
 pub mod report;
 pub mod system;
@@ -94,16 +98,6 @@ pub enum UpError {
         service: Service,
         /// How long it was waited for.
         deadline_s: u64,
-    },
-    /// A service says nothing any more, and the source waits for it.
-    #[error(
-        "the service {service} has said nothing for {limit_s} s and everything waits for it; the system was stopped"
-    )]
-    Silent {
-        /// Which one.
-        service: Service,
-        /// How long it was waited for.
-        limit_s: u64,
     },
     /// The attitude would be written over the recording.
     #[error("writing {path}: that is the recording itself; give --out another name")]

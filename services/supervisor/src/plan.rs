@@ -80,6 +80,8 @@ impl Plan {
             pace: request.pace.unwrap_or(Pace::Speed(1.0)),
             ticks_max,
             incarnation: 0,
+            epoch: runtime::service::FIRST_EPOCH,
+            resume: None,
             supervisor_pid: std::process::id(),
         };
         Ok(Self {

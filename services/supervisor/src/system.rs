@@ -10,27 +10,24 @@ use std::{
 
 use bus::{Bus, Claim, Domain, Publisher, Subscriber};
 use launch::Service;
-use messages::{AttitudeOutput, Credit, Health, Reference, State};
+use messages::{AttitudeOutput, Checkpoint, Credit, Health, Reference, State};
 use runtime::orders::BUFFER_BESIDE;
 
 use crate::{
     Plan, Report, UpError,
-    children::{Children, own_cpu_s},
     collector::Collector,
+    crew::{Crew, READY_LIMIT, own_cpu_s},
+    memory::Memory,
     report::{Account, ServiceReport},
     view::View,
 };
 
-/// From the start until every service must be ready.
-const READY_DEADLINE: Duration = Duration::from_secs(10);
 /// Longest wait before looking at services, signals and messages.
 const ROUND: Duration = Duration::from_millis(20);
 /// After the source's end, how long nothing may come before the rest is given up as lost.
 const DRAIN_LIMIT: Duration = Duration::from_secs(2);
 /// The same when a signal asked for the end.
 const DRAIN_LIMIT_ASKED: Duration = Duration::from_millis(300);
-/// How long a service may say nothing while the source waits for it.
-const SILENCE_LIMIT: Duration = Duration::from_secs(10);
 /// How often people see something new.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -46,25 +43,19 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
 
 /// A running system. Its fields are dropped in this order: processes, ports, node, and last the name.
 struct System {
-    children: Children,
+    crew: Crew,
     ports: Ports,
-    heard: [Option<Heard>; Service::ALL.len()],
+    memory: Memory,
     view: View,
     asked_to_end: Arc<AtomicBool>,
     _claim: Claim,
-}
-
-/// What a service said last.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Heard {
-    pub(crate) health: Health,
-    pub(crate) at: Instant,
 }
 
 struct Ports {
     attitude: Subscriber<AttitudeOutput>,
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
+    checkpoints: Subscriber<Checkpoint>,
     credit: Publisher<Credit>,
     buffer: usize,
     _bus: Bus,
@@ -77,26 +68,24 @@ impl System {
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
-        let children = Children::start(&plan.orders)?;
-        Ok(Self { children, ports, heard: Default::default(), view, asked_to_end, _claim: claim })
+        let crew = Crew::start(&plan.orders)?;
+        Ok(Self { crew, ports, memory: Memory::default(), view, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
     fn await_ready(&mut self) -> Result<(), UpError> {
-        let deadline = Instant::now() + READY_DEADLINE;
+        let deadline = Instant::now() + READY_LIMIT;
         loop {
             self.hear()?;
-            let Some(late) = Service::ALL.into_iter().find(|service| self.heard[*service as usize].is_none()) else {
+            let Some(late) = self.crew.posts().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
                 return Ok(());
             };
-            if let Some(error) = self.children.ended(&[]) {
-                return Err(error);
-            }
+            self.tend(&[])?;
             if self.asked_to_end.load(Ordering::SeqCst) {
                 return Ok(());
             }
             if Instant::now() > deadline {
-                return Err(UpError::NotReady { service: late, deadline_s: READY_DEADLINE.as_secs() });
+                return Err(UpError::NotReady { service: late, deadline_s: READY_LIMIT.as_secs() });
             }
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -106,15 +95,17 @@ impl System {
         let lockstep = plan.orders.lockstep();
         let window = plan.orders.window_ticks();
         let start = Instant::now();
-        let cpu_start_s = own_cpu_s() + self.children.cpu_s();
+        let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
         let mut granted = if lockstep { window } else { u64::MAX };
         self.ports.grant(granted)?;
         let (mut stopping, mut expected, mut given_up) = (false, Vec::new(), false);
         let mut cpu_s_per_s = None;
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
-        while self.is_ready() {
-            self.ports.wait(lockstep);
+        let begun = self.is_ready();
+        while begun {
+            self.wait(lockstep);
+            self.ports.credit.greet()?;
             let before = collector.sequence().next_tick;
             self.ports.collect(&mut collector)?;
             self.hear()?;
@@ -133,7 +124,7 @@ impl System {
                 // Before the first process is reaped, and its time with it.
                 cpu_s_per_s = Some(self.cpu_s_per_s(cpu_start_s, start));
                 expected.push(Service::Ingest);
-                self.children.ask_to_end(Service::Ingest);
+                self.crew.ask_to_end(Service::Ingest);
                 progress = Instant::now();
             }
             let finished = self.health_of(Service::Ingest).filter(|health| health.state == State::FINISHED);
@@ -142,15 +133,10 @@ impl System {
             if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
                 break;
             }
-            if let Some(error) = self.children.ended(&expected) {
-                return Err(error);
-            }
-            if lockstep && let Some(silent) = self.silent() {
-                return Err(silent);
-            }
+            self.tend(&expected)?;
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
-                self.view.show(&collector, &self.heard);
+                self.view.show(&collector, Some(&self.crew));
             }
         }
         let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
@@ -160,37 +146,44 @@ impl System {
     }
 
     fn cpu_s_per_s(&self, at_start_s: f64, start: Instant) -> f64 {
-        (own_cpu_s() + self.children.cpu_s() - at_start_s) / start.elapsed().as_secs_f64()
+        (own_cpu_s() + self.crew.cpu_s() - at_start_s) / start.elapsed().as_secs_f64()
     }
 
-    /// A service that has said nothing for too long, while the source waits for it.
-    fn silent(&self) -> Option<UpError> {
-        let late = |heard: &Heard| heard.at.elapsed() > SILENCE_LIMIT;
-        let service =
-            Service::ALL.into_iter().find(|service| self.heard[*service as usize].as_ref().is_some_and(late))?;
-        Some(UpError::Silent { service, limit_s: SILENCE_LIMIT.as_secs() })
+    /// Sees to the services, and says what happened to them.
+    fn tend(&mut self, expected: &[Service]) -> Result<(), UpError> {
+        let mut news = Vec::new();
+        let tended = self.crew.tend(&self.memory, expected, &mut news);
+        self.view.announce(&news);
+        tended
+    }
+
+    /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time, and when a service ends.
+    fn wait(&self, lockstep: bool) {
+        if lockstep {
+            self.ports.attitude.wait(ROUND);
+        } else {
+            self.crew.wait(ROUND);
+        }
     }
 
     fn end(mut self) {
-        self.children.end();
+        self.crew.end();
         self.view.end();
     }
 
     fn hear(&mut self) -> Result<(), UpError> {
-        self.ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| {
-            if let Some(place) = self.heard.get_mut(health.service as usize) {
-                *place = Some(Heard { health, at: Instant::now() });
-            }
-        })?;
+        let Self { ports, crew, memory, .. } = self;
+        ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| crew.hear(health))?;
+        ports.checkpoints.drain(BUFFER_BESIDE * Service::ALL.len(), |checkpoint| memory.keep(checkpoint))?;
         Ok(())
     }
 
     fn is_ready(&self) -> bool {
-        self.heard.iter().all(Option::is_some)
+        self.crew.posts().all(|(_, post)| post.is_settled())
     }
 
     fn health_of(&self, service: Service) -> Option<&Health> {
-        self.heard[service as usize].as_ref().map(|heard| &heard.health)
+        self.crew.post(service).heard().map(|heard| &heard.health)
     }
 
     fn account(&self, cpu_s_per_s: f64) -> Account {
@@ -200,9 +193,13 @@ impl System {
             refused: ingest.map_or(0, |health| health.refused),
             cpu_s_per_s,
             services: self
-                .children
-                .iter()
-                .map(|running| ServiceReport { name: running.service.name(), pid: running.pid, restarts: 0 })
+                .crew
+                .posts()
+                .map(|(service, post)| ServiceReport {
+                    name: service.name(),
+                    pid: post.pid(),
+                    restarts: post.restarts(),
+                })
                 .collect(),
         }
     }
@@ -216,6 +213,7 @@ impl Ports {
             attitude: bus.subscriber(buffer)?,
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
+            checkpoints: bus.subscriber(BUFFER_BESIDE)?,
             credit: bus.publisher(BUFFER_BESIDE)?,
             buffer,
             _bus: bus,
@@ -226,15 +224,6 @@ impl Ports {
         self.credit.send(&Credit { ticks })?;
         self.credit.wake();
         Ok(())
-    }
-
-    /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time.
-    fn wait(&self, lockstep: bool) {
-        if lockstep {
-            self.attitude.wait(ROUND);
-        } else {
-            std::thread::sleep(ROUND);
-        }
     }
 
     fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {

@@ -7,10 +7,16 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use launch::{Service, Source};
-use messages::{Flags, Health, State};
+use messages::{Flags, Health};
 use runtime::Pace;
 
-use crate::{Plan, collector::Collector, report::LatencyUs, system::Heard, tell};
+use crate::{
+    Plan,
+    collector::Collector,
+    crew::{Crew, Post},
+    report::LatencyUs,
+    tell,
+};
 
 /// Terminal frames per second at most.
 const FRAMES_HZ: u8 = 10;
@@ -31,7 +37,7 @@ pub(crate) struct View {
 
 /// The live lines of a terminal.
 struct Lines {
-    _all: MultiProgress,
+    all: MultiProgress,
     text: Vec<ProgressBar>,
     progress: Option<ProgressBar>,
 }
@@ -56,7 +62,7 @@ impl View {
         }
     }
 
-    pub(crate) fn show(&mut self, collector: &Collector, heard: &[Option<Heard>]) {
+    pub(crate) fn show(&mut self, collector: &Collector, crew: Option<&Crew>) {
         let elapsed_s = self.shown.elapsed().as_secs_f64();
         let ticks = collector.sequence().ticks;
         if self.shown.elapsed() >= LINE_INTERVAL {
@@ -73,12 +79,23 @@ impl View {
         lines.text[1].set_message(attitude(collector));
         lines.text[2].set_message(self.error(collector));
         lines.text[3].set_message(flow);
-        for (line, (service, heard)) in lines.text[HEAD_LINES..].iter().zip(Service::ALL.iter().zip(heard)) {
-            line.set_message(service_line(*service, heard.as_ref()));
+        for (line, (service, post)) in lines.text[HEAD_LINES..].iter().zip(crew.into_iter().flat_map(Crew::posts)) {
+            line.set_message(service_line(service, post));
         }
         if let Some(progress) = &lines.progress {
             progress.set_position(ticks);
             progress.set_message(format!("{:.1} × real time", self.ticks_per_s / self.rate_hz));
+        }
+    }
+
+    /// What has happened, on lines that stay.
+    pub(crate) fn announce(&self, news: &[String]) {
+        for line in news {
+            match &self.lines {
+                // A terminal that cannot be written to shows nothing.
+                Some(lines) => drop(lines.all.println(line)),
+                None => tell(line),
+            }
         }
     }
 
@@ -122,7 +139,7 @@ impl Lines {
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
             all.add(ProgressBar::new(ticks).with_style(style))
         });
-        Self { _all: all, text, progress }
+        Self { all, text, progress }
     }
 }
 
@@ -153,15 +170,13 @@ fn attitude(collector: &Collector) -> String {
     )
 }
 
-fn service_line(service: Service, heard: Option<&Heard>) -> String {
-    let Some(Heard { health, at }) = heard else { return format!("  {service:<7} starting") };
-    let Health { ticks, lost, pid, late_wakes, .. } = health;
+fn service_line(service: Service, post: &Post) -> String {
+    let standing = post.standing(SILENT);
+    let restarts = if post.restarts() > 0 { format!("  restarts {}", post.restarts()) } else { String::new() };
+    let Some(heard) = post.heard() else { return format!("  {service:<7} {standing}{restarts}") };
+    let Health { ticks, lost, pid, late_wakes, .. } = heard.health;
     let usual = Flags::RATE_INSTANT | Flags::ALIGNED | Flags::AT_REST | Flags::FIELD | Flags::FIX;
-    let notable = Flags(health.flags.0 & !usual.0);
-    let state = match at.elapsed() {
-        silent if silent > SILENT => format!("silent {} s", silent.as_secs()),
-        _ => State::name(health.state).into(),
-    };
-    let late = if *late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
-    format!("  {service:<7} {state:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{late}  {notable}")
+    let notable = Flags(heard.health.flags.0 & !usual.0);
+    let late = if late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
+    format!("  {service:<7} {standing:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{restarts}{late}  {notable}")
 }

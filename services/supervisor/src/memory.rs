@@ -1,0 +1,113 @@
+//! The checkpoints that the services' next lives begin with.
+
+use std::collections::VecDeque;
+
+use launch::Service;
+use messages::Checkpoint;
+use runtime::orders::{Record, Resume};
+
+/// Checkpoints kept of each service: as far back as a topic's buffer reaches.
+const KEPT: usize = 32;
+
+/// The newest checkpoints of every service.
+#[derive(Debug, Default)]
+pub(crate) struct Memory([VecDeque<Checkpoint>; Service::ALL.len()]);
+
+impl Memory {
+    /// Takes a checkpoint; a damaged one is left out.
+    pub(crate) fn keep(&mut self, checkpoint: Checkpoint) {
+        let Some(kept) = self.0.get_mut(checkpoint.service as usize) else { return };
+        if checkpoint.checksum != checkpoint.sum() {
+            return;
+        }
+        // A new life may be behind the one before.
+        while kept.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick) || kept.len() >= KEPT {
+            if kept.len() >= KEPT {
+                kept.pop_front()
+            } else {
+                kept.pop_back()
+            };
+        }
+        kept.push_back(checkpoint);
+    }
+
+    /// From where the next life of a service goes on: the newest state from which it says again all that its readers would need if they
+    /// had to go on from their own.
+    pub(crate) fn resume(&self, service: Service) -> Resume {
+        let newest_tick = |reader: &Service| self.of(*reader).back().map_or(0, |checkpoint| checkpoint.next_tick);
+        let needed_tick = readers(service).iter().map(newest_tick).min().unwrap_or(u64::MAX);
+        let kept = self.of(service);
+        if service == Service::Ingest {
+            let [start_ns, offset_ns] = kept.back().map_or([0, 0], |newest| [newest.words[0], newest.words[1]]);
+            return Resume::Source { next_tick: needed_tick, start_ns, offset_ns: offset_ns.cast_signed() };
+        }
+        let early_enough = kept.iter().rev().find(|checkpoint| checkpoint.next_tick <= needed_tick);
+        match early_enough.or(kept.front()) {
+            Some(checkpoint) => Resume::Checkpoint(Box::new(Record::from(checkpoint))),
+            None => Resume::Fresh,
+        }
+    }
+
+    fn of(&self, service: Service) -> &VecDeque<Checkpoint> {
+        &self.0[service as usize]
+    }
+}
+
+/// Who reads what a service publishes.
+fn readers(service: Service) -> &'static [Service] {
+    match service {
+        Service::Ingest => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course],
+        Service::Gyro | Service::Accel => &[Service::Fuser],
+        Service::Fuser => &[Service::Course],
+        Service::Course => &[],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checkpoint(service: Service, next_tick: u64) -> Checkpoint {
+        let mut checkpoint = Checkpoint { next_tick, service: service as u32, ..bytemuck::Zeroable::zeroed() };
+        checkpoint.checksum = checkpoint.sum();
+        checkpoint
+    }
+
+    fn next_tick(resume: &Resume) -> Option<u64> {
+        match resume {
+            Resume::Checkpoint(record) => record.checkpoint().map(|checkpoint| checkpoint.next_tick),
+            Resume::Source { next_tick, .. } => Some(*next_tick),
+            Resume::Fresh => None,
+        }
+    }
+
+    #[test]
+    fn a_service_goes_on_from_where_its_readers_could_have_to() {
+        let mut memory = Memory::default();
+        assert_eq!(next_tick(&memory.resume(Service::Gyro)), None);
+        (1..=10).for_each(|i| memory.keep(checkpoint(Service::Gyro, 10 * i)));
+        memory.keep(checkpoint(Service::Fuser, 75));
+        memory.keep(checkpoint(Service::Course, 31));
+        assert_eq!(next_tick(&memory.resume(Service::Gyro)), Some(70));
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(31), "nobody goes on from what it says");
+        assert_eq!(next_tick(&memory.resume(Service::Ingest)), Some(0), "accel has not said where it is");
+    }
+
+    #[test]
+    fn a_damaged_checkpoint_is_left_out_and_an_older_life_is_forgotten() {
+        let mut memory = Memory::default();
+        memory.keep(checkpoint(Service::Course, 10));
+        memory.keep(checkpoint(Service::Course, 20));
+        memory.keep(Checkpoint { next_tick: 30, ..checkpoint(Service::Course, 10) });
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
+        memory.keep(checkpoint(Service::Course, 15));
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(15));
+    }
+
+    #[test]
+    fn the_number_kept_has_a_limit() {
+        let mut memory = Memory::default();
+        (0..1000).for_each(|tick| memory.keep(checkpoint(Service::Gyro, tick)));
+        assert_eq!(memory.of(Service::Gyro).len(), KEPT);
+    }
+}
