@@ -1,6 +1,7 @@
 //! `plumb`: one executable with every service and the supervisor that runs them.
 #![forbid(unsafe_code)]
 
+mod bench;
 mod score;
 mod stage;
 mod up;
@@ -37,6 +38,11 @@ enum Command {
         #[command(subcommand)]
         command: stage::Stage,
     },
+    /// Measure what becomes of the output when services are killed or exchanged.
+    Bench {
+        #[command(subcommand)]
+        command: bench::Bench,
+    },
     /// Look at a launch file.
     Config {
         #[command(subcommand)]
@@ -65,6 +71,7 @@ fn main() -> ExitCode {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
         Command::Stage { command } => stage::run(command),
+        Command::Bench { command } => bench::run(&command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
                 supervisor::tell(format_args!("{} is valid", file.display()));
