@@ -389,24 +389,6 @@ fn a_second_system_of_the_same_name_is_refused_and_the_first_goes_on() {
 }
 
 #[test]
-fn a_service_that_is_killed_takes_the_system_with_it_and_is_named() {
-    for victim in ["ingest", "gyro", "accel", "fuser", "course"] {
-        let system = System::new("");
-        let running = system.start(&[]);
-        let services = running.all_services();
-        let pid = running.service(victim);
-        signal(pid, Signal::KILL);
-        let run = running.wait();
-        assert_eq!(run.code, Some(1), "{}", run.people);
-        let said = format!("the service {victim} (process {pid}) was ended by signal 9; the system was stopped");
-        assert!(run.people.contains(&said), "{}", run.people);
-        assert!(run.json.is_null(), "no report of a run that failed: {}", run.json);
-        assert!(services.iter().all(|(_, pid)| !lives(*pid)), "{services:?}");
-        assert_eq!(system.remains(), Vec::<String>::new());
-    }
-}
-
-#[test]
 fn services_do_not_outlive_a_supervisor_that_is_killed_and_the_next_start_is_clean() {
     let system = System::new("");
     let running = system.start(&[]);
@@ -433,30 +415,6 @@ fn a_start_right_after_the_supervisor_was_killed_is_whole() {
         drop(first);
     }
     assert_eq!(system.remains(), Vec::<String>::new());
-}
-
-#[test]
-fn a_gyro_that_sleeps_for_seconds_costs_its_ticks_and_no_more() {
-    let system = System::new("");
-    let out = system.path("out.csv");
-    let running = system.start(&["--for", "9s", "--out", out.to_str().unwrap()]);
-    let gyro = running.service("gyro");
-    std::thread::sleep(Duration::from_secs(2));
-    signal(gyro, Signal::STOP);
-    std::thread::sleep(Duration::from_secs(3));
-    signal(gyro, Signal::CONT);
-    let run = running.wait();
-    assert_eq!(run.code, Some(0), "{}", run.people);
-    let attitudes = common::attitudes(&out);
-    common::assert_sound(&attitudes);
-    let late = attitudes.iter().filter(|(t_s, _)| *t_s > 7.5);
-    let errors = late.map(|(t_s, q)| {
-        let truth = scenario::Motion::S1.at(*t_s).attitude.quaternion();
-        common::inclination_deg(*q, [truth.w, truth.i, truth.j, truth.k])
-    });
-    let rmse_deg = common::rms(errors);
-    println!("a gyro stopped for 3 s: {rmse_deg:.2}° in the last 1.5 s, {} lost", run.number("/lost"));
-    assert!(rmse_deg < 1.0, "{rmse_deg}°");
 }
 
 #[test]
