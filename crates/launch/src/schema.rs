@@ -1,7 +1,7 @@
 //! Which keys there are, and what each may be.
 
 use crate::{
-    GyroSamples, Launch, LaunchError, Problems, Service, Source,
+    GyroSamples, Launch, LaunchError, Problems, Service, Source, fault,
     model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
     sensors::{calibration, mounting},
@@ -57,7 +57,11 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
-        section.section("ingest", |section| ingest(section, &mut self.ingest));
+        let allowed = !section.flag("faults", &mut self.faults) || self.faults;
+        section.section("ingest", |section| {
+            ingest(section, &mut self.ingest);
+            fault::script(section, allowed, &mut self.ingest.faults);
+        });
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
@@ -265,6 +269,7 @@ mod tests {
             services = ["course", "fuser", "accel", "gyro", "ingest"]
             buffer_s = 60
             lateness_s = 0.01
+            faults = true
             gyro.stage = "rk4"
             accel = { stage = "projector" }
             [ingest]
@@ -301,6 +306,7 @@ mod tests {
             services: Service::ALL.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
+            faults: true,
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {
@@ -344,7 +350,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "ingest", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "faults", "ingest", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
