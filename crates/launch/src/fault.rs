@@ -211,3 +211,108 @@ fn needs(section: &mut Section<'_, '_>, place: &Range<usize>, keys: &[&str]) -> 
     }
     missing.is_none()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Launch;
+
+    fn problems(text: &str) -> String {
+        Launch::parse("launch.toml", text).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_kind_is_taken_with_its_keys() {
+        let entry =
+            |sensor, rest: &str| format!("[[ingest.fault]]\nsensor = {sensor:?}\nfrom_s = 1\nuntil_s = 2.5\n{rest}\n");
+        let fault = |sensor, kind| Fault { sensor, kind, from_s: 1.0, until_s: 2.5 };
+        let cases = [
+            ("gyro", "kind = \"off\"", fault(Sensor::Gyro, FaultKind::Off)),
+            ("accel", "kind = \"stuck\"", fault(Sensor::Accel, FaultKind::Stuck)),
+            ("mag", "kind = \"garbage\"\nseed = 7", fault(Sensor::Mag, FaultKind::Garbage { seed: 7 })),
+            (
+                "gnss",
+                "kind = \"wrong\"\noffset = [1, 2, 3]",
+                fault(Sensor::Gnss, FaultKind::Wrong { factor: 1.0, offset: [1.0, 2.0, 3.0] }),
+            ),
+            (
+                "all",
+                "kind = \"wrong\"\nfactor = -2",
+                fault(Sensor::All, FaultKind::Wrong { factor: -2.0, offset: [0.0; 3] }),
+            ),
+            ("all", "kind = \"slow\"\nevery = 3", fault(Sensor::All, FaultKind::Slow { every: 3 })),
+            ("gyro", "kind = \"delayed\"\ndelay_s = 0.2", fault(Sensor::Gyro, FaultKind::Delayed { delay_s: 0.2 })),
+            (
+                "gyro",
+                "kind = \"intermittent\"\nshare = 0.5",
+                fault(Sensor::Gyro, FaultKind::Intermittent { share: 0.5, seed: 1 }),
+            ),
+        ];
+        let text: String = cases.iter().map(|(sensor, rest, _)| entry(sensor, rest)).collect();
+        let launch = Launch::parse("launch.toml", &format!("faults = true\n{text}")).unwrap();
+        assert_eq!(launch.ingest.faults, cases.map(|(_, _, fault)| fault));
+    }
+
+    #[test]
+    fn a_script_without_faults_allowed_is_refused_at_its_line_with_the_remedy() {
+        let text = "name = \"a\"\n[[ingest.fault]]\nsensor = \"gyro\"\nkind = \"off\"\nfrom_s = 1\nuntil_s = 2\n";
+        for text in [text.to_owned(), format!("faults = false\n{text}")] {
+            let line = if text.starts_with("faults") { ":3:1\n" } else { ":2:1\n" };
+            let shown = problems(&text);
+            for said in [line, "write faults = true at the top of the file", "remove the script", "1 problem"] {
+                assert!(shown.contains(said), "{said:?} is not in\n{shown}");
+            }
+        }
+        assert!(problems(&format!("faults = 1\n{text}")).ends_with("1 problem"), "one cause, one problem");
+        assert!(Launch::parse("launch.toml", &format!("faults = true\n{text}")).is_ok());
+        assert!(Launch::parse("launch.toml", "faults = true").is_ok());
+    }
+
+    #[test]
+    fn each_problem_of_an_entry_points_at_its_place() {
+        let whole = ["sensor = \"gyro\"", "kind = \"off\"", "from_s = 1", "until_s = 2"];
+        let with = |index: usize, line: &str| {
+            let mut lines = whole.map(str::to_owned);
+            line.clone_into(&mut lines[index]);
+            format!("faults = true\n[[ingest.fault]]\n{}", lines.join("\n"))
+        };
+        let cases = [
+            (with(0, "sensor = \"gyr\""), ":3:10\n", "did you mean \"gyro\"?"),
+            (with(0, ""), ":2:1\n", "ingest.fault: sensor is missing"),
+            (with(1, "kind = \"of\"\nshare = 2"), ":4:8\n", "did you mean \"off\"?"),
+            (with(1, ""), ":2:1\n", "ingest.fault: kind is missing"),
+            (with(2, "from_s = -1"), ":5:10\n", "expected 0 to 1000000, found -1"),
+            (with(3, "until_s = 1"), ":6:11\n", "until_s = 1 must be more than from_s = 1"),
+            (with(3, ""), ":2:1\n", "ingest.fault: until_s is missing"),
+            (with(1, "kind = \"off\"\nshare = 1"), ":5:1\n", "unknown key \"share\" in [ingest.fault]"),
+            (with(1, "kind = \"slow\""), ":2:1\n", "ingest.fault: every is missing"),
+            (with(1, "kind = \"slow\"\nevery = 1"), ":5:9\n", "expected 2 to 100000, found 1"),
+            (with(1, "kind = \"delayed\""), ":2:1\n", "ingest.fault: delay_s is missing"),
+            (with(1, "kind = \"delayed\"\ndelay_s = 3"), ":5:11\n", "expected 0.001 to 2, found 3"),
+            (with(1, "kind = \"intermittent\""), ":2:1\n", "ingest.fault: share is missing"),
+            (with(1, "kind = \"intermittent\"\nshare = nan"), ":5:9\n", "expected 0 to 1, found nan"),
+            (with(1, "kind = \"wrong\""), ":2:1\n", "ingest.fault: offset is missing"),
+            (with(1, "kind = \"wrong\"\noffset = 1"), ":5:10\n", "an array of 3 finite numbers"),
+            (with(1, "kind = \"garbage\"\nseed = -1"), ":5:8\n", "found -1"),
+            ("faults = true\ningest.fault = [3]".to_owned(), ":2:17\n", "expected a table, found an integer"),
+            ("faults = true\ningest.fault = 3".to_owned(), ":2:16\n", "expected an array of tables, found an integer"),
+        ];
+        for (text, place, said) in cases {
+            let shown = problems(&text);
+            assert!(shown.contains(place) && shown.contains(said), "{place}{said}:\n{shown}");
+            assert!(shown.ends_with("1 problem"), "{said}:\n{shown}");
+        }
+        let all = with(0, "sensor = \"all\"\noffset = [0, 0, 0]").replace("off\"", "wrong\"\nfactor = 2");
+        assert!(problems(&all).contains("unknown key \"offset\""), "four sensors have no unit in common");
+    }
+
+    #[test]
+    fn more_entries_than_a_script_has_are_refused_at_the_first_too_many() {
+        let entry = "[[ingest.fault]]\nsensor = \"gyro\"\nkind = \"off\"\nfrom_s = 1\nuntil_s = 2\n";
+        let script = |count| format!("faults = true\n{}", entry.repeat(count));
+        assert_eq!(Launch::parse("launch.toml", &script(FAULTS_MAX)).unwrap().ingest.faults.len(), FAULTS_MAX);
+        let shown = problems(&script(FAULTS_MAX + 2));
+        assert!(shown.contains("66 entries, expected at most 64"), "{shown}");
+        assert!(shown.contains(&format!(":{}:1\n", 2 + 5 * FAULTS_MAX)), "{shown}");
+    }
+}
