@@ -5,9 +5,13 @@
 //! before, and a receiver that is the worse of the two after, add up to more than either, with nothing wrong at the hand-over.
 //! Failure: without the recordings nothing is tested, and the test says so.
 //!
-//! What holds, to 0.05° above the worse of the two: the inclination, with the magnetic field and without, for every pair; the whole
-//! attitude for every pair that knows magnetic north, but for `vqf` as the receiver. That takes what the giver's heading is off by away with
-//! its own time constant of 9 s, and half as fast in the 20 s in which it does not yet know the field of the place.
+//! What holds on this trial, to 0.05° above the worse of the two: the inclination, with the magnetic field and without, and the whole
+//! attitude of all that know magnetic north, but for
+//!
+//! - the inclination of `aided` after a giver without an estimate of the gyro's bias, 0.2°: alone it has found the bias at rest before the
+//!   movement, which such a giver cannot hand over; in the movement there is nothing to find it by without a receiver;
+//! - the whole attitude of `vqf`: it takes what the giver's heading is off by away with its own time constant of 9 s, and half as fast
+//!   until it knows the field of the place, in 20 s.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 #[allow(dead_code, reason = "each test file uses its part")]
@@ -24,6 +28,8 @@ use common::{DT_S, Row, broad};
 
 /// Most that the RMSE may be above the worse of the two, degrees.
 const WORSE_DEG: f64 = 0.05;
+/// The same for the inclination of `aided` after a giver without an estimate of the gyro's bias, degrees.
+const WORSE_WITHOUT_BIAS_DEG: f64 = 0.2;
 /// Their heading counts from magnetic north.
 const MAGNETIC: [&str; 6] = ["wz", "wz-closed", "wz-open", "madgwick", "madgwick-improved", "vqf"];
 
@@ -107,19 +113,11 @@ impl Trial {
         receiver.adopt(&giver.common).unwrap();
         self.second_half(receiver)
     }
+}
 
-    /// The errors that are no fault of the hand-over.
-    ///
-    /// `aided` alone has found the gyro's bias at rest before the movement. A giver without a bias cannot hand one over, and in the
-    /// movement it is not found; `aided` that begins there is the measure then.
-    fn allowed(&self, giver: &Alone, receiver: &Alone) -> Errors {
-        let allowed = giver.later.worse(receiver.later);
-        if receiver.name == "aided" && giver.common.bias_sd_rad_s.is_infinite() {
-            allowed.worse(self.second_half(Fuser::named(receiver.name).unwrap()))
-        } else {
-            allowed
-        }
-    }
+/// The most that inclination may be worse by, degrees.
+fn worse_deg(giver: &Alone, receiver: &str) -> f64 {
+    if receiver == "aided" && giver.common.bias_sd_rad_s.is_infinite() { WORSE_WITHOUT_BIAS_DEG } else { WORSE_DEG }
 }
 
 /// The first trial, with the magnetic field or without.
@@ -140,14 +138,14 @@ fn after_a_hand_over_the_error_is_no_worse_than_that_of_the_worse_alone() {
             if giver.name == receiver.name {
                 continue;
             }
-            let (after, allowed) = (trial.after(giver, receiver.name), trial.allowed(giver, receiver));
+            let (after, allowed) = (trial.after(giver, receiver.name), giver.later.worse(receiver.later));
             let north = magnetic && [giver, receiver].iter().all(|fuser| MAGNETIC.contains(&fuser.name));
-            let level = after.inclination <= allowed.inclination + WORSE_DEG;
+            let level = after.inclination <= allowed.inclination + worse_deg(giver, receiver.name);
             let whole = after.total <= allowed.total + WORSE_DEG;
             let line = format!("field {magnetic}: {} to {}: {after:.3?}", giver.name, receiver.name);
-            println!("{line}, allowed {allowed:.3?}{}", if north && !whole { ", whole attitude worse" } else { "" });
+            println!("{line}, the worse alone {allowed:.3?}");
             if !level || north && !whole && receiver.name != "vqf" {
-                worse.push(format!("{line}, allowed {allowed:.3?}"));
+                worse.push(format!("{line}, the worse alone {allowed:.3?}"));
             }
         }
     }
