@@ -15,12 +15,14 @@
 //!
 //! Each entry is applied to what the entries before it left, `delayed` to what the source gave. The stamp stays as it is.
 
-use std::collections::VecDeque;
+mod dice;
+mod past;
 
-use attitude::{Vector3, gnss::Fix};
-use launch::{DELAY_READINGS_MAX, Fault, FaultKind, Sensor};
+use attitude::gnss::Fix;
+use launch::{Fault, FaultKind, Sensor};
 
 use crate::source::Reading;
+use {dice::Dice, past::Past};
 
 /// A longer step of the stamps is a leap of the clock, ns.
 const LEAP_NS: i64 = 10_000_000_000;
@@ -214,104 +216,5 @@ fn wrong(reading: Reading, factor: f64, offset: [f64; 3]) -> Reading {
         field_ut: reading.field_ut.map(wrong),
         fix: reading.fix.map(|fix| Fix { velocity_m_s: wrong(fix.velocity_m_s.into()).into(), ..fix }),
         ..reading
-    }
-}
-
-/// What the source gave of late.
-#[derive(Debug, Clone)]
-struct Past {
-    readings: VecDeque<(i64, Reading)>,
-    /// The number of the oldest.
-    oldest: u64,
-    /// What is said before there is anything so old.
-    first: Option<Reading>,
-    delay_ns: i64,
-}
-
-impl Past {
-    /// As long as the longest delay.
-    fn new(faults: &[Fault]) -> Self {
-        let delay_ns = |fault: &Fault| match fault.kind {
-            FaultKind::Delayed { delay_s } => (delay_s * 1e9) as i64,
-            _ => 0,
-        };
-        let delay_ns = faults.iter().map(delay_ns).max().unwrap_or(0);
-        let most = if delay_ns > 0 { DELAY_READINGS_MAX } else { 0 };
-        Self { readings: VecDeque::with_capacity(most), oldest: 0, first: None, delay_ns }
-    }
-
-    fn push(&mut self, at_ns: i64, reading: &Reading) {
-        if self.delay_ns == 0 {
-            return;
-        }
-        self.first.get_or_insert(*reading);
-        if self.readings.len() == DELAY_READINGS_MAX {
-            self.readings.pop_front();
-            self.oldest += 1;
-        }
-        self.readings.push_back((at_ns, *reading));
-    }
-
-    /// What every entry has read by now.
-    fn forget(&mut self, now_ns: i64) {
-        while self.readings.pop_front_if(|(at_ns, _)| now_ns - *at_ns > self.delay_ns).is_some() {
-            self.oldest += 1;
-        }
-    }
-
-    /// The readings from a number on, and the number of the first of them that is still there.
-    fn since(&self, next: u64) -> (impl Iterator<Item = &(i64, Reading)>, u64) {
-        let next = next.max(self.oldest);
-        (self.readings.range(((next - self.oldest) as usize).min(self.readings.len())..), next)
-    }
-}
-
-/// Choices that are the same everywhere: splitmix64.
-#[derive(Debug, Clone)]
-struct Dice(u64);
-
-impl Dice {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in 0 to 1, 1 excluded.
-    fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn value(&mut self) -> f64 {
-        match self.bits() % 8 {
-            0 => f64::NAN,
-            1 => f64::INFINITY,
-            2 => f64::NEG_INFINITY,
-            3 => 1e300,
-            4 => -1e300,
-            5 => 200.0 * self.unit() - 100.0,
-            _ => f64::from_bits(self.bits()),
-        }
-    }
-
-    fn vector(&mut self) -> [f64; 3] {
-        std::array::from_fn(|_| self.value())
-    }
-
-    /// Any values where the reading has some.
-    fn garbage(&mut self, reading: &Reading) -> Reading {
-        Reading {
-            rate_rad_s: self.vector(),
-            force_m_s2: self.vector(),
-            field_ut: reading.field_ut.map(|_| self.vector()),
-            fix: reading.fix.map(|_| Fix {
-                velocity_m_s: Vector3::from(self.vector()),
-                sd_m_s: Some(self.value()),
-                age_s: Some(self.value()),
-                latitude_rad: Some(self.value()),
-            }),
-            ..*reading
-        }
     }
 }
