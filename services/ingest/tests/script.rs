@@ -91,10 +91,9 @@ fn a_stuck_sensor_says_what_it_said_before() {
 fn delayed_values_are_those_of_so_long_ago_and_each_fix_comes_once() {
     let faulty = one(Sensor::All, FaultKind::Delayed { delay_s: 0.205 });
     let mut fixes = Vec::new();
-    for count in FROM..UNTIL {
-        let sample = faulty[count].unwrap();
-        assert_eq!(rate(&faulty[count]), reading(count - 21).rate_rad_s);
-        fixes.extend(sample.gnss.map(|fix| (count, fix.velocity_m_s[0])));
+    for (count, sample) in faulty.iter().enumerate().take(UNTIL).skip(FROM) {
+        assert_eq!(rate(sample), reading(count - 21).rate_rad_s);
+        fixes.extend(sample.unwrap().gnss.map(|fix| (count, fix.velocity_m_s[0])));
     }
     let expected = (80..=170).step_by(10).map(|count| (count + 21, count as f64 * 1e-3));
     assert_eq!(fixes, expected.collect::<Vec<_>>());
@@ -103,8 +102,8 @@ fn delayed_values_are_those_of_so_long_ago_and_each_fix_comes_once() {
 #[test]
 fn a_slow_sensor_repeats_itself_or_is_silent_between() {
     let faulty = one(Sensor::Gyro, FaultKind::Slow { every: 4 });
-    for count in FROM..UNTIL {
-        assert_eq!(rate(&faulty[count]), reading(count - (count - FROM) % 4).rate_rad_s);
+    for (count, sample) in faulty.iter().enumerate().take(UNTIL).skip(FROM) {
+        assert_eq!(rate(sample), reading(count - (count - FROM) % 4).rate_rad_s);
     }
     let fixes = |samples: &[Option<Sample>]| samples.iter().flatten().filter(|sample| sample.gnss.is_some()).count();
     assert_eq!(fixes(&one(Sensor::Gnss, FaultKind::Slow { every: 5 })[FROM..UNTIL]), 2);
