@@ -139,3 +139,38 @@ fn a_recorded_flight_gives_the_same_bytes_with_its_fixes_and_others_without() {
     let without = in_one_process(&format!("[ingest.replay]\ngnss = \"off\"\n{stage}"), &replay);
     assert!(without.0 != expected.0, "the fixes do nothing");
 }
+
+#[test]
+fn faults_of_every_kind_give_the_same_bytes_from_one_process_and_five() {
+    let kinds = [
+        "\"off\"",
+        "\"stuck\"",
+        "\"garbage\"\nseed = 7",
+        "\"wrong\"\nfactor = -0.7",
+        "\"slow\"\nevery = 7",
+        "\"delayed\"\ndelay_s = 0.123",
+        "\"intermittent\"\nshare = 0.61\nseed = 9",
+    ];
+    let sensors = ["gyro", "accel", "mag", "gnss", "all"];
+    let mut script = String::new();
+    for (i, (sensor, kind)) in sensors.iter().flat_map(|sensor| kinds.map(|kind| (sensor, kind))).enumerate() {
+        let from_s = 1.0 + 0.37 * i as f64;
+        let until_s = from_s + 0.61;
+        script +=
+            &format!("[[ingest.fault]]\nsensor = {sensor:?}\nkind = {kind}\nfrom_s = {from_s}\nuntil_s = {until_s}\n");
+    }
+    let flight =
+        "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n[course]\nstage = \"track\"";
+    let field = "[ingest.sim]\nscenario = \"s3\"\n[fuser]\nstage = \"wz\"";
+    for (seeds, source, length) in [(330..333, flight, "60s"), (340..342, field, "18s")] {
+        let source = format!("faults = true\n{source}\n{script}");
+        let arguments = ["--for", length, "--speed", "max"];
+        let expected = in_one_process(&source, &arguments[..2]);
+        for seed in seeds {
+            assert_same_in_five(seed, &source, &arguments, &expected);
+        }
+    }
+    let whole = in_one_process(flight, &["--for", "60s"]);
+    let failing = in_one_process(&format!("faults = true\n{flight}\n{script}"), &["--for", "60s"]);
+    assert!(whole.0 != failing.0, "the script does nothing");
+}

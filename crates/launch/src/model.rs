@@ -5,6 +5,8 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt, path::PathBuf};
 
+use crate::fault::Fault;
+
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
 
@@ -21,6 +23,8 @@ pub struct Launch {
     pub lateness_s: f64,
     /// When a service that ended is started again, and when no more.
     pub restart: Restart,
+    /// A script of faults is allowed.
+    pub faults: bool,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
@@ -87,6 +91,8 @@ pub struct Ingest {
     pub calibration: Calibrations,
     /// The rotation from the sensors' axes to the body's, v_body = M v_sensor, row by row.
     pub mounting: [[f64; 3]; 3],
+    /// What the sensors are made to do wrong, in the order in which it is done to a reading; [`FAULTS_MAX`](crate::FAULTS_MAX) at most.
+    pub faults: Vec<Fault>,
 }
 
 /// The calibration of each sensor.
@@ -245,6 +251,7 @@ impl Default for Launch {
                 limit: 10,
                 on_limit: OnLimit::Stop,
             },
+            faults: false,
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
@@ -259,6 +266,7 @@ impl Default for Launch {
                 },
                 calibration: Calibrations::default(),
                 mounting: IDENTITY,
+                faults: Vec::new(),
             },
             gyro: stage("mobius"),
             accel: stage("projector"),

@@ -1,7 +1,7 @@
 //! Which keys there are, and what each may be.
 
 use crate::{
-    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
+    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
     model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
     sensors::{calibration, mounting},
@@ -58,7 +58,11 @@ impl Launch {
             section.report(lateness_problem(self, section));
         }
         section.section("restart", |section| restart(section, &mut self.restart));
-        section.section("ingest", |section| ingest(section, &mut self.ingest));
+        let allowed = !section.flag("faults", &mut self.faults) || self.faults;
+        section.section("ingest", |section| {
+            ingest(section, &mut self.ingest);
+            fault::script(section, allowed, &mut self.ingest.faults);
+        });
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
@@ -277,6 +281,7 @@ mod tests {
             buffer_s = 60
             lateness_s = 0.01
             restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
+            faults = true
             gyro.stage = "rk4"
             accel = { stage = "projector" }
             [ingest]
@@ -321,6 +326,7 @@ mod tests {
                 limit: 5,
                 on_limit: OnLimit::Hold,
             },
+            faults: true,
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {
@@ -364,7 +370,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "ingest", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9

@@ -41,6 +41,20 @@ impl<'t> Section<'t, '_> {
         }
     }
 
+    /// An array of tables; `read` is also given where each one stands.
+    pub(crate) fn tables(&mut self, key: &'static str, mut read: impl FnMut(&mut Section<'t, '_>, Range<usize>)) {
+        let Some(value) = self.get(key) else { return };
+        let DeValue::Array(tables) = value.get_ref() else { return self.refuse_type(key, value, "an array of tables") };
+        for value in tables.iter() {
+            match value.get_ref() {
+                DeValue::Table(table) => {
+                    walk(self.path_of(key), table, self.problems, |section| read(section, value.span()));
+                }
+                _ => self.refuse_type(key, value, "a table"),
+            }
+        }
+    }
+
     /// A finite number in a range, written with or without a point.
     pub(crate) fn number(&mut self, key: &'static str, allowed: RangeInclusive<f64>, out: &mut f64) -> bool {
         self.read(key, out, |section, value| {
@@ -89,16 +103,27 @@ impl<'t> Section<'t, '_> {
         self.table.contains_key(key)
     }
 
+    /// The key is allowed, whatever it says.
+    pub(crate) fn knows(&mut self, key: &'static str) {
+        self.known.push(key);
+    }
+
     /// An integer from 0 to the largest that TOML promises.
     pub(crate) fn natural(&mut self, key: &'static str, out: &mut u64) -> bool {
+        self.count(key, 0..=i64::MAX as u64, out)
+    }
+
+    /// An integer in a range.
+    pub(crate) fn count(&mut self, key: &'static str, allowed: RangeInclusive<u64>, out: &mut u64) -> bool {
         self.read(key, out, |section, value| {
             let DeValue::Integer(integer) = value.get_ref() else {
                 section.refuse_type(key, value, "an integer");
                 return None;
             };
             let natural = int(integer).and_then(|integer| u64::try_from(integer).ok());
+            let natural = natural.filter(|natural| allowed.contains(natural));
             if natural.is_none() {
-                section.refuse(key, value, &format!("0 to {}", i64::MAX), &integer.to_string());
+                section.refuse(key, value, &format!("{} to {}", allowed.start(), allowed.end()), &integer.to_string());
             }
             natural
         })

@@ -68,6 +68,8 @@ flags! {
     FIELD_DISTURBED = 23 "field-disturbed",
     /// A sample of the magnetic field, or a fix, did not arrive.
     AIDING_MISSING = 24 "aiding-missing",
+    /// The launch file's script of faults was at work on this tick or on a reading before it that is gone.
+    FAULT_INJECTED = 25 "fault-injected",
 }
 
 impl Flags {

@@ -1,6 +1,6 @@
 //! From readings to checked samples: every reading that can be placed in time becomes a tick.
 //!
-//! Input: readings as a sensor gives them; what is wrong with them is judged before calibration and mounting are applied. Output: samples with finite values, growing time and contiguous ticks, with flags for what
+//! Input: readings as a sensor gives them, or as the launch file's script of faults has them; what is wrong with them is judged before calibration and mounting are applied. Output: samples with finite values, growing time and contiguous ticks, with flags for what
 //! is wrong. Time: the readings' own. Failure: a reading that came twice or belongs to the past is refused and counted.
 //!
 //! | reading | becomes |
@@ -27,6 +27,7 @@ use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 
 use crate::{
     channel::{Channel, FieldChannel, checked},
+    script::Script,
     source::Reading,
 };
 
@@ -51,6 +52,9 @@ pub struct Sample {
 /// Checks readings and numbers them.
 #[derive(Debug, Clone)]
 pub struct Conditioner {
+    script: Script,
+    /// The script was at work since the last sample.
+    scripted: bool,
     rate: Channel,
     force: Channel,
     field: FieldChannel,
@@ -103,6 +107,8 @@ impl Conditioner {
         let stuck_ns = (limits.stuck_s * 1e9) as i64;
         let gap_ns = (limits.gap_s * 1e9) as i64;
         Ok(Self {
+            script: Script::new(&ingest.faults),
+            scripted: false,
             rate: Channel {
                 limit: limits.rate_max_deg_s.to_radians(),
                 invalid: Flags::RATE_INVALID,
@@ -140,8 +146,14 @@ impl Conditioner {
         })
     }
 
-    /// The sample of a reading; `None` when it is refused.
+    /// The sample of a reading; `None` when it is refused, or gone by the script of faults.
     pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
+        let (reading, at_work) = self.script.tell(reading)?;
+        self.scripted |= at_work;
+        self.judge(&reading)
+    }
+
+    fn judge(&mut self, reading: &Reading) -> Option<Sample> {
         self.fix = reading.fix.or(self.fix);
         let Some((t_start_ns, t_end_ns, time_flags)) = self.place(reading) else {
             self.refused += 1;
@@ -158,7 +170,8 @@ impl Conditioner {
         let (field_ut, field_flags) = self.field.check(reading.field_ut);
         let (fix, fix_flags) = checked(self.fix.take());
         let refused = Flags::REFUSED_BEFORE.when(std::mem::take(&mut self.refused_before));
-        let flags = time_flags | rate_flags | force_flags | field_flags | fix_flags | refused | self.kind;
+        let scripted = Flags::FAULT_INJECTED.when(std::mem::take(&mut self.scripted));
+        let flags = time_flags | rate_flags | force_flags | field_flags | fix_flags | refused | scripted | self.kind;
         let header = Header { tick: self.tick, t_start_ns, t_end_ns, flags, ..bytemuck::Zeroable::zeroed() };
         self.tick += 1;
         self.last = Some(Last { t_end_ns, reading: *reading });

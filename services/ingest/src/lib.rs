@@ -6,6 +6,7 @@
 
 mod channel;
 pub mod conditioner;
+mod script;
 pub mod source;
 
 use std::time::Duration;

@@ -35,6 +35,7 @@ mod printed;
 pub use pi::{LevellingPi, PiSettings};
 pub use printed::{Levelling, PrintedSettings};
 
+use super::low_pass_gain;
 use crate::{Complex, GRAVITY_M_S2, J, Vector3, accel::Inclination, gnss::Fix, gyro::Motion, state::Attitude};
 
 /// A force, an acceleration beyond this is no vehicle's, m/s².
@@ -103,6 +104,17 @@ impl Pull {
         let dt_s = if unlevelled_s > FORCE_HOLD_S { 0.0 } else { unlevelled_s };
         Self { level_m_s2: attitude.horizontal(bounded(inclination.force_m_s2, FORCE_LIMIT_M_S2)), dt_s }
     }
+}
+
+/// The gain of a low-pass of which `unaveraged_s` of its time constant is yet to come: a mean of what there was so far.
+fn averaging_gain(dt_s: f64, time_constant_s: f64, unaveraged_s: &mut f64) -> f64 {
+    let gain = low_pass_gain(dt_s, time_constant_s);
+    if *unaveraged_s <= 0.0 || dt_s <= 0.0 {
+        return gain;
+    }
+    let averaged_s = (time_constant_s - *unaveraged_s).max(0.0) + dt_s;
+    *unaveraged_s = (*unaveraged_s - dt_s).max(0.0);
+    gain.max(dt_s / averaged_s)
 }
 
 /// The lean that takes a tilt away: the level-frame point that half of the tilt's tangent is.

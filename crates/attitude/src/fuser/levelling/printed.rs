@@ -1,6 +1,8 @@
 //! The fuser stage `levelling`: S4 as printed, aided and autonomous, switching by itself.
 
-use super::{FLOOR_RAD, Pull, azimuth, carried, credible, interval_s, lean_of, tilt_of, turn_rate_rad_s};
+use super::{
+    FLOOR_RAD, Pull, averaging_gain, azimuth, carried, credible, interval_s, lean_of, tilt_of, turn_rate_rad_s,
+};
 use crate::{
     Complex, Vector3,
     course::Reference,
@@ -39,6 +41,8 @@ pub struct Levelling {
     unlevelled_s: f64,
     /// The low-passed f_P, platform, m/s².
     low_pass_m_s2: Complex<f64>,
+    /// How much less than its time constant the low-pass has averaged, s.
+    unaveraged_s: f64,
     /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
     lag_rad: Complex<f64>,
     /// V.
@@ -55,6 +59,7 @@ impl Levelling {
     pub(in crate::fuser) fn realign(&mut self) {
         self.started = false;
         self.low_pass_m_s2 = Complex::new(0.0, 0.0);
+        self.unaveraged_s = 0.0;
         self.lag_rad = Complex::new(0.0, 0.0);
     }
 
@@ -77,7 +82,7 @@ impl Levelling {
     fn level(&mut self, pull: Pull, turn_rate_rad_s: f64) {
         let Pull { level_m_s2, dt_s } = pull;
         let azimuth = azimuth(self.attitude);
-        let gain = low_pass_gain(dt_s, self.settings.low_pass_s);
+        let gain = averaging_gain(dt_s, self.settings.low_pass_s, &mut self.unaveraged_s);
         self.low_pass_m_s2 += (azimuth * level_m_s2 - self.low_pass_m_s2) * gain;
         let (unexplained_m_s2, time_constant_s) = if self.is_aided() {
             let along_m_s2 = if self.increment_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 };
@@ -159,6 +164,7 @@ impl Stage for Levelling {
         self.started.visit(visit);
         self.unlevelled_s.visit(visit);
         self.low_pass_m_s2.visit(visit);
+        self.unaveraged_s.visit(visit);
         self.lag_rad.visit(visit);
         self.speed_m_s.visit(visit);
         self.speed_rate_m_s2.visit(visit);
@@ -168,7 +174,8 @@ impl Stage for Levelling {
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        let negative = [self.unlevelled_s, self.speed_m_s, self.increment_s, self.since_fix_s].iter().any(|x| *x < 0.0);
+        let Self { unlevelled_s, unaveraged_s, speed_m_s, increment_s, since_fix_s, .. } = self;
+        let negative = [unlevelled_s, unaveraged_s, speed_m_s, increment_s, since_fix_s].iter().any(|x| **x < 0.0);
         attitude_flaw(self.attitude).or(negative.then_some("a time or a speed below zero"))
     }
 
@@ -188,6 +195,8 @@ impl Stage for Levelling {
         self.realign();
         self.attitude = common.attitude;
         self.started = true;
+        // The giver's level lags by what it lags by: what is left of the force then is not zero.
+        self.unaveraged_s = self.settings.low_pass_s;
         Ok(())
     }
 }

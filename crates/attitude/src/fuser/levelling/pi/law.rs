@@ -11,8 +11,8 @@ use crate::{
     fuser::{
         Corrections,
         levelling::{
-            FORCE_LIMIT_M_S2, Pull, RATE_LIMIT_RAD_S, azimuth, bounded, carried, forward, lean_of, tilt_of,
-            turned_too_much,
+            FORCE_LIMIT_M_S2, Pull, RATE_LIMIT_RAD_S, averaging_gain, azimuth, bounded, carried, forward, lean_of,
+            tilt_of, turned_too_much,
         },
         low_pass_gain,
     },
@@ -128,7 +128,8 @@ impl LevellingPi {
         };
         let axes = azimuth(self.attitude);
         let left_m_s2 = axes * (pull.level_m_s2 - carried(self.attitude, speed_m_s * turn_rate_rad_s, 0.0));
-        self.low_pass_m_s2 += (left_m_s2 - self.low_pass_m_s2) * low_pass_gain(pull.dt_s, low_pass_s);
+        let gain = averaging_gain(pull.dt_s, low_pass_s, &mut self.unaveraged_s);
+        self.low_pass_m_s2 += (left_m_s2 - self.low_pass_m_s2) * gain;
         let gain = weight * low_pass_gain(pull.dt_s, time_constant_s);
         let seen_rad = tilt_of(self.low_pass_m_s2);
         let tilt_rad = axes.conj() * seen_rad * gain;

@@ -113,6 +113,8 @@ pub struct LevellingPi {
     pending_rad: Complex<f64>,
     /// What is left of the force in a gap, low-passed, platform, m/s².
     low_pass_m_s2: Complex<f64>,
+    /// How much less than its time constant that has averaged, s.
+    unaveraged_s: f64,
     /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
     lag_rad: Complex<f64>,
     still: Still,
@@ -133,6 +135,7 @@ impl Default for LevellingPi {
             heading: Heading::default(),
             pending_rad: none,
             low_pass_m_s2: none,
+            unaveraged_s: 0.0,
             lag_rad: none,
             still: Still::default(),
         }
@@ -149,6 +152,7 @@ impl LevellingPi {
         self.attitude = self.attitude.realigned(inclination.up).attitude;
         let none = Complex::new(0.0, 0.0);
         (self.pending_rad, self.low_pass_m_s2, self.lag_rad) = (none, none, none);
+        self.unaveraged_s = 0.0;
         self.aiding.interrupt();
         self.started = true;
     }
@@ -161,7 +165,7 @@ impl LevellingPi {
         }
         self.aiding.push(azimuth(self.attitude) * pull.level_m_s2, pull.dt_s);
         if self.aiding.is_recent(self.settings.gap_s) {
-            self.low_pass_m_s2 = Complex::new(0.0, 0.0);
+            (self.low_pass_m_s2, self.unaveraged_s) = (Complex::new(0.0, 0.0), 0.0);
             return false;
         }
         self.coast(pull, turn_rate_rad_s);
@@ -264,12 +268,13 @@ impl Stage for LevellingPi {
         self.heading.visit(visit);
         self.pending_rad.visit(visit);
         self.low_pass_m_s2.visit(visit);
+        self.unaveraged_s.visit(visit);
         self.lag_rad.visit(visit);
         self.still.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        let negative = self.bias_variance_rad2_s2 < 0.0 || self.unlevelled_s < 0.0;
+        let negative = self.bias_variance_rad2_s2 < 0.0 || self.unlevelled_s < 0.0 || self.unaveraged_s < 0.0;
         attitude_flaw(self.attitude)
             .or(bias_flaw(self.bias_rad_s))
             .or(negative.then_some("a variance or a time below zero"))
@@ -297,6 +302,8 @@ impl Stage for LevellingPi {
             let variance = common.bias_sd_rad_s * common.bias_sd_rad_s;
             adopted.bias_variance_rad2_s2 = variance.min(adopted.bias_variance_rad2_s2);
         }
+        // The giver's level lags by what it lags by: what is left of the force then is not zero.
+        adopted.unaveraged_s = if adopted.bias_known() { 0.0 } else { self.settings.cold_low_pass_s };
         if common.reference == Reference::True {
             adopted.heading = Heading::of(common.heading_sd_rad);
         }
