@@ -1,0 +1,140 @@
+//! One stream out of all that publish a topic: each tick once, in order.
+//!
+//! Input: messages, in order for each publisher and in any order across them. Output: messages in the order of ticks, each with the
+//! number of ticks missing before it. Time: none; how long to wait is counted in ticks. Failure: what stays away is left out and counted.
+
+use std::collections::BTreeMap;
+
+use crate::Stamped;
+
+/// A stream so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// The tick that comes next when nothing is lost.
+    pub next_tick: u64,
+    /// Ticks delivered.
+    pub ticks: u64,
+    /// Ticks that never came.
+    pub lost: u64,
+    /// Messages left out because their publisher sent them again.
+    pub duplicated: u64,
+    /// Messages left out because another publisher, or the same under another decision, had sent their tick.
+    pub repeated: u64,
+    /// Messages left out because a later decision had taken their tick from their publisher.
+    pub superseded: u64,
+}
+
+/// The reading end of a topic.
+#[derive(Debug, Clone)]
+pub struct Inlet<M> {
+    lateness_ticks: u64,
+    counts: Counts,
+    /// Epoch and incarnation of the message delivered last.
+    last: Option<(u32, u32)>,
+    /// A stream whose first message may have any tick.
+    new: bool,
+    held: BTreeMap<u64, M>,
+}
+
+impl<M: Stamped> Inlet<M> {
+    /// A reader of a stream from its beginning: the first message is delivered at once, and ticks before it count as lost.
+    ///
+    /// A message that may have to wait for another publisher's does so until the stream is `lateness_ticks` ahead.
+    pub fn new(lateness_ticks: u64) -> Self {
+        Self { new: true, ..Self::resume(0, lateness_ticks) }
+    }
+
+    /// A reader that goes on at `next_tick`, after a restart. It does not know the publishers, so it waits for what is missing.
+    pub fn resume(next_tick: u64, lateness_ticks: u64) -> Self {
+        let counts = Counts { next_tick, ..Counts::default() };
+        Self { lateness_ticks, counts, last: None, new: false, held: BTreeMap::new() }
+    }
+
+    /// Takes a message; hands every message that has its turn, with the number of ticks missing before it, to `deliver`.
+    pub fn offer(&mut self, message: M, deliver: &mut dyn FnMut(M, u64)) {
+        let tick = message.tick();
+        if tick < self.counts.next_tick {
+            match self.last == Some(source(&message)) {
+                true => self.counts.duplicated += 1,
+                false => self.counts.repeated += 1,
+            }
+            return;
+        }
+        if self.is_superseded(&message) {
+            self.counts.superseded += 1;
+            return;
+        }
+        let waits = tick > self.counts.next_tick && !self.new && self.may_be_filled(&message);
+        if self.held.is_empty() && !waits {
+            return self.deliver(message, deliver);
+        }
+        self.hold(message);
+        while let Some(first) = self.held.first_entry() {
+            let next_tick = self.counts.next_tick;
+            let due = *first.key() <= if waits { next_tick } else { tick.max(next_tick) };
+            if !due && !self.overdue() {
+                break;
+            }
+            if let Some((_, message)) = self.held.pop_first() {
+                self.deliver(message, deliver);
+            }
+        }
+    }
+
+    /// The stream so far.
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Messages that wait for ticks before them.
+    pub fn held(&self) -> usize {
+        self.held.len()
+    }
+
+    fn is_superseded(&self, message: &M) -> bool {
+        self.last.is_some_and(|(epoch, _)| message.epoch() < epoch)
+    }
+
+    /// Another publisher may still send what is missing before this message: only the publisher delivered last, under the same
+    /// decision, is known to have nothing in between.
+    fn may_be_filled(&self, message: &M) -> bool {
+        self.last.is_none_or(|(epoch, incarnation)| message.epoch() > epoch || message.incarnation() != incarnation)
+    }
+
+    /// Keeps a message; of two with the same tick that of the later decision.
+    fn hold(&mut self, message: M) {
+        match self.held.get(&message.tick()) {
+            Some(held) if source(held) == source(&message) => self.counts.duplicated += 1,
+            Some(held) if held.epoch() >= message.epoch() => self.counts.repeated += 1,
+            Some(_) => {
+                self.counts.repeated += 1;
+                self.held.insert(message.tick(), message);
+            }
+            None => {
+                self.held.insert(message.tick(), message);
+            }
+        }
+    }
+
+    /// A message has waited as long as any may.
+    fn overdue(&self) -> bool {
+        self.held.last_key_value().is_some_and(|(newest, _)| newest - self.counts.next_tick >= self.lateness_ticks)
+    }
+
+    fn deliver(&mut self, message: M, deliver: &mut dyn FnMut(M, u64)) {
+        if self.is_superseded(&message) {
+            self.counts.superseded += 1;
+            return;
+        }
+        let missing = message.tick() - self.counts.next_tick;
+        self.counts.lost += missing;
+        self.counts.ticks += 1;
+        self.counts.next_tick = message.tick().saturating_add(1);
+        (self.last, self.new) = (Some(source(&message)), false);
+        deliver(message, missing);
+    }
+}
+
+fn source<M: Stamped>(message: &M) -> (u32, u32) {
+    (message.epoch(), message.incarnation())
+}
