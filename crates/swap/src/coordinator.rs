@@ -71,6 +71,8 @@ pub struct Coordinator {
     active_epoch: u32,
     checkpoint_tick: u64,
     newest_input_tick: u64,
+    /// Every reader's checkpoint is at least this far.
+    readers_tick: u64,
     swap: Option<Swap>,
 }
 
@@ -86,6 +88,7 @@ impl Coordinator {
             active_epoch: epoch,
             checkpoint_tick: 0,
             newest_input_tick: 0,
+            readers_tick: 0,
             swap: None,
         }
     }
@@ -135,6 +138,7 @@ impl Coordinator {
                 (self.active, self.standing, self.active_epoch) = (Some(incarnation), None, self.epoch);
             }
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
+            Event::ReadersKeep { next_tick } => self.readers_tick = self.readers_tick.max(next_tick),
             Event::Passage => {}
             Event::Cancel => self.abort(now_ms, Reason::Cancelled, actions),
             Event::Died { incarnation } => self.mourn(now_ms, incarnation, actions),
@@ -220,6 +224,7 @@ impl Coordinator {
     fn go_on(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let limits = self.limits;
         let lag_ticks = self.lag_ticks();
+        let behind_ticks = self.standing.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
         let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.lag_max_ticks);
         let Some(swap) = &mut self.swap else { return };
         let waited_ms = now_ms.saturating_sub(swap.since_ms);
@@ -235,13 +240,15 @@ impl Coordinator {
             }
             State::CatchingUp => {}
             State::Shadowing if swap.request.shadow_only || waited_ms < limits.shadow_ms => {}
-            State::Shadowing if caught_up => self.arm(now_ms, actions),
+            State::Shadowing if caught_up && behind_ticks <= limits.lag_max_ticks => self.arm(now_ms, actions),
             State::Shadowing if waited_ms >= limits.shadow_ms + limits.caught_up_ms => {
-                self.abort(now_ms, Reason::NotCaughtUp { lag_ticks }, actions);
+                let active_behind = Reason::ActiveBehind { lag_ticks: behind_ticks };
+                let reason = if caught_up { active_behind } else { Reason::NotCaughtUp { lag_ticks } };
+                self.abort(now_ms, reason, actions);
             }
             State::Shadowing => {}
             State::Armed { from_tick } => self.confirm(now_ms, from_tick, waited_ms, actions),
-            State::Committed { old } if waited_ms >= limits.linger_ms => {
+            State::Committed { old } if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.readers_tick) => {
                 swap.enter(State::Retiring { old }, now_ms);
                 actions.push(Action::RetireOld { incarnation: old });
             }

@@ -19,11 +19,11 @@ pub struct Limits {
     pub commit_ms: u64,
     /// Time for the active stage to take the slot back after an exchange that failed; then it is restarted, ms.
     pub restore_ms: u64,
-    /// Time that the old stage stays, silent, after the commitment, for readers that restart, ms.
+    /// Longest time that the old stage stays, silent, after the commitment, for readers that restart, ms.
     pub linger_ms: u64,
     /// Time after which the end of a service that has not ended is asked for again, ms.
     pub end_ms: u64,
-    /// Ticks that the candidate may be behind and still counts as caught up.
+    /// Ticks that the candidate may be behind the active stage, and that behind its input, when hands change.
     pub lag_max_ticks: u64,
     /// Ticks between the newest one known and the first one of the new owner: what passes while a decision is on its way.
     pub margin_ticks: u64,
@@ -87,6 +87,11 @@ pub enum Event {
     NewestInput {
         /// Its newest tick.
         tick: u64,
+    },
+    /// The checkpoint of every reader of the slot has come this far: none of them needs what was published before.
+    ReadersKeep {
+        /// The tick that the last of them goes on with.
+        next_tick: u64,
     },
     /// Time has passed.
     Passage,
@@ -183,6 +188,11 @@ pub enum Reason {
         /// How far it was behind, where that is known.
         lag_ticks: Option<u64>,
     },
+    /// The active stage itself did not keep up with its input: the change of hands would be a gap.
+    ActiveBehind {
+        /// How far it is behind its input.
+        lag_ticks: u64,
+    },
     /// It gave out what cannot be.
     Flawed,
     /// It ended.
@@ -214,6 +224,9 @@ impl fmt::Display for Reason {
             }
             Self::NotCaughtUp { lag_ticks: Some(lag_ticks) } => {
                 write!(f, "the candidate is {lag_ticks} ticks behind; it is slower than its input")
+            }
+            Self::ActiveBehind { lag_ticks } => {
+                write!(f, "the active stage is {lag_ticks} ticks behind its input; exchange it when it keeps up")
             }
             Self::Flawed => write!(f, "the candidate gave out what cannot be an output; see its log"),
             Self::CandidateDied => write!(f, "the candidate ended before it had taken over; see its log"),

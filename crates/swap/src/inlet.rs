@@ -29,8 +29,10 @@ pub struct Counts {
 pub struct Inlet<M> {
     lateness_ticks: u64,
     counts: Counts,
-    /// Epoch and incarnation of the message delivered last.
-    last: Option<(u32, u32)>,
+    /// The decision under which the message delivered last was published; 0 before the first.
+    epoch: u32,
+    /// Who published it, if that is known.
+    incarnation: Option<u32>,
     /// A stream whose first message may have any tick.
     new: bool,
     held: BTreeMap<u64, M>,
@@ -41,20 +43,21 @@ impl<M: Stamped> Inlet<M> {
     ///
     /// A message that may have to wait for another publisher's does so until the stream is `lateness_ticks` ahead.
     pub fn new(lateness_ticks: u64) -> Self {
-        Self { new: true, ..Self::resume(0, lateness_ticks) }
+        Self { new: true, ..Self::resume(0, 0, lateness_ticks) }
     }
 
-    /// A reader that goes on at `next_tick`, after a restart. It does not know the publishers, so it waits for what is missing.
-    pub fn resume(next_tick: u64, lateness_ticks: u64) -> Self {
+    /// A reader that goes on at `next_tick` after a restart, its last message from the decision `epoch`. It does not know the
+    /// publishers, so it waits for what is missing.
+    pub fn resume(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
         let counts = Counts { next_tick, ..Counts::default() };
-        Self { lateness_ticks, counts, last: None, new: false, held: BTreeMap::new() }
+        Self { lateness_ticks, counts, epoch, incarnation: None, new: false, held: BTreeMap::new() }
     }
 
     /// Takes a message; hands every message that has its turn, with the number of ticks missing before it, to `deliver`.
     pub fn offer(&mut self, message: M, deliver: &mut dyn FnMut(M, u64)) {
         let tick = message.tick();
         if tick < self.counts.next_tick {
-            match self.last == Some(source(&message)) {
+            match (self.epoch, self.incarnation) == (message.epoch(), Some(message.incarnation())) {
                 true => self.counts.duplicated += 1,
                 false => self.counts.repeated += 1,
             }
@@ -81,6 +84,11 @@ impl<M: Stamped> Inlet<M> {
         }
     }
 
+    /// The decision under which the message delivered last was published; 0 before the first.
+    pub fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
     /// The stream so far.
     pub fn counts(&self) -> &Counts {
         &self.counts
@@ -92,19 +100,21 @@ impl<M: Stamped> Inlet<M> {
     }
 
     fn is_superseded(&self, message: &M) -> bool {
-        self.last.is_some_and(|(epoch, _)| message.epoch() < epoch)
+        message.epoch() < self.epoch
     }
 
     /// Another publisher may still send what is missing before this message: only the publisher delivered last, under the same
     /// decision, is known to have nothing in between.
     fn may_be_filled(&self, message: &M) -> bool {
-        self.last.is_none_or(|(epoch, incarnation)| message.epoch() > epoch || message.incarnation() != incarnation)
+        message.epoch() > self.epoch || self.incarnation != Some(message.incarnation())
     }
 
     /// Keeps a message; of two with the same tick that of the later decision.
     fn hold(&mut self, message: M) {
         match self.held.get(&message.tick()) {
-            Some(held) if source(held) == source(&message) => self.counts.duplicated += 1,
+            Some(held) if (held.epoch(), held.incarnation()) == (message.epoch(), message.incarnation()) => {
+                self.counts.duplicated += 1
+            }
             Some(held) if held.epoch() >= message.epoch() => self.counts.repeated += 1,
             Some(_) => {
                 self.counts.repeated += 1;
@@ -130,11 +140,7 @@ impl<M: Stamped> Inlet<M> {
         self.counts.lost += missing;
         self.counts.ticks += 1;
         self.counts.next_tick = message.tick().saturating_add(1);
-        (self.last, self.new) = (Some(source(&message)), false);
+        (self.epoch, self.incarnation, self.new) = (message.epoch(), Some(message.incarnation()), false);
         deliver(message, missing);
     }
-}
-
-fn source<M: Stamped>(message: &M) -> (u32, u32) {
-    (message.epoch(), message.incarnation())
 }

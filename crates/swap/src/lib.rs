@@ -16,8 +16,8 @@
 //! - A publisher's messages arrive in order, and what it has sent arrives although it has died. Across publishers any order will do.
 //! - [`Tenure`] and [`Inlet`] keep more ticks than the source can give in `commit_ms` and the time a decision takes to arrive, plus the margin.
 //! - A service restarts from a checkpoint that [`Coordinator::admits`], and its input reaches back to it.
-//! - A reader that restarts finds what it lacks at publishers that live: a stage's checkpoints are older than its readers', and
-//!   `linger_ms` is longer than a reader's checkpoint is old.
+//! - A reader that restarts finds what it lacks at publishers that live: a stage restarts from a checkpoint that is no newer than its
+//!   readers', and the coordinator hears of theirs ([`Event::ReadersKeep`]) before it retires the old stage.
 #![forbid(unsafe_code)]
 
 pub mod coordinator;

@@ -1,0 +1,182 @@
+//! A service of the slot: computes what its input allows, obeys decisions, can hang, fail and die between any two messages.
+
+use std::collections::VecDeque;
+
+use swap::{Control, Stamped, Standing, Tenure};
+
+use crate::chance::{Chance, Link};
+
+/// An output. What it says is a function of the stage and the tick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Packet {
+    pub tick: u64,
+    pub epoch: u32,
+    pub incarnation: u32,
+    pub stage: u32,
+}
+
+impl Stamped for Packet {
+    fn tick(&self) -> u64 {
+        self.tick
+    }
+
+    fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
+    fn incarnation(&self) -> u32 {
+        self.incarnation
+    }
+
+    fn stamp(&mut self, epoch: u32, incarnation: u32) {
+        (self.epoch, self.incarnation) = (epoch, incarnation);
+    }
+}
+
+/// What a service says to the supervisor.
+#[derive(Debug, Clone, Copy)]
+pub enum Word {
+    Ready,
+    Health { standing: Standing, flawed: bool },
+    Checkpoint { next_tick: u64 },
+}
+
+/// How a process behaves.
+#[derive(Debug, Clone, Copy)]
+pub struct Manner {
+    /// When it opens its topics.
+    pub ready_ms: u64,
+    /// Ticks that it can compute in 10 ms.
+    pub ticks_per_10_ms: u64,
+    /// The tick from which on its outputs are flawed.
+    pub flawed_from: Option<u64>,
+    pub health_interval_ms: u64,
+    pub checkpoint_interval_ticks: u64,
+}
+
+/// Published messages that a reader which joins late still gets.
+pub const HISTORY: usize = 500;
+
+#[derive(Debug)]
+pub struct Process {
+    pub incarnation: u32,
+    pub stage: u32,
+    pub tenure: Tenure<Packet>,
+    pub manner: Manner,
+    pub alive: bool,
+    pub buried: bool,
+    pub hung_until_ms: u64,
+    pub next_tick: u64,
+    pub controls: Link<Control>,
+    pub words: Link<Word>,
+    pub checkpoints: Link<Word>,
+    pub outlets: Vec<Link<Packet>>,
+    pub history: VecDeque<Packet>,
+    newest_input: Option<u64>,
+    said_ready: bool,
+    said_ms: u64,
+    kept_tick: u64,
+}
+
+impl Process {
+    pub fn new(
+        incarnation: u32,
+        stage: u32,
+        tenure: Tenure<Packet>,
+        manner: Manner,
+        next_tick: u64,
+        readers: usize,
+        chance: &mut Chance,
+    ) -> Self {
+        Self {
+            incarnation,
+            stage,
+            tenure,
+            manner,
+            alive: true,
+            buried: false,
+            hung_until_ms: 0,
+            next_tick,
+            controls: Link::new(chance),
+            words: Link::new(chance),
+            checkpoints: Link::new(chance),
+            outlets: (0..readers).map(|_| Link::new(chance)).collect(),
+            history: VecDeque::new(),
+            newest_input: None,
+            said_ready: false,
+            said_ms: 0,
+            kept_tick: next_tick,
+        }
+    }
+
+    /// One millisecond of its life. `newest_input` is the newest tick of its input; `dies` ends it in the midst of its work.
+    pub fn step(&mut self, now_ms: u64, newest_input: Option<u64>, dies: bool, chance: &mut Chance) {
+        if !self.alive || now_ms < self.hung_until_ms || now_ms < self.manner.ready_ms {
+            self.alive &= !dies;
+            return;
+        }
+        let mut out = Vec::new();
+        self.newest_input = self.newest_input.max(newest_input);
+        let controls_first = chance.happens(700);
+        if controls_first {
+            self.obey(now_ms, &mut out);
+        }
+        let budget =
+            self.manner.ticks_per_10_ms / 10 + u64::from(chance.between(0, 9) < self.manner.ticks_per_10_ms % 10);
+        for _ in 0..budget {
+            if self.newest_input.is_none_or(|newest| newest < self.next_tick) {
+                break;
+            }
+            let packet = Packet { tick: self.next_tick, epoch: 0, incarnation: 0, stage: self.stage };
+            self.tenure.take(packet, &mut |packet| out.push(packet));
+            self.next_tick += 1;
+        }
+        if !controls_first {
+            self.obey(now_ms, &mut out);
+        }
+        self.send(now_ms, &out, dies, chance);
+        if !dies {
+            self.say(now_ms, chance);
+        }
+        self.alive = !dies;
+    }
+
+    fn obey(&mut self, now_ms: u64, out: &mut Vec<Packet>) {
+        while let Some(control) = self.controls.arrived(now_ms) {
+            self.tenure.decide(control, &mut |packet| out.push(packet));
+        }
+    }
+
+    /// A message goes to one reader after the other; death can come between.
+    fn send(&mut self, now_ms: u64, out: &[Packet], dies: bool, chance: &mut Chance) {
+        let all = out.len() * self.outlets.len();
+        let sent = if dies { chance.between(0, all as u64) as usize } else { all };
+        for index in 0..sent {
+            let (packet, outlet) = (out[index / self.outlets.len()], index % self.outlets.len());
+            self.outlets[outlet].send(now_ms, chance, packet);
+            if outlet + 1 == self.outlets.len() {
+                self.history.push_back(packet);
+                if self.history.len() > HISTORY {
+                    self.history.pop_front();
+                }
+            }
+        }
+    }
+
+    fn say(&mut self, now_ms: u64, chance: &mut Chance) {
+        if !self.said_ready {
+            self.said_ready = true;
+            self.words.send(now_ms, chance, Word::Ready);
+        }
+        if now_ms >= self.said_ms + self.manner.health_interval_ms {
+            self.said_ms = now_ms;
+            let flawed = self.manner.flawed_from.is_some_and(|from| self.next_tick > from);
+            let standing = self.tenure.standing();
+            self.words.send(now_ms, chance, Word::Health { standing, flawed });
+        }
+        if self.next_tick >= self.kept_tick + self.manner.checkpoint_interval_ticks {
+            self.kept_tick = self.next_tick;
+            self.checkpoints.send(now_ms, chance, Word::Checkpoint { next_tick: self.next_tick });
+        }
+    }
+}
