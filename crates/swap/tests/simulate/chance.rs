@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 /// SplitMix64 (Steele, Lea, Flood 2014): the same numbers for the same seed.
 #[derive(Debug, Clone)]
-pub struct Chance(pub u64);
+pub(crate) struct Chance(pub(crate) u64);
 
 impl Chance {
     fn next(&mut self) -> u64 {
@@ -16,41 +16,41 @@ impl Chance {
     }
 
     /// A number from `low` to `high`, both included.
-    pub fn between(&mut self, low: u64, high: u64) -> u64 {
+    pub(crate) fn between(&mut self, low: u64, high: u64) -> u64 {
         low + self.next() % (high - low + 1)
     }
 
     /// True `per_mille` times in a thousand.
-    pub fn happens(&mut self, per_mille: u64) -> bool {
+    pub(crate) fn happens(&mut self, per_mille: u64) -> bool {
         self.next() % 1000 < per_mille
     }
 }
 
 /// A way from one process to another: in order, nothing lost, each message delayed by chance.
 #[derive(Debug, Clone)]
-pub struct Link<T> {
+pub(crate) struct Link<T> {
     queue: VecDeque<(u64, T)>,
     delay_ms: u64,
     last_ms: u64,
 }
 
 /// Longest delay of a message that is not a stray one, ms.
-pub const DELAY_MS: u64 = 10;
+pub(crate) const DELAY_MS: u64 = 10;
 /// Longest delay of any message, ms.
-pub const DELAY_MAX_MS: u64 = 25;
+pub(crate) const DELAY_MAX_MS: u64 = 25;
 
 impl<T> Link<T> {
-    pub fn new(chance: &mut Chance) -> Self {
+    pub(crate) fn new(chance: &mut Chance) -> Self {
         Self { queue: VecDeque::new(), delay_ms: chance.between(0, DELAY_MS), last_ms: 0 }
     }
 
-    pub fn send(&mut self, now_ms: u64, chance: &mut Chance, message: T) {
+    pub(crate) fn send(&mut self, now_ms: u64, chance: &mut Chance, message: T) {
         let delay_ms = if chance.happens(3) { DELAY_MAX_MS } else { self.delay_ms };
         self.last_ms = self.last_ms.max(now_ms + chance.between(0, delay_ms));
         self.queue.push_back((self.last_ms, message));
     }
 
-    pub fn arrived(&mut self, now_ms: u64) -> Option<T> {
+    pub(crate) fn arrived(&mut self, now_ms: u64) -> Option<T> {
         self.queue.pop_front_if(|(due_ms, _)| *due_ms <= now_ms).map(|(_, message)| message)
     }
 }

@@ -8,7 +8,7 @@ use crate::world::World;
 
 impl World {
     /// Everything has settled.
-    pub fn check(&self) -> Result<(), String> {
+    pub(crate) fn check(&self) -> Result<(), String> {
         self.readers_got_each_tick_from_its_owner()?;
         self.requests_were_answered()?;
         self.one_process_is_left()
@@ -70,7 +70,7 @@ impl World {
 
 /// What happened in all worlds.
 #[derive(Debug, Default)]
-pub struct Tally {
+pub(crate) struct Tally {
     ended: BTreeMap<String, u64>,
     ticks: u64,
     restarts: u64,
@@ -80,7 +80,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn add(&mut self, world: &World) {
+    pub(crate) fn add(&mut self, world: &World) {
         for report in &world.answers {
             let why = report.reason.as_ref().map_or("committed", name);
             *self.ended.entry(why.into()).or_default() += 1;
@@ -95,7 +95,7 @@ impl Tally {
     }
 
     /// A simulation that never meets a case proves nothing about it.
-    pub fn everything_was_seen(&self) {
+    pub(crate) fn everything_was_seen(&self) {
         for case in CASES {
             assert!(self.ended.get(case).is_some_and(|times| *times >= 20), "`{case}` was hardly met: {self}");
         }

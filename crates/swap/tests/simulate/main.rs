@@ -1,15 +1,19 @@
 //! A system in exchange, many times over: one seed is one world of delays, deaths, hangs, late decisions and bad candidates.
 //!
 //! `SWAP_SEED=n cargo test --release -p swap one_world -- --nocapture` tells the history of one.
+#![allow(clippy::unwrap_used)]
 
 mod chance;
 mod check;
+mod faults;
+mod nature;
 mod process;
 mod reader;
 mod supervisor;
 mod world;
 
-use world::{Tally, World};
+use check::Tally;
+use world::World;
 
 const SEEDS: u64 = 100_000;
 

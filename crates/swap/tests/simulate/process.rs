@@ -8,11 +8,11 @@ use crate::chance::{Chance, Link};
 
 /// An output. What it says is a function of the stage and the tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Packet {
-    pub tick: u64,
-    pub epoch: u32,
-    pub incarnation: u32,
-    pub stage: u32,
+pub(crate) struct Packet {
+    pub(crate) tick: u64,
+    pub(crate) epoch: u32,
+    pub(crate) incarnation: u32,
+    pub(crate) stage: u32,
 }
 
 impl Stamped for Packet {
@@ -35,7 +35,7 @@ impl Stamped for Packet {
 
 /// What a service says to the supervisor.
 #[derive(Debug, Clone, Copy)]
-pub enum Word {
+pub(crate) enum Word {
     Ready,
     Health { standing: Standing, flawed: bool },
     Checkpoint { next_tick: u64 },
@@ -43,35 +43,35 @@ pub enum Word {
 
 /// How a process behaves.
 #[derive(Debug, Clone, Copy)]
-pub struct Manner {
+pub(crate) struct Manner {
     /// When it opens its topics.
-    pub ready_ms: u64,
+    pub(crate) ready_ms: u64,
     /// Ticks that it can compute in 10 ms.
-    pub ticks_per_10_ms: u64,
+    pub(crate) ticks_per_10_ms: u64,
     /// The tick from which on its outputs are flawed.
-    pub flawed_from: Option<u64>,
-    pub health_interval_ms: u64,
-    pub checkpoint_interval_ticks: u64,
+    pub(crate) flawed_from: Option<u64>,
+    pub(crate) health_interval_ms: u64,
+    pub(crate) checkpoint_interval_ticks: u64,
 }
 
 /// Published messages that a reader which joins late still gets.
-pub const HISTORY: usize = 500;
+pub(crate) const HISTORY: usize = 500;
 
 #[derive(Debug)]
-pub struct Process {
-    pub incarnation: u32,
-    pub stage: u32,
-    pub tenure: Tenure<Packet>,
-    pub manner: Manner,
-    pub alive: bool,
-    pub buried: bool,
-    pub hung_until_ms: u64,
-    pub next_tick: u64,
-    pub controls: Link<Control>,
-    pub words: Link<Word>,
-    pub checkpoints: Link<Word>,
-    pub outlets: Vec<Link<Packet>>,
-    pub history: VecDeque<Packet>,
+pub(crate) struct Process {
+    pub(crate) incarnation: u32,
+    pub(crate) stage: u32,
+    pub(crate) tenure: Tenure<Packet>,
+    pub(crate) manner: Manner,
+    pub(crate) alive: bool,
+    pub(crate) buried: bool,
+    pub(crate) hung_until_ms: u64,
+    pub(crate) next_tick: u64,
+    pub(crate) controls: Link<Control>,
+    pub(crate) words: Link<Word>,
+    pub(crate) checkpoints: Link<Word>,
+    pub(crate) outlets: Vec<Link<Packet>>,
+    pub(crate) history: VecDeque<Packet>,
     newest_input: Option<u64>,
     said_ready: bool,
     said_ms: u64,
@@ -79,7 +79,7 @@ pub struct Process {
 }
 
 impl Process {
-    pub fn new(
+    pub(crate) fn new(
         incarnation: u32,
         stage: u32,
         tenure: Tenure<Packet>,
@@ -110,7 +110,7 @@ impl Process {
     }
 
     /// One millisecond of its life. `newest_input` is the newest tick of its input; `dies` ends it in the midst of its work.
-    pub fn step(&mut self, now_ms: u64, newest_input: Option<u64>, dies: bool, chance: &mut Chance) {
+    pub(crate) fn step(&mut self, now_ms: u64, newest_input: Option<u64>, dies: bool, chance: &mut Chance) {
         if !self.alive || now_ms < self.hung_until_ms || now_ms < self.manner.ready_ms {
             self.alive &= !dies;
             return;

@@ -5,30 +5,30 @@ use swap::Inlet;
 use crate::process::Packet;
 
 #[derive(Debug)]
-pub struct Reader {
-    pub inlet: Inlet<Packet>,
+pub(crate) struct Reader {
+    pub(crate) inlet: Inlet<Packet>,
     /// What it got for each tick, from 0.
-    pub got: Vec<Packet>,
-    pub checkpoint_interval_ticks: u64,
-    pub checkpoint: Checkpoint,
-    pub held_max: usize,
+    pub(crate) got: Vec<Packet>,
+    pub(crate) checkpoint_interval_ticks: u64,
+    pub(crate) checkpoint: Checkpoint,
+    pub(crate) held_max: usize,
 }
 
 /// What a reader restarts from.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Checkpoint {
-    pub next_tick: u64,
-    pub epoch: u32,
+pub(crate) struct Checkpoint {
+    pub(crate) next_tick: u64,
+    pub(crate) epoch: u32,
 }
 
 impl Reader {
-    pub fn new(lateness_ticks: u64, checkpoint_interval_ticks: u64) -> Self {
+    pub(crate) fn new(lateness_ticks: u64, checkpoint_interval_ticks: u64) -> Self {
         let inlet = Inlet::new(lateness_ticks);
         Self { inlet, got: Vec::new(), checkpoint_interval_ticks, checkpoint: Checkpoint::default(), held_max: 0 }
     }
 
     /// Takes a message; fails when a tick does not come in its turn.
-    pub fn take(&mut self, packet: Packet) -> Result<(), String> {
+    pub(crate) fn take(&mut self, packet: Packet) -> Result<(), String> {
         let mut wrong = None;
         let got = &mut self.got;
         self.inlet.offer(packet, &mut |packet, missing| {
@@ -55,7 +55,7 @@ impl Reader {
     }
 
     /// Dies, and goes on from its checkpoint.
-    pub fn restart(&mut self, lateness_ticks: u64) {
+    pub(crate) fn restart(&mut self, lateness_ticks: u64) {
         let Checkpoint { next_tick, epoch } = self.checkpoint;
         self.inlet = Inlet::resume(next_tick, epoch, lateness_ticks);
         self.got.truncate(next_tick as usize);

@@ -10,7 +10,7 @@ use crate::{
 
 /// Something that the supervisor is about to do.
 #[derive(Debug, Clone, Copy)]
-pub enum Task {
+pub(crate) enum Task {
     Spawn { stage: u32, epoch: u32 },
     Kill { incarnation: u32 },
     Restart { epoch: u32, from_tick: u64 },
@@ -18,7 +18,7 @@ pub enum Task {
 }
 
 impl Manner {
-    pub fn good(ready_ms: u64, period_ms: u64, chance: &mut Chance) -> Self {
+    pub(crate) fn good(ready_ms: u64, period_ms: u64, chance: &mut Chance) -> Self {
         Self {
             ready_ms,
             ticks_per_10_ms: 10 / period_ms * chance.between(2, 6) + 10,
@@ -31,7 +31,7 @@ impl Manner {
 
 impl World {
     /// Tells the coordinator and does what it asks.
-    pub fn hear(&mut self, event: Event) {
+    pub(crate) fn hear(&mut self, event: Event) {
         let state = self.coordinator.state();
         let told = match &event {
             Event::Health { .. } | Event::Passage | Event::NewestInput { .. } | Event::ReadersKeep { .. } => None,
@@ -75,6 +75,7 @@ impl World {
             }
             Action::Answer(report) => {
                 if report.outcome == Outcome::Committed {
+                    self.handovers.push((self.owner, report.commit_tick.unwrap()));
                     self.owner = self.coordinator.active().unwrap();
                 }
                 self.answers.push(report);
@@ -83,7 +84,7 @@ impl World {
     }
 
     /// Does what is due.
-    pub fn work(&mut self) {
+    pub(crate) fn work(&mut self) {
         let now_ms = self.now_ms;
         let due: Vec<_> = self.tasks.extract_if(.., |(due_ms, _)| *due_ms <= now_ms).collect();
         for (_, task) in due {
@@ -97,7 +98,7 @@ impl World {
     }
 
     /// A process is no more; the supervisor hears of it a little later, once.
-    pub fn bury(&mut self, incarnation: u32) {
+    pub(crate) fn bury(&mut self, incarnation: u32) {
         let Some(process) = self.processes.iter_mut().find(|process| process.incarnation == incarnation) else {
             return;
         };
@@ -111,7 +112,7 @@ impl World {
     }
 
     /// Keeps a checkpoint if the coordinator admits it.
-    pub fn keep(&mut self, incarnation: u32, next_tick: u64) {
+    pub(crate) fn keep(&mut self, incarnation: u32, next_tick: u64) {
         if self.coordinator.admits(incarnation, next_tick) {
             self.checkpoints.entry(incarnation).or_default().push(next_tick);
         }
