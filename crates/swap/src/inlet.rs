@@ -29,7 +29,7 @@ pub struct Counts {
 pub struct Inlet<M> {
     lateness_ticks: u64,
     counts: Counts,
-    /// The decision under which the message delivered last was published; 0 before the first.
+    /// The decision under which the message delivered last was published; before the first, the one in force.
     epoch: u32,
     /// Who published it, if that is known.
     incarnation: Option<u32>,
@@ -39,11 +39,12 @@ pub struct Inlet<M> {
 }
 
 impl<M: Stamped> Inlet<M> {
-    /// A reader of a stream from its beginning: the first message is delivered at once, and ticks before it count as lost.
+    /// A reader of a stream from its beginning, while the decision `epoch` is in force: its first message is delivered at once,
+    /// whatever its tick, and ticks before it count as lost.
     ///
     /// A message that may have to wait for another publisher's does so until the stream is `lateness_ticks` ahead.
-    pub fn new(lateness_ticks: u64) -> Self {
-        Self { new: true, ..Self::resume(0, 0, lateness_ticks) }
+    pub fn new(epoch: u32, lateness_ticks: u64) -> Self {
+        Self { new: true, ..Self::resume(0, epoch, lateness_ticks) }
     }
 
     /// A reader that goes on at `next_tick` after a restart, its last message from the decision `epoch`. It does not know the
@@ -67,7 +68,7 @@ impl<M: Stamped> Inlet<M> {
             self.counts.superseded += 1;
             return;
         }
-        let waits = tick > self.counts.next_tick && !self.new && self.may_be_filled(&message);
+        let waits = tick > self.counts.next_tick && self.may_be_filled(&message);
         if self.held.is_empty() && !waits {
             return self.deliver(message, deliver);
         }
@@ -84,7 +85,7 @@ impl<M: Stamped> Inlet<M> {
         }
     }
 
-    /// The decision under which the message delivered last was published; 0 before the first.
+    /// The decision under which the message delivered last was published; before the first, the one in force.
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
@@ -106,7 +107,7 @@ impl<M: Stamped> Inlet<M> {
     /// Another publisher may still send what is missing before this message: only the publisher delivered last, under the same
     /// decision, is known to have nothing in between.
     fn may_be_filled(&self, message: &M) -> bool {
-        message.epoch() > self.epoch || self.incarnation != Some(message.incarnation())
+        message.epoch() > self.epoch || !self.new && self.incarnation != Some(message.incarnation())
     }
 
     /// Keeps a message; of two with the same tick that of the later decision.

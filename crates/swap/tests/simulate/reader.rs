@@ -15,7 +15,7 @@ pub(crate) struct Reader {
 }
 
 /// What a reader restarts from.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Checkpoint {
     pub(crate) next_tick: u64,
     pub(crate) epoch: u32,
@@ -23,8 +23,14 @@ pub(crate) struct Checkpoint {
 
 impl Reader {
     pub(crate) fn new(lateness_ticks: u64, checkpoint_interval_ticks: u64) -> Self {
-        let inlet = Inlet::new(lateness_ticks);
-        Self { inlet, got: Vec::new(), checkpoint_interval_ticks, checkpoint: Checkpoint::default(), held_max: 0 }
+        let inlet = Inlet::new(1, lateness_ticks);
+        Self {
+            inlet,
+            got: Vec::new(),
+            checkpoint_interval_ticks,
+            checkpoint: Checkpoint { next_tick: 0, epoch: 1 },
+            held_max: 0,
+        }
     }
 
     /// Takes a message; fails when a tick does not come in its turn.

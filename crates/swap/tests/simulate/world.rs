@@ -17,6 +17,8 @@ pub(crate) const INPUT_HISTORY_TICKS: u64 = 1500;
 pub(crate) const READERS: usize = 2;
 /// After the last fault everything has to be in order within this time, ms.
 const SETTLED_MS: u64 = 4000;
+/// What the slowest stage needs for the input that it is behind, ms.
+const DRAINED_MS: u64 = 15_000;
 
 #[derive(Debug)]
 pub(crate) struct World {
@@ -96,7 +98,7 @@ impl World {
                 return Err(format!("nothing settles: {:?}", self.coordinator));
             }
         }
-        let drained_by_ms = self.now_ms + 300;
+        let drained_by_ms = self.now_ms + DRAINED_MS;
         while self.now_ms < drained_by_ms
             && self.readers.iter().any(|reader| reader.got.len() as u64 != self.next_input)
         {
