@@ -34,24 +34,25 @@ pub struct Inlet<M> {
     /// Who published it, if that is known.
     incarnation: Option<u32>,
     /// A stream whose first message may have any tick.
-    new: bool,
+    joining: bool,
     held: BTreeMap<u64, M>,
 }
 
 impl<M: Stamped> Inlet<M> {
-    /// A reader of a stream from its beginning, while the decision `epoch` is in force: its first message is delivered at once,
-    /// whatever its tick, and ticks before it count as lost.
+    /// A reader whose first tick is known: 0 for one that is there before the stream begins, or where its checkpoint ends. `epoch` is
+    /// the decision in force, or that of the last message before the checkpoint.
     ///
-    /// A message that may have to wait for another publisher's does so until the stream is `lateness_ticks` ahead.
-    pub fn new(epoch: u32, lateness_ticks: u64) -> Self {
-        Self { new: true, ..Self::resume(0, epoch, lateness_ticks) }
+    /// A message before which another publisher's may still come waits until the stream is `lateness_ticks` ahead. Before its first
+    /// message the reader knows no publisher, so that may be any message.
+    pub fn starting(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
+        let counts = Counts { next_tick, ..Counts::default() };
+        Self { lateness_ticks, counts, epoch, incarnation: None, joining: false, held: BTreeMap::new() }
     }
 
-    /// A reader that goes on at `next_tick` after a restart, its last message from the decision `epoch`. It does not know the
-    /// publishers, so it waits for what is missing.
-    pub fn resume(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
-        let counts = Counts { next_tick, ..Counts::default() };
-        Self { lateness_ticks, counts, epoch, incarnation: None, new: false, held: BTreeMap::new() }
+    /// A reader that joins a stream under way, with `epoch` in force: the first message of that decision is delivered at once,
+    /// whatever its tick, and ticks before it count as lost.
+    pub fn joining(epoch: u32, lateness_ticks: u64) -> Self {
+        Self { joining: true, ..Self::starting(0, epoch, lateness_ticks) }
     }
 
     /// Takes a message; hands every message that has its turn, with the number of ticks missing before it, to `deliver`.
@@ -107,7 +108,7 @@ impl<M: Stamped> Inlet<M> {
     /// Another publisher may still send what is missing before this message: only the publisher delivered last, under the same
     /// decision, is known to have nothing in between.
     fn may_be_filled(&self, message: &M) -> bool {
-        message.epoch() > self.epoch || !self.new && self.incarnation != Some(message.incarnation())
+        message.epoch() > self.epoch || !self.joining && self.incarnation != Some(message.incarnation())
     }
 
     /// Keeps a message; of two with the same tick that of the later decision.
@@ -141,7 +142,7 @@ impl<M: Stamped> Inlet<M> {
         self.counts.lost += missing;
         self.counts.ticks += 1;
         self.counts.next_tick = message.tick().saturating_add(1);
-        (self.epoch, self.incarnation, self.new) = (message.epoch(), Some(message.incarnation()), false);
+        (self.epoch, self.incarnation, self.joining) = (message.epoch(), Some(message.incarnation()), false);
         deliver(message, missing);
     }
 }

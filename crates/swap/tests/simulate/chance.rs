@@ -34,18 +34,18 @@ pub(crate) struct Link<T> {
     last_ms: u64,
 }
 
-/// Longest delay of a message that is not a stray one, ms.
+/// Longest usual delay, ms.
 pub(crate) const DELAY_MS: u64 = 10;
-/// Longest delay of any message, ms.
-pub(crate) const DELAY_MAX_MS: u64 = 25;
+/// Longest delay of a stray message, ms.
+const STRAY_MS: u64 = 25;
 
 impl<T> Link<T> {
-    pub(crate) fn new(chance: &mut Chance) -> Self {
-        Self { queue: VecDeque::new(), delay_ms: chance.between(0, DELAY_MS), last_ms: 0 }
+    pub(crate) fn new(longest_ms: u64, chance: &mut Chance) -> Self {
+        Self { queue: VecDeque::new(), delay_ms: chance.between(0, longest_ms), last_ms: 0 }
     }
 
     pub(crate) fn send(&mut self, now_ms: u64, chance: &mut Chance, message: T) {
-        let delay_ms = if chance.happens(3) { DELAY_MAX_MS } else { self.delay_ms };
+        let delay_ms = if chance.happens(3) { self.delay_ms.max(STRAY_MS) } else { self.delay_ms };
         self.last_ms = self.last_ms.max(now_ms + chance.between(0, delay_ms));
         self.queue.push_back((self.last_ms, message));
     }

@@ -64,9 +64,9 @@ impl World {
     }
 
     fn restart_reader(&mut self, index: usize) {
-        self.readers[index].restart(self.nature.keep_ticks);
+        self.readers[index].restart(self.nature.lateness_ticks);
         for process in &mut self.processes {
-            process.outlets[index] = Link::new(&mut self.chance);
+            process.outlets[index] = Link::new(self.nature.outlet_ms, &mut self.chance);
             for packet in process.history.iter().filter(|_| process.alive) {
                 process.outlets[index].send(self.now_ms, &mut self.chance, *packet);
             }

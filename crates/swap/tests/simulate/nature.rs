@@ -2,7 +2,7 @@
 
 use swap::Limits;
 
-use crate::chance::Chance;
+use crate::chance::{Chance, DELAY_MS};
 
 /// What this world is like.
 #[derive(Debug)]
@@ -14,7 +14,12 @@ pub(crate) struct Nature {
     pub(crate) bad_candidates_per_mille: u64,
     pub(crate) readers_restart: bool,
     pub(crate) supervisor_dies_ms: Option<u64>,
-    pub(crate) keep_ticks: u64,
+    /// Ticks that a reader waits for others.
+    pub(crate) lateness_ticks: u64,
+    /// Ticks that a process keeps; too few now and then.
+    pub(crate) kept_ticks: usize,
+    /// Longest usual delay between a process and its readers, ms.
+    pub(crate) outlet_ms: u64,
     pub(crate) limits: Limits,
 }
 
@@ -33,6 +38,7 @@ impl Nature {
             lag_max_ticks: chance.between(8, 20),
             margin_ticks: chance.between(0, 60),
         };
+        let lateness_ticks = limits.lag_max_ticks + limits.margin_ticks + (limits.commit_ms + 260) / period_ms;
         let calm = chance.happens(300);
         Self {
             period_ms,
@@ -42,7 +48,9 @@ impl Nature {
             bad_candidates_per_mille: if calm { 0 } else { chance.between(0, 400) },
             readers_restart,
             supervisor_dies_ms: chance.happens(20).then(|| chance.between(0, 700)),
-            keep_ticks: limits.lag_max_ticks + limits.margin_ticks + (limits.commit_ms + 200) / period_ms,
+            lateness_ticks,
+            kept_ticks: if chance.happens(150) { chance.between(1, 60) } else { lateness_ticks } as usize,
+            outlet_ms: if chance.happens(200) { 60 } else { DELAY_MS },
             limits,
         }
     }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use swap::{Control, Stamped, Standing, Tenure};
 
-use crate::chance::{Chance, Link};
+use crate::chance::{Chance, DELAY_MS, Link};
 
 /// An output. What it says is a function of the stage and the tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +85,7 @@ impl Process {
         tenure: Tenure<Packet>,
         manner: Manner,
         next_tick: u64,
-        readers: usize,
+        outlets: impl Iterator<Item = u64>,
         chance: &mut Chance,
     ) -> Self {
         Self {
@@ -97,10 +97,10 @@ impl Process {
             buried: false,
             hung_until_ms: 0,
             next_tick,
-            controls: Link::new(chance),
-            words: Link::new(chance),
-            checkpoints: Link::new(chance),
-            outlets: (0..readers).map(|_| Link::new(chance)).collect(),
+            controls: Link::new(DELAY_MS, chance),
+            words: Link::new(DELAY_MS, chance),
+            checkpoints: Link::new(DELAY_MS, chance),
+            outlets: outlets.map(|longest_ms| Link::new(longest_ms, chance)).collect(),
             history: VecDeque::new(),
             newest_input: None,
             said_ready: false,

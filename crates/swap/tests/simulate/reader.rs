@@ -23,7 +23,7 @@ pub(crate) struct Checkpoint {
 
 impl Reader {
     pub(crate) fn new(lateness_ticks: u64, checkpoint_interval_ticks: u64) -> Self {
-        let inlet = Inlet::new(1, lateness_ticks);
+        let inlet = Inlet::starting(0, 1, lateness_ticks);
         Self {
             inlet,
             got: Vec::new(),
@@ -63,7 +63,7 @@ impl Reader {
     /// Dies, and goes on from its checkpoint.
     pub(crate) fn restart(&mut self, lateness_ticks: u64) {
         let Checkpoint { next_tick, epoch } = self.checkpoint;
-        self.inlet = Inlet::resume(next_tick, epoch, lateness_ticks);
+        self.inlet = Inlet::starting(next_tick, epoch, lateness_ticks);
         self.got.truncate(next_tick as usize);
     }
 }

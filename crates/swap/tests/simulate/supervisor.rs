@@ -164,9 +164,9 @@ impl World {
     ) -> u32 {
         assert!(begins + INPUT_HISTORY_TICKS >= self.next_input, "the history of the input is too short");
         let incarnation = self.processes.len() as u32 + 1;
-        let tenure = tenure(incarnation, self.nature.keep_ticks as usize);
-        let readers = self.readers.len();
-        let mut process = Process::new(incarnation, stage, tenure, manner, begins, readers, &mut self.chance);
+        let tenure = tenure(incarnation, self.nature.kept_ticks);
+        let outlets = std::iter::repeat_n(self.nature.outlet_ms, self.readers.len());
+        let mut process = Process::new(incarnation, stage, tenure, manner, begins, outlets, &mut self.chance);
         // Who joins late hears the decisions that were taken before.
         for control in &self.controls {
             process.controls.send(self.now_ms, &mut self.chance, *control);

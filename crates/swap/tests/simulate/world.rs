@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use swap::{Control, Coordinator, Event, Report, State, Tenure};
 
 use crate::{
-    chance::{Chance, Link},
+    chance::{Chance, DELAY_MS, Link},
     nature::Nature,
     process::{Manner, Process, Word},
     reader::Reader,
@@ -52,12 +52,13 @@ impl World {
     pub(crate) fn new(seed: u64, verbose: bool) -> Self {
         let mut chance = Chance(seed);
         let nature = Nature::new(&mut chance);
-        let tenure = Tenure::owner(1, 1, 0, nature.keep_ticks as usize);
+        let tenure = Tenure::owner(1, 1, 0, nature.kept_ticks);
         let manner = Manner::good(0, nature.period_ms, &mut chance);
+        let outlets = std::iter::repeat_n(nature.outlet_ms, READERS);
         let checkpoint_interval_ticks = chance.between(5, 30);
         Self {
-            processes: vec![Process::new(1, 0, tenure, manner, 0, READERS, &mut chance)],
-            readers: (0..READERS).map(|_| Reader::new(nature.keep_ticks, checkpoint_interval_ticks)).collect(),
+            processes: vec![Process::new(1, 0, tenure, manner, 0, outlets, &mut chance)],
+            readers: (0..READERS).map(|_| Reader::new(nature.lateness_ticks, checkpoint_interval_ticks)).collect(),
             coordinator: Coordinator::new(1, 1, nature.limits),
             nature,
             now_ms: 0,
@@ -72,8 +73,8 @@ impl World {
             handovers: Vec::new(),
             restarts: 0,
             verbose,
-            newest_input: Link::new(&mut chance),
-            readers_keep: Link::new(&mut chance),
+            newest_input: Link::new(DELAY_MS, &mut chance),
+            readers_keep: Link::new(DELAY_MS, &mut chance),
             stalled_until_ms: 0,
             chance,
         }
