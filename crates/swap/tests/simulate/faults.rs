@@ -32,7 +32,8 @@ impl World {
         let (chance, now_ms) = (&mut self.chance, self.now_ms);
         for process in &mut self.processes {
             if process.alive && chance.happens(self.nature.hangs_per_mille) {
-                process.hung_until_ms = now_ms + chance.between(1, 150);
+                let longest_ms = if chance.happens(200) { 600 } else { 150 };
+                process.hung_until_ms = now_ms + chance.between(1, longest_ms);
                 if self.verbose {
                     println!("{now_ms:5} {} hangs until {}", process.incarnation, process.hung_until_ms);
                 }
@@ -56,7 +57,10 @@ impl World {
     /// A reader that restarts finds what it lacks only at publishers that live: the deaths of a reader and of the stage that it reads
     /// from, both while hands change, are one fault more than the system is made for.
     fn can_restart(&self, index: usize) -> bool {
-        let lives = |incarnation: u32| self.processes[incarnation as usize - 1].alive;
+        let lives = |incarnation: u32| {
+            let process = &self.processes[incarnation as usize - 1];
+            process.alive || process.retired
+        };
         let needs = |commit_tick: u64| self.readers[index].checkpoint.next_tick < commit_tick;
         let armed = matches!(self.coordinator.state(), State::Armed { .. });
         (!armed || lives(self.owner))

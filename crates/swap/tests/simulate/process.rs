@@ -65,6 +65,8 @@ pub(crate) struct Process {
     pub(crate) manner: Manner,
     pub(crate) alive: bool,
     pub(crate) buried: bool,
+    /// Ended because it was to end.
+    pub(crate) retired: bool,
     pub(crate) hung_until_ms: u64,
     pub(crate) next_tick: u64,
     pub(crate) controls: Link<Control>,
@@ -95,6 +97,7 @@ impl Process {
             manner,
             alive: true,
             buried: false,
+            retired: false,
             hung_until_ms: 0,
             next_tick,
             controls: Link::new(DELAY_MS, chance),

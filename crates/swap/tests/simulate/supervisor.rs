@@ -52,8 +52,7 @@ impl World {
                 self.tasks.push((due_ms, Task::Spawn { stage: stage.parse().unwrap(), epoch }));
             }
             Action::PublishControl(control) => {
-                let named = self.processes.iter().find(|process| process.incarnation == control.owner);
-                self.stages.insert(control.epoch, named.unwrap().stage);
+                self.stages.insert(control.epoch, self.processes[control.owner as usize - 1].stage);
                 self.controls.push(control);
                 let times = self.chance.between(1, 2);
                 for process in &mut self.processes {
@@ -68,15 +67,20 @@ impl World {
                 }
             }
             Action::RestartActive { epoch, from_tick } => {
-                let owner = self.processes.iter().find(|process| process.incarnation == self.owner);
-                self.stages.insert(epoch, owner.unwrap().stage);
+                let owner = &self.processes[self.owner as usize - 1];
+                let hung = owner.hung_until_ms + 2 * self.nature.limits.restore_ms > self.now_ms;
+                assert!(!owner.alive || hung || owner.tenure.standing().missed, "restarted without need");
+                self.stages.insert(epoch, owner.stage);
                 let due_ms = soon(self, 60);
                 self.tasks.push((due_ms, Task::Restart { epoch, from_tick }));
             }
             Action::Answer(report) => {
                 if report.outcome == Outcome::Committed {
-                    self.handovers.push((self.owner, report.commit_tick.unwrap()));
+                    let commit_tick = report.commit_tick.unwrap();
+                    self.handovers.push((self.owner, commit_tick));
                     self.owner = self.coordinator.active().unwrap();
+                    let began = self.processes[self.owner as usize - 1].tenure.standing().published_from;
+                    assert_eq!(began, Some(commit_tick), "committed before the new owner has published");
                 }
                 self.answers.push(report);
             }
@@ -90,7 +94,11 @@ impl World {
         for (_, task) in due {
             match task {
                 Task::Spawn { stage, epoch } => self.spawn(stage, epoch),
-                Task::Kill { incarnation } => self.bury(incarnation),
+                Task::Kill { incarnation } => {
+                    let process = &mut self.processes[incarnation as usize - 1];
+                    process.retired = process.alive;
+                    self.bury(incarnation);
+                }
                 Task::Restart { epoch, from_tick } => self.restart(epoch, from_tick),
                 Task::TellDeath { incarnation } => self.hear(Event::Died { incarnation }),
             }
