@@ -4,58 +4,15 @@
 //! failure gives the slot back to the active stage under a newer decision; after it the candidate is the slot's owner like any other.
 
 mod change;
+mod state;
 
 use crate::{
     Standing,
     event::{Action, Event, Limits, Outcome, Reason, Request},
 };
 
-/// Where the exchange of a slot is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    /// No exchange is under way.
-    Idle,
-    /// The candidate starts.
-    Starting,
-    /// The candidate works through the history of its input.
-    CatchingUp,
-    /// The candidate computes beside the active stage.
-    Shadowing,
-    /// The change of hands is decided.
-    Armed {
-        /// The first tick of the candidate.
-        from_tick: u64,
-    },
-    /// The candidate has the slot; the old stage is silent and still there.
-    Committed {
-        /// The old stage's life.
-        old: u32,
-    },
-    /// The old stage is being ended.
-    Retiring {
-        /// Its life.
-        old: u32,
-    },
-    /// The exchange has failed: the candidate is being ended, the active stage takes its slot back.
-    Aborting,
-}
-
-/// An exchange under way.
-#[derive(Debug, Clone)]
-struct Swap {
-    request: Request,
-    state: State,
-    began_ms: u64,
-    since_ms: u64,
-    /// When the end of a service was asked for.
-    asked_ms: u64,
-    /// The candidate's start has not been answered.
-    spawning: bool,
-    candidate: Option<u32>,
-    standing: Option<Standing>,
-    /// The tick at which the slot was to change hands.
-    from_tick: Option<u64>,
-}
+pub use state::State;
+use state::Swap;
 
 /// Exchanges the stage of one slot.
 #[derive(Debug, Clone)]

@@ -1,35 +1,10 @@
 //! The change of hands: decided, confirmed, or taken back.
 
-use super::{Coordinator, State, Swap};
+use super::{Coordinator, State};
 use crate::{
     Control,
     event::{Action, Outcome, Reason, Report, Request},
 };
-
-impl Swap {
-    pub(super) fn new(request: Request, now_ms: u64) -> Self {
-        Self {
-            request,
-            state: State::Starting,
-            began_ms: now_ms,
-            since_ms: now_ms,
-            asked_ms: now_ms,
-            spawning: true,
-            candidate: None,
-            standing: None,
-            from_tick: None,
-        }
-    }
-
-    pub(super) fn enter(&mut self, state: State, now_ms: u64) {
-        (self.state, self.since_ms) = (state, now_ms);
-    }
-
-    /// The slot may still go, or have to be given back, to the active stage.
-    pub(super) fn is_open(&self) -> bool {
-        !matches!(self.state, State::Committed { .. } | State::Retiring { .. })
-    }
-}
 
 impl Coordinator {
     /// Decides that the candidate owns the slot from a tick that neither has reached, so that both hear of it before.
