@@ -1,0 +1,103 @@
+//! The change of hands: decided, confirmed, or taken back.
+
+use super::{Coordinator, State};
+use crate::{
+    Control,
+    event::{Action, Outcome, Reason, Report, Request},
+};
+
+impl Coordinator {
+    /// Decides that the candidate owns the slot from a tick that neither has reached, so that both hear of it before.
+    pub(super) fn arm(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
+        let Some(swap) = &mut self.swap else { return };
+        let Some(owner) = swap.candidate else { return };
+        let ahead = [self.standing, swap.standing].into_iter().flatten().map(|standing| standing.next_tick).max();
+        let newest = ahead.unwrap_or(0).max(self.newest_input_tick.saturating_add(1)).max(self.checkpoint_tick);
+        let from_tick = newest.saturating_add(self.limits.margin_ticks);
+        self.epoch += 1;
+        swap.from_tick = Some(from_tick);
+        swap.enter(State::Armed { from_tick }, now_ms);
+        actions.push(Action::PublishControl(Control { epoch: self.epoch, owner, from_tick }));
+    }
+
+    /// Commits when the active stage has published everything before the tick and the candidate what begins with it.
+    pub(super) fn confirm(&mut self, now_ms: u64, from_tick: u64, waited_ms: u64, actions: &mut Vec<Action>) {
+        let epoch = self.epoch;
+        let Some(swap) = &self.swap else { return };
+        let candidate = swap.standing.filter(|standing| standing.decided_epoch == epoch);
+        let active = self.standing.filter(|standing| standing.decided_epoch == epoch);
+        if candidate.is_some_and(|standing| standing.missed) {
+            self.abort(now_ms, Reason::CandidateMissed, actions);
+        } else if active.is_some_and(|standing| standing.missed) {
+            self.abort(now_ms, Reason::ActiveMissed, actions);
+        } else if active.is_some_and(|standing| standing.next_tick >= from_tick)
+            && candidate.is_some_and(|standing| standing.published_from.is_some())
+        {
+            self.commit(now_ms, from_tick, actions);
+        } else if waited_ms >= self.limits.commit_ms {
+            self.abort(now_ms, Reason::NotConfirmed { from_tick }, actions);
+        }
+    }
+
+    fn commit(&mut self, now_ms: u64, from_tick: u64, actions: &mut Vec<Action>) {
+        let Some(swap) = &mut self.swap else { return };
+        let (Some(old), Some(candidate)) = (self.active, swap.candidate.take()) else { return };
+        (self.active, self.standing, self.active_epoch) = (Some(candidate), swap.standing, self.epoch);
+        (self.from_tick, self.checkpoint_tick) = (from_tick, 0);
+        swap.enter(State::Committed { old }, now_ms);
+        let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.began_ms));
+        actions.push(self.answer(&request, Outcome::Committed, None, Some(from_tick), took_ms));
+    }
+
+    /// Gives the slot back, if it was to change hands, and ends the candidate. After the commitment there is no way back.
+    pub(super) fn abort(&mut self, now_ms: u64, reason: Reason, actions: &mut Vec<Action>) {
+        let Some(swap) = self.swap.as_mut().filter(|swap| swap.is_open() && swap.state != State::Aborting) else {
+            return;
+        };
+        if let State::Armed { from_tick } = swap.state {
+            self.epoch += 1;
+            if let Some(owner) = self.active {
+                actions.push(Action::PublishControl(Control { epoch: self.epoch, owner, from_tick }));
+            }
+        }
+        swap.enter(State::Aborting, now_ms);
+        swap.asked_ms = now_ms;
+        if let Some(incarnation) = swap.candidate {
+            actions.push(Action::EndCandidate { incarnation });
+        }
+        let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.began_ms));
+        actions.push(self.answer(&request, Outcome::Aborted, Some(reason), None, took_ms));
+    }
+
+    /// Waits until the candidate is gone and the active stage has its slot; restarts the one that cannot take it back.
+    pub(super) fn clear(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
+        let Some(swap) = &mut self.swap else { return };
+        if let Some(incarnation) = swap.candidate
+            && now_ms.saturating_sub(swap.asked_ms) >= self.limits.end_ms
+        {
+            swap.asked_ms = now_ms;
+            actions.push(Action::EndCandidate { incarnation });
+        }
+        let gone = swap.candidate.is_none() && !swap.spawning;
+        let missed = self.standing.is_some_and(|standing| standing.decided_epoch == self.epoch && standing.missed);
+        if self.active_epoch == self.epoch && self.active.is_some() {
+            if gone {
+                self.swap = None;
+            }
+        } else if self.active.is_some() && (missed || waited_ms >= self.limits.restore_ms) {
+            self.restart(actions);
+        }
+    }
+
+    pub(super) fn answer(
+        &self,
+        request: &Request,
+        outcome: Outcome,
+        reason: Option<Reason>,
+        commit_tick: Option<u64>,
+        took_ms: u64,
+    ) -> Action {
+        let (id, stage) = (request.id, request.stage.clone());
+        Action::Answer(Report { id, stage, outcome, reason, commit_tick, epoch: self.epoch, took_ms })
+    }
+}

@@ -1,0 +1,80 @@
+//! What people ask for, and what goes wrong.
+
+use swap::{Event, Request, State};
+
+use crate::{
+    chance::Link,
+    world::{READERS, World},
+};
+
+/// Longest time for which the supervisor does nothing, ms.
+const STALL_MS: u64 = 30;
+
+impl World {
+    /// What people ask for.
+    pub(crate) fn ask(&mut self) {
+        if self.chance.happens(8) {
+            let id = self.asked.len() as u64 + 1;
+            let shadow_only = self.chance.happens(200);
+            self.asked.insert(id, (self.now_ms, shadow_only));
+            self.hear(Event::Request(Request { id, stage: id.to_string(), shadow_only }));
+        }
+        if self.chance.happens(5) {
+            self.hear(Event::Promote);
+        }
+        if self.chance.happens(1) {
+            self.hear(Event::Cancel);
+        }
+    }
+
+    /// What goes wrong beside deaths: hangs, a supervisor that is busy, decisions that come again, readers that die.
+    pub(crate) fn befall(&mut self) {
+        let (chance, now_ms) = (&mut self.chance, self.now_ms);
+        for process in &mut self.processes {
+            if process.alive && chance.happens(self.nature.hangs_per_mille) {
+                let longest_ms = if chance.happens(200) { 600 } else { 150 };
+                process.hung_until_ms = now_ms + chance.between(1, longest_ms);
+                if self.verbose {
+                    println!("{now_ms:5} {} hangs until {}", process.incarnation, process.hung_until_ms);
+                }
+            }
+        }
+        if chance.happens(2) {
+            self.stalled_until_ms = now_ms + chance.between(1, STALL_MS);
+        }
+        if chance.happens(10) && !self.controls.is_empty() {
+            let again = self.controls[chance.between(0, self.controls.len() as u64 - 1) as usize];
+            for process in &mut self.processes {
+                process.controls.send(now_ms, chance, again);
+            }
+        }
+        let index = chance.between(0, READERS as u64 - 1) as usize;
+        if self.nature.readers_restart && chance.happens(4) && self.can_restart(index) {
+            self.restart_reader(index);
+        }
+    }
+
+    /// A reader that restarts finds what it lacks only at publishers that live: the deaths of a reader and of the stage that it reads
+    /// from, both while hands change, are one fault more than the system is made for.
+    fn can_restart(&self, index: usize) -> bool {
+        let lives = |incarnation: u32| {
+            let process = &self.processes[incarnation as usize - 1];
+            process.alive || process.retired
+        };
+        let needs = |commit_tick: u64| self.readers[index].checkpoint.next_tick < commit_tick;
+        let armed = matches!(self.coordinator.state(), State::Armed { .. });
+        (!armed || lives(self.owner))
+            && self.handovers.iter().all(|(old, commit_tick)| lives(*old) || !needs(*commit_tick))
+    }
+
+    fn restart_reader(&mut self, index: usize) {
+        self.readers[index].restart(self.nature.lateness_ticks);
+        for process in &mut self.processes {
+            process.outlets[index] = Link::new(self.nature.outlet_ms, &mut self.chance);
+            for packet in process.history.iter().filter(|_| process.alive) {
+                process.outlets[index].send(self.now_ms, &mut self.chance, *packet);
+            }
+        }
+        self.tell(|world| format!("reader {index} restarts at {}", world.readers[index].got.len()));
+    }
+}

@@ -1,0 +1,186 @@
+//! What the supervisor does for the coordinator: starts, ends, restarts, keeps checkpoints, and takes its time.
+
+use swap::{Action, Event, Outcome, Tenure};
+
+use crate::{
+    chance::{Chance, DELAY_MS},
+    process::{Manner, Process},
+    world::{INPUT_HISTORY_TICKS, World},
+};
+
+/// Something that the supervisor is about to do.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Task {
+    Spawn { stage: u32, epoch: u32 },
+    Kill { incarnation: u32 },
+    Restart { epoch: u32, from_tick: u64 },
+    TellDeath { incarnation: u32 },
+}
+
+impl Manner {
+    pub(crate) fn good(ready_ms: u64, period_ms: u64, chance: &mut Chance) -> Self {
+        Self {
+            ready_ms,
+            ticks_per_10_ms: 10 / period_ms * chance.between(2, 6) + 10,
+            flawed_from: None,
+            health_interval_ms: chance.between(1, 10),
+            checkpoint_interval_ticks: chance.between(5, 40),
+        }
+    }
+}
+
+impl World {
+    /// Tells the coordinator and does what it asks.
+    pub(crate) fn hear(&mut self, event: Event) {
+        let state = self.coordinator.state();
+        let told = match &event {
+            Event::Health { .. } | Event::Passage | Event::NewestInput { .. } | Event::ReadersKeep { .. } => None,
+            event => Some(format!("{event:?}")),
+        };
+        let actions = self.coordinator.handle(self.now_ms, event);
+        if told.is_some() || state != self.coordinator.state() || !actions.is_empty() {
+            self.tell(|world| format!("{} -> {:?} {actions:?}", told.unwrap_or_default(), world.coordinator.state()));
+        }
+        actions.into_iter().for_each(|action| self.act(action));
+    }
+
+    fn act(&mut self, action: Action) {
+        let soon = |world: &mut Self, longest_ms| world.now_ms + world.chance.between(0, longest_ms);
+        match action {
+            Action::SpawnCandidate { stage, epoch } => {
+                let due_ms = soon(self, 20);
+                self.tasks.push((due_ms, Task::Spawn { stage: stage.parse().unwrap(), epoch }));
+            }
+            Action::PublishControl(control) => {
+                self.stages.insert(control.epoch, self.processes[control.owner as usize - 1].stage);
+                self.controls.push(control);
+                let times = self.chance.between(1, 2);
+                for process in &mut self.processes {
+                    (0..times).for_each(|_| process.controls.send(self.now_ms, &mut self.chance, control));
+                }
+            }
+            Action::EndCandidate { incarnation } | Action::RetireOld { incarnation } => {
+                // Now and then it is forgotten, and has to be asked for again.
+                if !self.chance.happens(50) {
+                    let due_ms = soon(self, 20);
+                    self.tasks.push((due_ms, Task::Kill { incarnation }));
+                }
+            }
+            Action::RestartActive { epoch, from_tick } => {
+                let owner = &self.processes[self.owner as usize - 1];
+                let hung = owner.hung_until_ms + 2 * self.nature.limits.restore_ms > self.now_ms;
+                assert!(!owner.alive || hung || owner.tenure.standing().missed, "restarted without need");
+                self.stages.insert(epoch, owner.stage);
+                let due_ms = soon(self, 60);
+                self.tasks.push((due_ms, Task::Restart { epoch, from_tick }));
+            }
+            Action::Answer(report) => {
+                if report.outcome == Outcome::Committed {
+                    let commit_tick = report.commit_tick.unwrap();
+                    self.handovers.push((self.owner, commit_tick));
+                    self.owner = self.coordinator.active().unwrap();
+                    let began = self.processes[self.owner as usize - 1].tenure.standing().published_from;
+                    assert_eq!(began, Some(commit_tick), "committed before the new owner has published");
+                }
+                self.answers.push(report);
+            }
+        }
+    }
+
+    /// Does what is due.
+    pub(crate) fn work(&mut self) {
+        let now_ms = self.now_ms;
+        let due: Vec<_> = self.tasks.extract_if(.., |(due_ms, _)| *due_ms <= now_ms).collect();
+        for (_, task) in due {
+            match task {
+                Task::Spawn { stage, epoch } => self.spawn(stage, epoch),
+                Task::Kill { incarnation } => {
+                    let process = &mut self.processes[incarnation as usize - 1];
+                    process.retired = process.alive;
+                    self.bury(incarnation);
+                }
+                Task::Restart { epoch, from_tick } => self.restart(epoch, from_tick),
+                Task::TellDeath { incarnation } => self.hear(Event::Died { incarnation }),
+            }
+        }
+    }
+
+    /// A process is no more; the supervisor hears of it a little later, once.
+    pub(crate) fn bury(&mut self, incarnation: u32) {
+        let Some(process) = self.processes.iter_mut().find(|process| process.incarnation == incarnation) else {
+            return;
+        };
+        if std::mem::replace(&mut process.buried, true) {
+            return;
+        }
+        process.alive = false;
+        let (next_tick, due_ms) = (process.next_tick, self.now_ms + self.chance.between(0, DELAY_MS));
+        self.tasks.push((due_ms, Task::TellDeath { incarnation }));
+        self.tell(|_| format!("{incarnation} ends at {next_tick}"));
+    }
+
+    /// Keeps a checkpoint if the coordinator admits it.
+    pub(crate) fn keep(&mut self, incarnation: u32, next_tick: u64) {
+        if self.coordinator.admits(incarnation, next_tick) {
+            self.checkpoints.entry(incarnation).or_default().push(next_tick);
+        }
+    }
+
+    fn spawn(&mut self, stage: u32, epoch: u32) {
+        if self.chance.happens(self.nature.bad_candidates_per_mille / 8) {
+            return self.hear(Event::SpawnFailed { cause: "no such file".into() });
+        }
+        let ready_ms = self.now_ms + self.chance.between(0, 30);
+        let mut manner = Manner::good(ready_ms, self.nature.period_ms, &mut self.chance);
+        if self.chance.happens(self.nature.bad_candidates_per_mille) {
+            match self.chance.between(0, 3) {
+                0 => manner.ready_ms = u64::MAX,
+                1 => manner.flawed_from = Some(self.next_input + self.chance.between(0, 50)),
+                2 => manner.ticks_per_10_ms = self.chance.between(1, 3),
+                _ => manner.ready_ms += 50,
+            }
+        }
+        let begins = self.checkpoints[&self.owner].last().copied().unwrap_or(0);
+        let incarnation =
+            self.start(stage, begins, manner, |incarnation, keep| Tenure::candidate(incarnation, epoch, keep));
+        self.checkpoints.insert(incarnation, vec![begins]);
+        self.hear(Event::Spawned { incarnation });
+    }
+
+    /// Restarts the slot's owner from its newest checkpoint that is no newer than its readers'.
+    fn restart(&mut self, epoch: u32, from_tick: u64) {
+        self.restarts += 1;
+        self.bury(self.owner);
+        let readers = self.readers.iter().map(|reader| reader.checkpoint.next_tick).min();
+        let limit = readers.filter(|_| self.nature.readers_restart).unwrap_or(u64::MAX);
+        let kept = self.checkpoints[&self.owner].clone();
+        let begins = kept.iter().copied().filter(|tick| *tick <= limit).max().unwrap_or(kept[0]);
+        let stage = self.stages[&epoch];
+        let manner = Manner::good(self.now_ms, self.nature.period_ms, &mut self.chance);
+        self.owner =
+            self.start(stage, begins, manner, |incarnation, keep| Tenure::owner(incarnation, epoch, from_tick, keep));
+        self.checkpoints.insert(self.owner, kept);
+        self.hear(Event::Restarted { incarnation: self.owner });
+    }
+
+    fn start(
+        &mut self,
+        stage: u32,
+        begins: u64,
+        manner: Manner,
+        tenure: impl FnOnce(u32, usize) -> Tenure<crate::process::Packet>,
+    ) -> u32 {
+        assert!(begins + INPUT_HISTORY_TICKS >= self.next_input, "the history of the input is too short");
+        let incarnation = self.processes.len() as u32 + 1;
+        let tenure = tenure(incarnation, self.nature.kept_ticks);
+        let outlets = std::iter::repeat_n(self.nature.outlet_ms, self.readers.len());
+        let mut process = Process::new(incarnation, stage, tenure, manner, begins, outlets, &mut self.chance);
+        // Who joins late hears the decisions that were taken before.
+        for control in &self.controls {
+            process.controls.send(self.now_ms, &mut self.chance, *control);
+        }
+        self.processes.push(process);
+        self.tell(|world| format!("{incarnation} starts at {begins}, of stage {stage}; input {}", world.next_input));
+        incarnation
+    }
+}
