@@ -126,6 +126,7 @@ fn published(it: &Vector) -> AttitudeOutput {
         ticks_max: None,
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
+        role: runtime::Role::Owner { from_tick: 0 },
         resume: None,
         supervisor_pid: 0,
     };

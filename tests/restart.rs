@@ -82,7 +82,7 @@ fn two_neighbours_killed_at_once_go_on() {
     assert_undisturbed("", &["--for", "4s"], |running| {
         for pair in [["gyro", "fuser"], ["fuser", "course"], ["accel", "course"]] {
             pause(700);
-            pair.map(|service| running.service(service)).map(|pid| signal(pid, Signal::KILL));
+            pair.map(|service| running.service(service)).into_iter().for_each(|pid| signal(pid, Signal::KILL));
         }
     });
 }

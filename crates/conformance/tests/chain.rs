@@ -71,6 +71,7 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
         ticks_max: None,
         incarnation: 0,
         epoch: 1,
+        role: runtime::Role::Owner { from_tick: 0 },
         resume: None,
         supervisor_pid: 0,
     };

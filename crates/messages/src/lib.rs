@@ -17,6 +17,7 @@
 //! | `attitude` | [`AttitudeOutput`] | course | whoever asks |
 //! | `credit` | [`Credit`] | supervisor | ingest |
 //! | `checkpoint` | [`Checkpoint`] | every slot | supervisor |
+//! | `difference` | [`Difference`] | a candidate | supervisor |
 //! | `control` | [`Control`] | supervisor | every slot |
 //! | `health` | [`Health`] | every service | supervisor |
 #![forbid(unsafe_code)]
@@ -30,12 +31,13 @@ pub use convert::{finite, pair};
 pub use flags::Flags;
 pub use layout::{Field, Layout};
 pub use topics::{
-    AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, FusedState,
-    GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
+    AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
+    FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading,
+    State,
 };
 
 /// Every topic, in the order of the table above.
-pub const TOPICS: [&str; 14] = [
+pub const TOPICS: [&str; 15] = [
     SensorReading::TOPIC,
     ReceiverReading::TOPIC,
     ImuSample::TOPIC,
@@ -48,6 +50,7 @@ pub const TOPICS: [&str; 14] = [
     AttitudeOutput::TOPIC,
     Credit::TOPIC,
     Checkpoint::TOPIC,
+    Difference::TOPIC,
     Control::TOPIC,
     Health::TOPIC,
 ];

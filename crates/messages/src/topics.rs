@@ -329,6 +329,28 @@ impl Checkpoint {
 }
 
 payload! {
+    /// How far a candidate is from the stage that owns its slot: angle, inclination, heading.
+    Difference = "plumbline.Difference.1" on "difference" {
+        /// The newest tick compared.
+        tick: u64,
+        /// Ticks compared.
+        ticks: u64,
+        /// At that tick, rad.
+        now_rad: [f64; 3],
+        /// Mean, rad.
+        mean_rad: [f64; 3],
+        /// Root of the mean square, rad.
+        rms_rad: [f64; 3],
+        /// Largest, rad.
+        max_rad: [f64; 3],
+        /// The slot's place in the order ingest, gyro, accel, fuser, course.
+        service: u32,
+        /// The candidate's life.
+        incarnation: u32,
+    }
+}
+
+payload! {
     /// Who owns a slot from a tick on: the supervisor's decision.
     Control = "plumbline.Control.1" on "control" {
         /// The first tick of the decision.
@@ -373,8 +395,12 @@ payload! {
         pid: u32,
         /// The decision about its slot that it follows.
         epoch: u32,
-        /// Decisions that came too late for it to follow.
+        /// 1 when that decision came too late for it to follow, else 0.
         missed: u32,
+        /// The first tick that it has published under that decision; u64::MAX for none.
+        published_from: u64,
+        /// Outputs that were not finite.
+        flawed: u64,
     }
 }
 
@@ -397,7 +423,7 @@ macro_rules! ticked {
     )* };
 }
 
-whole!(SensorReading, ReceiverReading, Reference, Credit, Checkpoint, Control, Health);
+whole!(SensorReading, ReceiverReading, Reference, Credit, Checkpoint, Difference, Control, Health);
 ticked!(ImuSample, MagSample, GnssFix, GyroStep, AccelPoint, FusedState, AttitudeOutput);
 
 const _: () = {
@@ -407,7 +433,7 @@ const _: () = {
     assert!(size_of::<AccelPoint>() == 128);
     assert!(size_of::<FusedState>() == 184);
     assert!(size_of::<AttitudeOutput>() == 224);
-    assert!(size_of::<Health>() == 88);
+    assert!(size_of::<Health>() == 104);
 };
 
 #[cfg(test)]
@@ -429,6 +455,7 @@ mod tests {
             AttitudeOutput::layout(),
             Credit::layout(),
             Checkpoint::layout(),
+            Difference::layout(),
             Control::layout(),
             Health::layout(),
         ]
@@ -471,6 +498,8 @@ mod tests {
             "next_tick",
             "from_tick",
             "missed",
+            "published_from",
+            "flawed",
             "owner",
             "checksum",
             "stage",

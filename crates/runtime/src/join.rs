@@ -39,6 +39,8 @@ struct Inbox<M> {
     queue: VecDeque<M>,
     /// The life that sent the newest.
     sender: u32,
+    /// From this tick on nobody publishes this input.
+    absent_from: u64,
 }
 
 impl<A: Ticked, B: Ticked> Join<A, B> {
@@ -46,6 +48,16 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
     pub fn new(lateness_ticks: u64) -> Self {
         let (first, second) = (Inbox::default(), Inbox::default());
         Self { first, second, lateness_ticks, expected_until: 0, sequence: Sequence::default() }
+    }
+
+    /// From `tick` on nobody publishes the first input.
+    pub fn first_is_absent_from(&mut self, tick: u64) {
+        self.first.absent_from = tick;
+    }
+
+    /// From `tick` on nobody publishes the second input.
+    pub fn second_is_absent_from(&mut self, tick: u64) {
+        self.second.absent_from = tick;
     }
 
     /// Before `tick` neither input is given up.
@@ -83,8 +95,12 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
                 Some(Header { flags: first.flags | second.flags, ..*first })
             }
             (Some(first), Some(second)) => Some(if first.tick < second.tick { *first } else { *second }),
-            (Some(tick), None) => self.overdue(tick.tick, self.first.back()).then_some(*tick),
-            (None, Some(tick)) => self.overdue(tick.tick, self.second.back()).then_some(*tick),
+            (Some(tick), None) => {
+                (tick.tick >= self.second.absent_from || self.overdue(tick.tick, self.first.back())).then_some(*tick)
+            }
+            (None, Some(tick)) => {
+                (tick.tick >= self.first.absent_from || self.overdue(tick.tick, self.second.back())).then_some(*tick)
+            }
             (None, None) => None,
         }
     }
@@ -117,7 +133,7 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
 
 impl<M> Default for Inbox<M> {
     fn default() -> Self {
-        Self { queue: VecDeque::new(), sender: 0 }
+        Self { queue: VecDeque::new(), sender: 0, absent_from: u64::MAX }
     }
 }
 

@@ -11,6 +11,7 @@
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`service`] | the loop over the bus |
+//! | [`shadow`] | a candidate beside the stage that owns the slot |
 //! | [`stage`] | filling a slot with what the launch file names |
 //! | [`clock`] | the monotonic clock |
 #![forbid(unsafe_code)]
@@ -20,13 +21,14 @@ pub mod clock;
 pub mod join;
 pub mod orders;
 pub mod service;
+pub mod shadow;
 pub mod slot;
 pub mod stage;
 pub mod words;
 
 pub use join::{Beside, Join, Joined};
-pub use orders::{Orders, Pace};
-pub use service::{Member, RuntimeError, serve};
+pub use orders::{Orders, Pace, Role};
+pub use service::{Member, Reader, RuntimeError, serve};
 pub use slot::{EachTick, Sequence, Slot, Work};
 
 /// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.

@@ -26,8 +26,10 @@ pub struct Orders {
     pub ticks_max: Option<u64>,
     /// The life of this service.
     pub incarnation: u32,
-    /// The decision under which it owns its slot.
+    /// The decision about its slot that is in force.
     pub epoch: u32,
+    /// Whether it owns its slot.
+    pub role: Role,
     /// From where it goes on, if it is not its first life.
     pub resume: Option<Resume>,
     /// The process to end with.
@@ -69,6 +71,18 @@ impl Orders {
             Source::Bus => self.launch.ingest.bus.gyro_samples,
         }
     }
+}
+
+/// How a service stands to its slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Role {
+    /// It publishes from this tick on.
+    Owner {
+        /// The first tick.
+        from_tick: u64,
+    },
+    /// It computes beside the owner until a decision names it.
+    Candidate,
 }
 
 /// From where a service goes on.

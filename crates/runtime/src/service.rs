@@ -1,6 +1,7 @@
 //! The loop of a service over the bus.
 
 use std::{
+    cell::RefCell,
     io::{self, Read},
     sync::{
         Arc,
@@ -12,12 +13,14 @@ use std::{
 use attitude::parameters::ParameterError;
 use bus::{Bus, BusError, Domain, Publisher, Subscriber, Woken};
 use launch::Service;
-use messages::{Checkpoint, Flags, Header, Health, Message, State, Ticked};
+use messages::{Checkpoint, Control, Flags, Header, Health, Message, State, Ticked};
+use swap::{Inlet, Standing, Tenure};
 
 use crate::{
-    checkpoint::{self, ResumeError},
+    checkpoint::{self, ResumeError, Resumed},
     clock::monotonic_ns,
-    orders::{BUFFER_BESIDE, Orders, Resume},
+    orders::{BUFFER_BESIDE, Orders, Resume, Role},
+    shadow::{Comparable, Shadowing},
     slot::{Sequence, Slot},
 };
 
@@ -129,6 +132,21 @@ impl Member {
         })
     }
 
+    /// A reader of what a slot publishes: each tick once, in order, whoever fills the slot.
+    pub fn reader<M: Ticked>(&self) -> Result<Reader<M>, RuntimeError> {
+        let next_tick = match &self.orders.resume {
+            Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
+            _ => 0,
+        };
+        let inlet = Inlet::starting(next_tick, FIRST_EPOCH, self.orders.lateness_ticks() / 2);
+        Ok(Reader { subscriber: self.subscriber()?, inlet: RefCell::new(inlet) })
+    }
+
+    /// The decisions about slots.
+    pub fn control(&self) -> Result<Subscriber<Control>, RuntimeError> {
+        Ok(self.bus.late_subscriber(BUFFER_BESIDE)?)
+    }
+
     /// The service is to end.
     pub fn ends(&self) -> bool {
         self.ends.load(Ordering::SeqCst)
@@ -144,6 +162,11 @@ impl Member {
         change(&mut self.said);
         self.said_at_ns = now_ns;
         Ok(self.health.send(&self.said)?)
+    }
+
+    /// The next word is said at once.
+    pub(crate) fn say_at_once(&mut self) {
+        self.said_at_ns = 0;
     }
 
     /// Sleeps until something comes on a topic or the limit has passed, and keeps count of wake-ups that were lost.
@@ -174,6 +197,37 @@ pub trait Input<I> {
     fn wait(&self, limit: Duration) -> Woken;
     /// The tick after the newest one that was ever about to be published.
     fn next_tick(&self) -> u64;
+    /// Messages left out because they came again: by fault, and because another life said them again.
+    fn repeated(&self) -> [u64; 2] {
+        [0; 2]
+    }
+}
+
+/// One stream out of all that fill a slot.
+#[derive(Debug)]
+pub struct Reader<M: Ticked> {
+    subscriber: Subscriber<M>,
+    inlet: RefCell<Inlet<M>>,
+}
+
+impl<I: From<M>, M: Ticked> Input<I> for Reader<M> {
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
+        let mut inlet = self.inlet.borrow_mut();
+        self.subscriber.drain(limit, |message| inlet.offer(message, &mut |message, _| take(message.into())))
+    }
+
+    fn wait(&self, limit: Duration) -> Woken {
+        self.subscriber.wait(limit)
+    }
+
+    fn next_tick(&self) -> u64 {
+        self.subscriber.next_tick()
+    }
+
+    fn repeated(&self) -> [u64; 2] {
+        let counts = *self.inlet.borrow().counts();
+        [counts.duplicated, counts.repeated + counts.superseded]
+    }
 }
 
 impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
@@ -199,21 +253,39 @@ pub fn serve<S: Slot + Clone>(
     mut slot: S,
     inputs: &[&dyn Input<S::Input>],
 ) -> Result<(), RuntimeError> {
-    let output = member.publisher::<S::Output>()?;
-    let checkpoints = member.bus.publisher::<Checkpoint>(BUFFER_BESIDE)?;
+    let mut resumed = None;
     if member.orders.resume.is_some() {
-        resume(&member, &mut slot);
+        resumed = resume(&member, &mut slot);
         slot.expect_until(inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0));
     }
-    let interval_ticks = member.orders.checkpoint_ticks();
-    let mut service = Serving { member, output, checkpoints, interval_ticks, next_checkpoint: 0, flags: Flags::NONE };
-    service.say(&slot, State::READY)?;
+    let Orders { incarnation, epoch, role, .. } = member.orders;
+    let capacity = member.orders.lateness_ticks() as usize;
+    let mut service = Serving {
+        output: member.publisher()?,
+        checkpoints: member.bus.publisher(BUFFER_BESIDE)?,
+        control: member.control()?,
+        tenure: match role {
+            Role::Owner { from_tick } => Tenure::owner(incarnation, epoch, from_tick, capacity),
+            Role::Candidate => Tenure::candidate(incarnation, epoch, capacity),
+        },
+        exchanged: role == Role::Candidate && resumed != Some(Resumed::Whole),
+        shadow: match role {
+            Role::Owner { .. } => None,
+            Role::Candidate => Some(Shadowing::begin(&member)?),
+        },
+        next_checkpoint: 0,
+        flags: Flags::NONE,
+        flawed: 0,
+        member,
+    };
+    service.say(&slot, inputs, State::READY)?;
     service.member.bus.wake_all();
     while !service.member.ends() {
         service.turn(&mut slot, inputs)?;
+        service.heed()?;
         service.note(&mut slot)?;
         let state = if slot.sequence().ticks > 0 { State::RUNNING } else { State::READY };
-        service.say(&slot, state)?;
+        service.say(&slot, inputs, state)?;
         if let Some(lacking) = inputs.get(slot.lacks()) {
             service.member.wait(*lacking);
         }
@@ -222,45 +294,55 @@ pub fn serve<S: Slot + Clone>(
 }
 
 /// Goes on from what the orders hold. What cannot be taken over is said; the service then begins with what its inputs hold.
-fn resume<S: Slot + Clone>(member: &Member, slot: &mut S) {
-    let Some(Resume::Checkpoint(record)) = &member.orders.resume else { return };
+fn resume<S: Slot + Clone>(member: &Member, slot: &mut S) -> Option<Resumed> {
+    let Some(Resume::Checkpoint(record)) = &member.orders.resume else { return None };
     let resumed = record
         .checkpoint()
         .ok_or(ResumeError::Damaged)
         .and_then(|checkpoint| checkpoint::resume(slot, member.service, &checkpoint));
-    if let Err(error) = resumed {
-        eprintln!("the service {} does not go on from its checkpoint: {error}; it begins anew", member.service);
+    match resumed {
+        Ok(resumed) => Some(resumed),
+        Err(error) => {
+            eprintln!("the service {} does not go on from its checkpoint: {error}; it begins anew", member.service);
+            None
+        }
     }
 }
 
 /// A slot's service at work.
-struct Serving<O: Ticked> {
+struct Serving<O: Ticked + Comparable> {
     member: Member,
     output: Publisher<O>,
     checkpoints: Publisher<Checkpoint>,
-    interval_ticks: u64,
+    control: Subscriber<Control>,
+    tenure: Tenure<O>,
+    /// The first output that is published is the first of another stage.
+    exchanged: bool,
+    shadow: Option<Shadowing<O>>,
     next_checkpoint: u64,
     flags: Flags,
+    flawed: u64,
 }
 
-impl<O: Ticked> Serving<O> {
-    /// Takes what the inputs hold and publishes what follows from it.
+impl<O: Ticked + Comparable> Serving<O> {
+    /// Takes what the inputs hold and publishes what follows from it, as far as the slot is owned.
     fn turn<S: Slot<Output = O>>(&mut self, slot: &mut S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
         self.output.greet()?;
         let before = slot.sequence().ticks;
+        let Self { member, output, tenure, exchanged, shadow, flags, flawed, .. } = self;
         let mut failed = None;
-        for _ in 0..self.member.orders.buffer_ticks() / TURN + 1 {
+        for _ in 0..member.orders.buffer_ticks() / TURN + 1 {
             let mut taken = 0;
             for input in inputs {
                 input.drain(TURN, &mut |message| {
                     taken += 1;
-                    slot.offer(message, &mut |mut out| {
-                        self.flags |= out.header().flags;
-                        self.member.stamp(out.header_mut());
-                        self.output.note(out.header().tick);
-                        if let Err(error) = self.output.send(&out) {
-                            failed.get_or_insert(error);
-                        }
+                    slot.offer(message, &mut |out| {
+                        *flags |= out.header().flags;
+                        *flawed += u64::from(out.attitude().is_none());
+                        shadow.iter_mut().for_each(|shadow| shadow.computed(&out));
+                        tenure.take(out, &mut |out| {
+                            failed = failed.take().or(publish(output, out, exchanged).err());
+                        });
                     });
                 })?;
             }
@@ -268,8 +350,32 @@ impl<O: Ticked> Serving<O> {
                 break;
             }
             if slot.sequence().ticks != before {
-                self.output.wake();
+                output.wake();
             }
+        }
+        failed.map_or(Ok(()), |error| Err(error.into()))
+    }
+
+    /// Follows the decisions about the slot.
+    fn heed(&mut self) -> Result<(), RuntimeError> {
+        let Self { member, output, control, tenure, exchanged, .. } = self;
+        let (mut failed, mut decided) = (None, false);
+        control.drain(BUFFER_BESIDE, |control| {
+            if control.service == member.service as u32 {
+                let Control { epoch, owner, from_tick, .. } = control;
+                decided |= tenure
+                    .decide(swap::Control { epoch, owner, from_tick }, &mut |out| {
+                        failed = failed.take().or(publish(output, out, exchanged).err());
+                    })
+                    .is_some();
+            }
+        })?;
+        if decided {
+            output.wake();
+            member.say_at_once();
+        }
+        if let Some(shadow) = &mut self.shadow {
+            shadow.compare()?;
         }
         failed.map_or(Ok(()), |error| Err(error.into()))
     }
@@ -280,16 +386,42 @@ impl<O: Ticked> Serving<O> {
         if next_tick < self.next_checkpoint {
             return Ok(());
         }
-        self.next_checkpoint = next_tick + self.interval_ticks;
         let Member { service, orders, .. } = &self.member;
+        self.next_checkpoint = next_tick + orders.checkpoint_ticks();
         Ok(self.checkpoints.send(&checkpoint::checkpoint(slot, *service, orders.incarnation))?)
     }
 
-    fn say<S: Slot>(&mut self, slot: &S, state: State) -> Result<(), RuntimeError> {
-        let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *slot.sequence();
-        let (flags, epoch) = (self.flags, self.member.orders.epoch);
+    fn say<S: Slot>(&mut self, slot: &S, inputs: &[&dyn Input<S::Input>], state: State) -> Result<(), RuntimeError> {
+        let Sequence { ticks, lost, mut duplicated, mut repeated, next_tick, .. } = *slot.sequence();
+        for input in inputs {
+            let [again, said_again] = input.repeated();
+            (duplicated, repeated) = (duplicated + again, repeated + said_again);
+        }
+        let Standing { decided_epoch, missed, published_from, .. } = self.tenure.standing();
+        let (flags, flawed) = (self.flags, self.flawed);
         self.member.say(state, |health| {
-            *health = Health { ticks, lost, duplicated, repeated, next_tick, flags, epoch, ..*health };
+            *health = Health {
+                ticks,
+                lost,
+                duplicated,
+                repeated,
+                next_tick,
+                flags,
+                epoch: decided_epoch,
+                missed: missed.into(),
+                published_from: published_from.unwrap_or(u64::MAX),
+                flawed,
+                ..*health
+            };
         })
     }
+}
+
+/// Sends an output that the service owns.
+fn publish<O: Ticked>(output: &Publisher<O>, mut out: O, exchanged: &mut bool) -> Result<(), BusError> {
+    let header = out.header_mut();
+    header.flags |= Flags::EXCHANGED.when(std::mem::take(exchanged));
+    header.t_sent_ns = monotonic_ns();
+    output.note(header.tick);
+    output.send(&out)
 }

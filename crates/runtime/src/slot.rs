@@ -3,14 +3,14 @@
 use attitude::stage::Stage;
 use messages::{Flags, Header, Ticked};
 
-use crate::words::Words;
+use crate::{shadow::Comparable, words::Words};
 
 /// The work of a slot. What it gives out depends on what it was offered, and on nothing else.
 pub trait Slot {
     /// Any message that it reads.
     type Input;
     /// What it publishes.
-    type Output: Ticked;
+    type Output: Ticked + Comparable;
     /// What fills it.
     type Stage: Stage<Common: Words> + Clone;
 
@@ -48,7 +48,7 @@ pub trait Work {
     /// What it reads.
     type Input: Ticked;
     /// What it publishes.
-    type Output: Ticked;
+    type Output: Ticked + Comparable;
     /// What does it.
     type Stage: Stage<Common: Words> + Clone;
 

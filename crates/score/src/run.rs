@@ -118,6 +118,7 @@ fn plan(launch: &Launch, trial: &Trial) -> Plan {
         ticks_max: None,
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
+        role: runtime::Role::Owner { from_tick: 0 },
         resume: None,
         supervisor_pid: std::process::id(),
     };

@@ -71,7 +71,7 @@ pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
 pub fn run() -> Result<(), RuntimeError> {
     let member = Member::join(Service::Course)?;
     let slot = slot(&member.orders)?;
-    let (fused, gnss) = (member.subscriber::<FusedState>()?, member.subscriber::<GnssFix>()?);
+    let (fused, gnss) = (member.reader::<FusedState>()?, member.subscriber::<GnssFix>()?);
     serve(member, slot, &[&fused, &gnss])
 }
 

@@ -15,7 +15,7 @@ use attitude::{
     turn::Turn,
 };
 use launch::Service;
-use messages::{AccelPoint, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
+use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
 use runtime::{
     BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words,
 };
@@ -39,6 +39,14 @@ pub enum FuserMessage {
     Mag(MagSample),
     /// Of the topic `gnss`.
     Gnss(GnssFix),
+    /// Of the topic `control`.
+    Control(Control),
+}
+
+impl From<Control> for FuserMessage {
+    fn from(message: Control) -> Self {
+        Self::Control(message)
+    }
 }
 
 impl From<GyroStep> for FuserMessage {
@@ -109,9 +117,10 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
 pub fn run() -> Result<(), RuntimeError> {
     let member = Member::join(Service::Fuser)?;
     let slot = slot(&member.orders)?;
-    let (gyro, accel) = (member.subscriber::<GyroStep>()?, member.subscriber::<AccelPoint>()?);
+    let (gyro, accel) = (member.reader::<GyroStep>()?, member.reader::<AccelPoint>()?);
     let (mag, gnss) = (member.subscriber::<MagSample>()?, member.subscriber::<GnssFix>()?);
-    serve(member, slot, &[&gyro, &accel, &mag, &gnss])
+    let control = member.control()?;
+    serve(member, slot, &[&gyro, &accel, &mag, &gnss, &control])
 }
 
 impl Slot for FuserSlot {
@@ -125,6 +134,7 @@ impl Slot for FuserSlot {
             FuserMessage::Accel(message) => self.join.offer_second(message),
             FuserMessage::Mag(message) => self.field.offer(message),
             FuserMessage::Gnss(message) => self.fixes.offer(message),
+            FuserMessage::Control(message) => self.heed(&message),
         }
         while self.waits_for().is_none() {
             let Some(tick) = self.join.take() else { break };
@@ -175,6 +185,19 @@ impl Slot for FuserSlot {
 }
 
 impl FuserSlot {
+    /// A slot that nobody owns any more is not waited for.
+    fn heed(&mut self, control: &Control) {
+        match control {
+            Control { owner: 0, service, from_tick, .. } if *service == Service::Gyro as u32 => {
+                self.join.first_is_absent_from(*from_tick);
+            }
+            Control { owner: 0, service, from_tick, .. } if *service == Service::Accel as u32 => {
+                self.join.second_is_absent_from(*from_tick);
+            }
+            _ => {}
+        }
+    }
+
     /// Which of `mag` and `gnss` the next tick waits for, although motion and point are there.
     fn waits_for(&self) -> Option<usize> {
         let (next, newest_tick) = (self.join.peek()?, self.join.newest_tick());

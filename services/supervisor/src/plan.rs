@@ -81,6 +81,7 @@ impl Plan {
             ticks_max,
             incarnation: 0,
             epoch: runtime::service::FIRST_EPOCH,
+            role: runtime::Role::Owner { from_tick: 0 },
             resume: None,
             supervisor_pid: std::process::id(),
         };
