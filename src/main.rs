@@ -4,6 +4,7 @@
 mod bench;
 mod score;
 mod stage;
+mod swap;
 mod up;
 
 use std::{
@@ -38,6 +39,12 @@ enum Command {
         #[command(subcommand)]
         command: stage::Stage,
     },
+    /// Exchange what fills a slot of a running system, with nothing lost.
+    Swap(swap::Exchange),
+    /// Run a stage beside the one that fills a slot, and tell how far they are apart.
+    Shadow(swap::Shadow),
+    /// How the services of a running system are.
+    Ps(swap::System),
     /// Measure what becomes of the output when services are killed or exchanged.
     Bench {
         #[command(subcommand)]
@@ -71,6 +78,9 @@ fn main() -> ExitCode {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
         Command::Stage { command } => stage::run(command),
+        Command::Swap(exchange) => swap::swap(exchange),
+        Command::Shadow(shadow) => swap::shadow(shadow),
+        Command::Ps(system) => swap::ps(system),
         Command::Bench { command } => bench::run(&command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {

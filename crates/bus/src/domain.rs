@@ -124,6 +124,11 @@ impl Domain {
         PathBuf::from(format!("/tmp/plumbline.{}", self.name))
     }
 
+    /// The socket at which the owner of the name answers questions; it goes with the name.
+    pub fn door(&self) -> PathBuf {
+        self.root().join("door")
+    }
+
     fn page_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }

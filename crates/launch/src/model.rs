@@ -276,6 +276,30 @@ impl Default for Launch {
     }
 }
 
+impl Launch {
+    /// What fills a slot; `None` for a service that has no stage.
+    pub fn slot(&self, service: Service) -> Option<&Stage> {
+        match service {
+            Service::Ingest => None,
+            Service::Gyro => Some(&self.gyro),
+            Service::Accel => Some(&self.accel),
+            Service::Fuser => Some(&self.fuser),
+            Service::Course => Some(&self.course),
+        }
+    }
+
+    /// What fills a slot, to be exchanged.
+    pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
+        match service {
+            Service::Ingest => None,
+            Service::Gyro => Some(&mut self.gyro),
+            Service::Accel => Some(&mut self.accel),
+            Service::Fuser => Some(&mut self.fuser),
+            Service::Course => Some(&mut self.course),
+        }
+    }
+}
+
 impl Service {
     /// Every service, in the order data passes through them.
     pub const ALL: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];

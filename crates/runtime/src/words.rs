@@ -24,6 +24,14 @@ impl Words for u64 {
     }
 }
 
+impl Words for u32 {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let mut word = u64::from(*self);
+        visit(&mut word);
+        *self = u32::try_from(word).unwrap_or(Self::MAX);
+    }
+}
+
 impl Words for i64 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = self.cast_unsigned();

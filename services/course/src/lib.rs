@@ -51,6 +51,9 @@ pub struct CourseSlot {
     /// The fuser's, and those of the course itself.
     resets: [u64; 2],
     jump: [f64; 4],
+    /// The decision under which the fuser published last, and how often another kind of fuser took over.
+    epoch: u32,
+    exchanges: u64,
 }
 
 /// The slot with the stage that `orders` name.
@@ -64,6 +67,8 @@ pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
         attitude: Attitude::default(),
         resets: [0; 2],
         jump: [1.0, 0.0, 0.0, 0.0],
+        epoch: runtime::service::FIRST_EPOCH,
+        exchanges: 0,
     })
 }
 
@@ -117,6 +122,8 @@ impl Slot for CourseSlot {
         self.attitude.visit(visit);
         self.resets.visit(visit);
         self.jump.visit(visit);
+        self.epoch.visit(visit);
+        self.exchanges.visit(visit);
     }
 
     fn own_flaw(&self) -> Option<&'static str> {
@@ -140,13 +147,16 @@ impl CourseSlot {
         let seen = input.attitude();
         header.flags |= Flags::RESET.when(seen.is_none());
         let attitude = seen.unwrap_or(self.attitude);
-        let reset = input.reset_counter != self.resets[0];
+        let exchanged = header.flags.any(Flags::EXCHANGED) && header.epoch != self.epoch;
+        let reset = input.reset_counter != self.resets[0] || exchanged;
+        self.epoch = header.epoch;
         if reset {
             let rotation_rad = Vector3::from(input.rate_rad_s) * header.dt_s();
             let expected = self.attitude.turned(Turn::of_rotation_vector(rotation_rad)).attitude;
             let jump = Turn::between(expected, attitude).quaternion();
             self.jump = [jump.w, jump.i, jump.j, jump.k];
             self.resets[0] = input.reset_counter;
+            self.exchanges += u64::from(exchanged);
         }
         self.attitude = attitude;
         let reading = self.stage.step(&CourseInput {
@@ -173,7 +183,7 @@ impl CourseSlot {
             declination_rad: if made_true { self.declination_rad } else { 0.0 },
             rate_rad_s: input.rate_rad_s,
             inclination_sd_rad: input.inclination_sd_rad,
-            reset_counter: self.resets.iter().sum(),
+            reset_counter: self.resets.iter().sum::<u64>() + self.exchanges,
             jump: self.jump,
         }
     }

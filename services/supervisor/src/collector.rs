@@ -33,6 +33,10 @@ pub struct Collector {
     digest: u64,
     flags: Flags,
     last: Option<AttitudeOutput>,
+    /// Since it was asked for last: the longest time between two publications.
+    gap_ns: u64,
+    /// The last tick at which a stage was exchanged for another kind, and by how much the attitude jumped there, rad.
+    exchanged: Option<(u64, f64)>,
     out: Option<Csv>,
 }
 
@@ -50,6 +54,8 @@ impl Collector {
             digest: HASH_START,
             flags: Flags::NONE,
             last: None,
+            gap_ns: 0,
+            exchanged: None,
             out: out.map(Csv::create).transpose()?,
         })
     }
@@ -76,6 +82,14 @@ impl Collector {
         let reference = self.pending.pop_front_if(|reference| reference.tick == header.tick);
         if let Some(reference) = reference.filter(|reference| reference.scored != 0) {
             self.accuracy.add(AttitudeError::between(quaternion(output.quaternion), quaternion(reference.quaternion)));
+        }
+        if let Some(before) = self.last {
+            self.gap_ns = self.gap_ns.max(header.t_sent_ns.saturating_sub(before.header.t_sent_ns));
+            if header.flags.any(Flags::EXCHANGED) {
+                let jumped = output.reset_counter != before.reset_counter;
+                let angle_rad = 2.0 * output.jump[0].abs().min(1.0).acos();
+                self.exchanged = Some((header.tick, if jumped { angle_rad } else { 0.0 }));
+            }
         }
         self.last = Some(*output);
         match &mut self.out {
@@ -112,6 +126,16 @@ impl Collector {
     /// Every flag of any attitude.
     pub fn flags(&self) -> Flags {
         self.flags
+    }
+
+    /// The longest time between two publications since this was asked last, ns.
+    pub fn take_gap_ns(&mut self) -> u64 {
+        std::mem::take(&mut self.gap_ns)
+    }
+
+    /// By how much the attitude jumped where another stage took over, rad.
+    pub fn jump_rad(&self, commit_tick: u64) -> f64 {
+        self.exchanged.filter(|(tick, _)| *tick == commit_tick).map_or(0.0, |(_, jump_rad)| jump_rad)
     }
 
     /// The newest attitude.

@@ -9,11 +9,13 @@ use std::{
 
 use launch::{Restart, Service};
 use messages::{Health, State};
-use runtime::{Orders, orders::Resume};
+use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
 };
+
+use serde::{Deserialize, Serialize};
 
 use crate::{
     UpError,
@@ -35,20 +37,58 @@ pub(crate) struct Crew {
     orders: Orders,
     /// Lives given out.
     incarnations: u32,
-    /// CPU time of the lives that ended, s.
-    past_cpu_s: f64,
 }
 
 /// A service and its lives.
 #[derive(Debug, Default)]
 pub(crate) struct Post {
     process: Option<Process>,
+    /// A stage that is to take over.
+    candidate: Option<Process>,
+    /// A stage that was taken over from.
+    retired: Option<Process>,
     lives: Lives,
-    heard: Option<Heard>,
     /// When it is started again.
     due: Option<Instant>,
     /// It is not started again.
     away: bool,
+    /// The decision that its next life begins under, and the first tick that it publishes.
+    term: Option<(u32, u64)>,
+}
+
+/// How a service is, for whoever asks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Standing {
+    /// Its name.
+    pub service: String,
+    /// What fills its slot.
+    pub stage: Option<String>,
+    /// What it does, in a word.
+    pub state: String,
+    /// Its process; 0 where there is none.
+    pub pid: u32,
+    /// Times it was started again.
+    pub restarts: u32,
+    /// Its life.
+    pub incarnation: u32,
+    /// The decision about its slot that it follows.
+    pub epoch: u32,
+    /// Ticks published.
+    pub ticks: u64,
+    /// Ticks that never came.
+    pub lost: u64,
+}
+
+/// What has happened to the services.
+#[derive(Debug, Default)]
+pub(crate) struct News {
+    /// For people.
+    pub(crate) lines: Vec<String>,
+    pub(crate) deaths: Vec<(Service, u32)>,
+    /// Lives that follow a death.
+    pub(crate) births: Vec<(Service, u32)>,
+    /// Services that are not started again.
+    pub(crate) away: Vec<Service>,
 }
 
 /// What a service said last.
@@ -62,16 +102,20 @@ pub(crate) struct Heard {
 #[derive(Debug)]
 struct Process {
     pid: u32,
+    incarnation: u32,
+    heard: Option<Heard>,
     child: Child,
     fd: Option<OwnedFd>,
     since: Instant,
     ended: Option<ExitStatus>,
+    /// It was asked to end.
+    asked: bool,
 }
 
 impl Crew {
     /// Starts every service in the order of the launch file.
     pub(crate) fn start(orders: &Orders) -> Result<Self, UpError> {
-        let mut crew = Self { posts: Default::default(), orders: orders.clone(), incarnations: 0, past_cpu_s: 0.0 };
+        let mut crew = Self { posts: Default::default(), orders: orders.clone(), incarnations: 0 };
         for service in orders.launch.services.clone() {
             crew.begin(service, None)?;
         }
@@ -86,25 +130,82 @@ impl Crew {
         Service::ALL.into_iter().zip(&self.posts)
     }
 
-    /// Takes what a service says of itself; an earlier life's last words are left out.
+    /// Takes what a service says of itself; the last words of the dead are left out.
     pub(crate) fn hear(&mut self, health: Health) {
         let Some(post) = self.posts.get_mut(health.service as usize) else { return };
-        if post.process.as_ref().is_some_and(|process| process.pid == health.pid) {
-            post.heard = Some(Heard { health, at: Instant::now() });
+        let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
+        for process in lives.into_iter().flatten().filter(|process| process.incarnation == health.incarnation) {
+            process.heard = Some(Heard { health, at: Instant::now() });
         }
     }
 
-    /// Sees to every service: whoever has ended, or says nothing any more, is started again as the rule has it. `expected` services may end.
-    pub(crate) fn tend(
+    /// Starts a stage beside the one that fills the slot.
+    pub(crate) fn begin_candidate(
         &mut self,
-        memory: &Memory,
-        expected: &[Service],
-        news: &mut Vec<String>,
-    ) -> Result<(), UpError> {
+        service: Service,
+        stage: launch::Stage,
+        epoch: u32,
+        resume: Resume,
+    ) -> Result<u32, UpError> {
+        self.incarnations += 1;
+        let mut orders = Orders {
+            incarnation: self.incarnations,
+            epoch,
+            role: Role::Candidate,
+            resume: Some(resume),
+            ..self.orders.clone()
+        };
+        if let Some(slot) = orders.launch.slot_mut(service) {
+            *slot = stage;
+        }
+        self.posts[service as usize].candidate = Some(Process::start(service, &orders)?);
+        Ok(self.incarnations)
+    }
+
+    /// The candidate fills the slot; later lives are of its stage.
+    pub(crate) fn promote(&mut self, service: Service, stage: launch::Stage) {
+        let post = &mut self.posts[service as usize];
+        post.retired = std::mem::replace(&mut post.process, post.candidate.take());
+        if let Some(slot) = self.orders.launch.slot_mut(service) {
+            *slot = stage;
+        }
+    }
+
+    /// Ends a life that does not own its slot; one that does not go is killed when it is asked again.
+    pub(crate) fn dismiss(&mut self, service: Service, incarnation: u32) {
+        let post = &mut self.posts[service as usize];
+        let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
+        for process in lives.into_iter().flatten().filter(|process| process.incarnation == incarnation) {
+            process.signal(if process.asked { Signal::KILL } else { Signal::TERM });
+            process.asked = true;
+        }
+    }
+
+    /// The owner of the slot is to begin anew from its checkpoint.
+    pub(crate) fn begin_anew(&self, service: Service) {
+        self.post(service).process.iter().for_each(|process| process.signal(Signal::KILL));
+    }
+
+    /// The decision under which the slot's next life begins.
+    pub(crate) fn under(&mut self, service: Service, epoch: u32, from_tick: u64) {
+        self.posts[service as usize].term = Some((epoch, from_tick));
+    }
+
+    /// Sees who has ended, and kills who says nothing any more. `expected` services may end.
+    pub(crate) fn tend(&mut self, expected: &[Service], news: &mut News) -> Result<(), UpError> {
         let rule = self.orders.launch.restart;
         for service in Service::ALL {
             let post = &mut self.posts[service as usize];
             post.kill_the_silent(service, &rule, news);
+            for life in [&mut post.candidate, &mut post.retired] {
+                if let Some(mut gone) = life.take_if(|process| process.reap().is_some()) {
+                    news.deaths.push((service, gone.incarnation));
+                    let said = gone.said();
+                    if !said.is_empty() {
+                        news.lines.push(format!("{service}: process {} said:\n{said}", gone.pid));
+                    }
+                }
+            }
             let ended = post.process.as_mut().and_then(|process| Some((process.reap()?, process.since.elapsed())));
             if let Some((status, lived)) = ended {
                 if expected.contains(&service) && status.success() {
@@ -112,26 +213,28 @@ impl Crew {
                 }
                 self.bury(service, status, lived, news)?;
             }
+        }
+        Ok(())
+    }
+
+    /// Starts again who is to be.
+    pub(crate) fn revive(&mut self, memory: &Memory, news: &mut News) -> Result<(), UpError> {
+        for service in Service::ALL {
             if self.posts[service as usize].due.is_some_and(|due| Instant::now() >= due) {
-                self.begin(service, Some(memory.resume(service)))?;
+                let incarnation = self.begin(service, Some(memory.resume(service)))?;
+                news.births.push((service, incarnation));
                 let post = &self.posts[service as usize];
-                news.push(format!("{service}: process {} goes on, restart {}", post.pid(), post.lives.restarts));
+                news.lines.push(format!("{service}: process {} goes on, restart {}", post.pid(), post.lives.restarts));
             }
         }
         Ok(())
     }
 
     /// A life has ended, and the rule says what comes of it.
-    fn bury(
-        &mut self,
-        service: Service,
-        status: ExitStatus,
-        lived: Duration,
-        news: &mut Vec<String>,
-    ) -> Result<(), UpError> {
+    fn bury(&mut self, service: Service, status: ExitStatus, lived: Duration, news: &mut News) -> Result<(), UpError> {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
-        post.heard = None;
+        news.deaths.push((service, process.incarnation));
         let how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with code {code}"),
             (None, Some(signal)) => format!("was ended by signal {signal}"),
@@ -143,34 +246,54 @@ impl Crew {
             Verdict::Stop => return Err(UpError::ServiceEnded { service, pid: process.pid, how, said }),
             Verdict::Away => {
                 post.away = true;
-                news.push(format!("{service}: process {} {how}; it has failed and stays away{said}", process.pid));
+                news.away.push(service);
+                news.lines
+                    .push(format!("{service}: process {} {how}; it has failed and stays away{said}", process.pid));
             }
             Verdict::Again(pause) => {
                 post.due = Some(Instant::now() + pause);
                 let when = if pause.is_zero() { String::new() } else { format!(", again in {} ms", pause.as_millis()) };
-                news.push(format!("{service}: process {} {how}{when}{said}", process.pid));
+                news.lines.push(format!("{service}: process {} {how}{when}{said}", process.pid));
             }
         }
         Ok(())
     }
 
     /// The next life of a service.
-    fn begin(&mut self, service: Service, resume: Option<Resume>) -> Result<(), UpError> {
+    fn begin(&mut self, service: Service, resume: Option<Resume>) -> Result<u32, UpError> {
         self.incarnations += 1;
         let again = resume.is_some();
-        let orders = Orders { incarnation: self.incarnations, resume, ..self.orders.clone() };
-        let process = Process::start(service, &orders)
-            .map_err(|cause| UpError::System { doing: format!("starting the service {service}"), cause })?;
         let post = &mut self.posts[service as usize];
-        post.process = Some(process);
+        let (epoch, from_tick) = post.term.unwrap_or((FIRST_EPOCH, 0));
+        let role = Role::Owner { from_tick };
+        let orders = Orders { incarnation: self.incarnations, epoch, role, resume, ..self.orders.clone() };
+        post.process = Some(Process::start(service, &orders)?);
         post.due = None;
         post.lives.restarts += u32::from(again);
-        Ok(())
+        Ok(self.incarnations)
+    }
+
+    /// How the services are.
+    pub(crate) fn ps(&self) -> Vec<Standing> {
+        let silence = Duration::from_secs_f64(self.orders.launch.restart.silence_s);
+        let standing = |(service, post): (Service, &Post)| Standing {
+            service: service.name().into(),
+            stage: self.orders.launch.slot(service).map(|slot| slot.stage.clone()),
+            state: post.standing(silence).into(),
+            pid: post.pid(),
+            restarts: post.restarts(),
+            incarnation: post.incarnation(),
+            epoch: post.heard().map_or(0, |heard| heard.health.epoch),
+            ticks: post.heard().map_or(0, |heard| heard.health.ticks),
+            lost: post.heard().map_or(0, |heard| heard.health.lost),
+        };
+        self.posts().map(standing).collect()
     }
 
     /// Sleeps until a process ends, no longer than `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
-        let fds = self.posts.iter().filter_map(|post| post.process.as_ref()?.fd.as_ref());
+        let lives = self.posts.iter().flat_map(|post| [&post.process, &post.candidate, &post.retired]);
+        let fds = lives.filter_map(|process| process.as_ref()?.fd.as_ref());
         let mut fds: Vec<_> = fds.map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
         let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
         // A signal ends it too: the caller looks again.
@@ -185,12 +308,13 @@ impl Crew {
     /// Ends every process and reaps it.
     pub(crate) fn end(&mut self) {
         let deadline = Instant::now() + GRACE;
-        let mut processes: Vec<_> = self.posts.iter_mut().filter_map(|post| post.process.as_mut()).collect();
+        let lives = |post: &'_ mut Post| [post.process.take(), post.candidate.take(), post.retired.take()];
+        let mut processes: Vec<_> = self.posts.iter_mut().flat_map(lives).flatten().collect();
         processes.iter().for_each(|process| process.signal(Signal::TERM));
         while processes.iter_mut().any(|process| process.reap().is_none()) && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
         }
-        for process in processes {
+        for process in &mut processes {
             if process.reap().is_none() {
                 process.signal(Signal::KILL);
                 // A killed process ends; the wait is for the kernel only.
@@ -202,7 +326,7 @@ impl Crew {
     /// CPU time of all processes since they started, s.
     pub(crate) fn cpu_s(&self) -> f64 {
         let living = self.posts.iter().filter_map(|post| post.process.as_ref());
-        self.past_cpu_s + living.map(|process| cpu_s(&process.pid.to_string())).sum::<f64>()
+        living.map(|process| cpu_s(&process.pid.to_string())).sum::<f64>()
     }
 }
 
@@ -215,7 +339,17 @@ impl Drop for Crew {
 impl Post {
     /// What it said last.
     pub(crate) fn heard(&self) -> Option<&Heard> {
-        self.heard.as_ref()
+        self.process.as_ref()?.heard.as_ref()
+    }
+
+    /// What its candidate said last.
+    pub(crate) fn candidate_heard(&self) -> Option<&Heard> {
+        self.candidate.as_ref()?.heard.as_ref()
+    }
+
+    /// The life that owns the slot; 0 where there is none.
+    pub(crate) fn incarnation(&self) -> u32 {
+        self.process.as_ref().map_or(0, |process| process.incarnation)
     }
 
     /// Its process; 0 where there is none.
@@ -230,7 +364,7 @@ impl Post {
 
     /// What it does, in a word.
     pub(crate) fn standing(&self, silence: Duration) -> &'static str {
-        match (&self.process, &self.heard) {
+        match (&self.process, self.heard()) {
             _ if self.away => "failed",
             (None, _) => "backoff",
             (Some(_), None) => "starting",
@@ -241,24 +375,31 @@ impl Post {
 
     /// It has opened its topics, or will not any more.
     pub(crate) fn is_settled(&self) -> bool {
-        self.away || self.heard.is_some()
+        self.away || self.heard().is_some()
     }
 
-    fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut Vec<String>) {
-        let Some(process) = &self.process else { return };
-        let (silent, limit) = match &self.heard {
-            Some(heard) => (heard.at.elapsed(), Duration::from_secs_f64(rule.silence_s)),
-            None => (process.since.elapsed(), READY_LIMIT),
-        };
-        if silent > limit && process.ended.is_none() {
-            news.push(format!("{service}: process {} has said nothing for {} ms", process.pid, silent.as_millis()));
-            process.signal(Signal::KILL);
+    fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut News) {
+        for process in [&self.process, &self.candidate].into_iter().flatten() {
+            let (silent, limit) = match &process.heard {
+                Some(heard) => (heard.at.elapsed(), Duration::from_secs_f64(rule.silence_s)),
+                None => (process.since.elapsed(), READY_LIMIT),
+            };
+            if silent > limit && process.ended.is_none() {
+                let ms = silent.as_millis();
+                news.lines.push(format!("{service}: process {} has said nothing for {ms} ms", process.pid));
+                process.signal(Signal::KILL);
+            }
         }
     }
 }
 
 impl Process {
-    fn start(service: Service, orders: &Orders) -> io::Result<Self> {
+    fn start(service: Service, orders: &Orders) -> Result<Self, UpError> {
+        Self::spawn(service, orders)
+            .map_err(|cause| UpError::System { doing: format!("starting the service {service}"), cause })
+    }
+
+    fn spawn(service: Service, orders: &Orders) -> io::Result<Self> {
         let text = serde_json::to_vec(&orders)?;
         let mut child = Command::new(std::env::current_exe()?)
             .args(["service", service.name()])
@@ -271,7 +412,9 @@ impl Process {
         let stdin = child.stdin.take();
         let pid = child.id();
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-        let process = Self { pid, child, fd, since: Instant::now(), ended: None };
+        let incarnation = orders.incarnation;
+        let since = Instant::now();
+        let process = Self { pid, incarnation, heard: None, child, fd, since, ended: None, asked: false };
         // One that has ended before it read its orders is found when it is reaped.
         stdin.map_or(Ok(()), |mut stdin| stdin.write_all(&text)).or_else(|cause| match cause.kind() {
             io::ErrorKind::BrokenPipe => Ok(()),

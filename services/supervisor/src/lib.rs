@@ -12,11 +12,15 @@
 //! | [`collector`] | what becomes of the attitude: accuracy, latency, file |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `exchange` | who owns a slot, and how it changes hands |
+//! | `door` | the socket at which others ask |
 //! | `view` | the terminal |
 #![forbid(unsafe_code)]
 
 pub mod collector;
 mod crew;
+mod door;
+mod exchange;
 pub mod in_process;
 mod lives;
 mod memory;
@@ -37,8 +41,12 @@ use launch::{LaunchError, Service};
 use recording::RecordingError;
 use runtime::RuntimeError;
 
+pub use crew::Standing;
+pub use door::{Ask, DoorError, ask};
+pub use exchange::{SwapReport, Wish};
 pub use plan::{Plan, Request};
 pub use report::Report;
+pub use swap::Outcome;
 
 /// Runs what was asked for, to its end.
 pub fn up(request: &Request) -> Result<Report, UpError> {

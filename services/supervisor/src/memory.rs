@@ -48,13 +48,24 @@ impl Memory {
         }
     }
 
+    /// The newest state of a service, for a stage that is to take over.
+    pub(crate) fn newest(&self, service: Service) -> Resume {
+        let newest = self.of(service).back();
+        newest.map_or(Resume::Fresh, |checkpoint| Resume::Checkpoint(Box::new(Record::from(checkpoint))))
+    }
+
+    /// The tick that a service would go on with from its newest state.
+    pub(crate) fn newest_tick(&self, service: Service) -> Option<u64> {
+        self.of(service).back().map(|checkpoint| checkpoint.next_tick)
+    }
+
     fn of(&self, service: Service) -> &VecDeque<Checkpoint> {
         &self.0[service as usize]
     }
 }
 
 /// Who reads what a service publishes.
-fn readers(service: Service) -> &'static [Service] {
+pub(crate) fn readers(service: Service) -> &'static [Service] {
     match service {
         Service::Ingest => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course],
         Service::Gyro | Service::Accel => &[Service::Fuser],

@@ -16,7 +16,9 @@ use runtime::orders::BUFFER_BESIDE;
 use crate::{
     Plan, Report, UpError,
     collector::Collector,
-    crew::{Crew, READY_LIMIT, own_cpu_s},
+    crew::{Crew, News, READY_LIMIT, own_cpu_s},
+    door::{Ask, Door},
+    exchange::Exchange,
     memory::Memory,
     report::{Account, ServiceReport},
     view::View,
@@ -24,6 +26,8 @@ use crate::{
 
 /// Longest wait before looking at services, signals and messages.
 const ROUND: Duration = Duration::from_millis(20);
+/// The same while hands change.
+const ROUND_BUSY: Duration = Duration::from_millis(2);
 /// After the source's end, how long nothing may come before the rest is given up as lost.
 const DRAIN_LIMIT: Duration = Duration::from_secs(2);
 /// The same when a signal asked for the end.
@@ -33,9 +37,9 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Runs the plan as processes.
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
-    let collector = Collector::new(plan.out.as_deref())?;
+    let mut collector = Collector::new(plan.out.as_deref())?;
     let mut system = System::start(plan)?;
-    system.await_ready()?;
+    system.await_ready(&mut collector)?;
     let report = system.operate(plan, collector)?;
     system.end();
     Ok(report)
@@ -46,9 +50,21 @@ struct System {
     crew: Crew,
     ports: Ports,
     memory: Memory,
+    exchange: Exchange,
+    door: Door,
+    /// Callers who wait for the answer to a request.
+    waiting: Vec<Waiting>,
     view: View,
     asked_to_end: Arc<AtomicBool>,
     _claim: Claim,
+}
+
+/// A caller who waits for the answer to a request.
+struct Waiting {
+    caller: u64,
+    request: u64,
+    /// The slot of a shadow, which ends with its caller.
+    shadow: Option<Service>,
 }
 
 struct Ports {
@@ -58,7 +74,7 @@ struct Ports {
     checkpoints: Subscriber<Checkpoint>,
     credit: Publisher<Credit>,
     buffer: usize,
-    _bus: Bus,
+    bus: Bus,
 }
 
 impl System {
@@ -69,18 +85,21 @@ impl System {
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
         let crew = Crew::start(&plan.orders)?;
-        Ok(Self { crew, ports, memory: Memory::default(), view, asked_to_end, _claim: claim })
+        let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
+        let door = Door::open(&domain)?;
+        let (memory, waiting) = (Memory::default(), Vec::new());
+        Ok(Self { crew, ports, memory, exchange, door, waiting, view, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
-    fn await_ready(&mut self) -> Result<(), UpError> {
+    fn await_ready(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         let deadline = Instant::now() + READY_LIMIT;
         loop {
             self.hear()?;
             let Some(late) = self.crew.posts().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
                 return Ok(());
             };
-            self.tend(&[])?;
+            self.tend(&[], collector)?;
             if self.asked_to_end.load(Ordering::SeqCst) {
                 return Ok(());
             }
@@ -133,7 +152,8 @@ impl System {
             if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
                 break;
             }
-            self.tend(&expected)?;
+            self.tend(&expected, &mut collector)?;
+            self.answer(&mut collector);
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
                 self.view.show(&collector, Some(&self.crew));
@@ -149,20 +169,54 @@ impl System {
         (own_cpu_s() + self.crew.cpu_s() - at_start_s) / start.elapsed().as_secs_f64()
     }
 
-    /// Sees to the services, and says what happened to them.
-    fn tend(&mut self, expected: &[Service]) -> Result<(), UpError> {
-        let mut news = Vec::new();
-        let tended = self.crew.tend(&self.memory, expected, &mut news);
-        self.view.announce(&news);
+    /// Sees to the services and their slots, and says what happened to them.
+    fn tend(&mut self, expected: &[Service], collector: &mut Collector) -> Result<(), UpError> {
+        let Self { crew, exchange, memory, ports, view, .. } = self;
+        let mut news = News::default();
+        let tended = crew
+            .tend(expected, &mut news)
+            .and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
+        view.announce(&news.lines);
         tended
+    }
+
+    /// Answers whoever asks.
+    fn answer(&mut self, collector: &mut Collector) {
+        let Self { door, exchange, crew, memory, waiting, .. } = self;
+        for (caller, question) in door.questions() {
+            match question {
+                Ask::Swap(wish) => {
+                    let shadow = Service::named(&wish.slot).filter(|_| wish.shadow);
+                    let request = exchange.wish(wish, collector, crew, memory);
+                    waiting.push(Waiting { caller, request, shadow });
+                }
+                Ask::Cancel { slot } => {
+                    Service::named(&slot).into_iter().for_each(|slot| exchange.cancel(slot, crew, memory));
+                    door.answer(caller, &());
+                }
+                Ask::Ps => door.answer(caller, &crew.ps()),
+            }
+        }
+        waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {
+            (Some(report), _) => {
+                door.answer(*caller, &report);
+                false
+            }
+            (None, Some(slot)) if !door.is_waiting(*caller) => {
+                exchange.cancel(*slot, crew, memory);
+                false
+            }
+            (None, _) => true,
+        });
     }
 
     /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time, and when a service ends.
     fn wait(&self, lockstep: bool) {
+        let round = if self.exchange.is_busy() { ROUND_BUSY } else { ROUND };
         if lockstep {
-            self.ports.attitude.wait(ROUND);
+            self.ports.attitude.wait(round);
         } else {
-            self.crew.wait(ROUND);
+            self.crew.wait(round);
         }
     }
 
@@ -172,9 +226,13 @@ impl System {
     }
 
     fn hear(&mut self) -> Result<(), UpError> {
-        let Self { ports, crew, memory, .. } = self;
+        let Self { ports, crew, memory, exchange, .. } = self;
         ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| crew.hear(health))?;
-        ports.checkpoints.drain(BUFFER_BESIDE * Service::ALL.len(), |checkpoint| memory.keep(checkpoint))?;
+        ports.checkpoints.drain(BUFFER_BESIDE * Service::ALL.len(), |checkpoint| {
+            if exchange.admits(checkpoint.service, checkpoint.incarnation, checkpoint.next_tick) {
+                memory.keep(checkpoint);
+            }
+        })?;
         Ok(())
     }
 
@@ -216,7 +274,7 @@ impl Ports {
             checkpoints: bus.subscriber(BUFFER_BESIDE)?,
             credit: bus.publisher(BUFFER_BESIDE)?,
             buffer,
-            _bus: bus,
+            bus,
         })
     }
 

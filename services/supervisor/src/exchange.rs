@@ -1,0 +1,397 @@
+//! Exchanging what fills a slot: the coordinators of the slots, and what they ask for.
+//!
+//! Input: requests, what the services say, deaths and births. Output: candidates that begin and end, decisions, answers. Time: the
+//! clock, for deadlines. Failure: a request that cannot be met is answered with the reason, and the slot stays as it was.
+
+use std::time::Instant;
+
+use bus::{Bus, Publisher};
+use launch::{Launch, Service, Stage};
+use messages::{Control, ImuSample};
+use runtime::{Orders, orders::BUFFER_BESIDE, service::FIRST_EPOCH};
+use serde::{Deserialize, Serialize};
+use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Report, Standing, State};
+
+use crate::{
+    UpError,
+    collector::Collector,
+    crew::{Crew, Heard, News},
+    memory::{Memory, readers},
+};
+
+/// Attitudes after the commitment that belong to the longest interval across it.
+const TICKS_AFTER: u64 = 50;
+/// For how long they are waited for, ms.
+const WAIT_AFTER_MS: u64 = 500;
+/// Answers kept until they are fetched.
+const ANSWERS_MAX: usize = 64;
+
+/// What somebody asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Wish {
+    /// The slot.
+    pub slot: String,
+    /// What is to fill it.
+    pub stage: Stage,
+    /// It is to compute beside the active stage and no more.
+    pub shadow: bool,
+}
+
+/// How it went.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SwapReport {
+    /// The slot.
+    pub slot: String,
+    /// The stage that filled it.
+    pub from: String,
+    /// The stage that was to.
+    pub to: String,
+    /// The first tick of the new stage.
+    pub commit_tick: Option<u64>,
+    /// Ticks lost since the request.
+    pub lost: u64,
+    /// Attitudes that came again since the request.
+    pub duplicated: u64,
+    /// The longest interval between two attitudes since the request, µs.
+    pub gap_us: f64,
+    /// By how much the attitude jumped at the commit tick, degrees.
+    pub jump_deg: f64,
+    /// "committed", "refused" or "aborted".
+    pub outcome: Outcome,
+    /// Why not, for people.
+    pub reason: Option<String>,
+}
+
+/// The slots of a system.
+pub(crate) struct Exchange {
+    slots: Vec<Slot>,
+    control: Publisher<Control>,
+    started: Instant,
+    orders: Orders,
+    requests: u64,
+    waiting: Vec<Waiting>,
+    answers: Vec<(u64, SwapReport)>,
+}
+
+struct Slot {
+    service: Service,
+    coordinator: Coordinator,
+    candidate: Option<Stage>,
+    ready: bool,
+}
+
+/// A request that is under way.
+struct Waiting {
+    id: u64,
+    service: Service,
+    from: String,
+    to: String,
+    lost: u64,
+    duplicated: u64,
+    /// It was answered then, and the attitudes after it are collected.
+    done: Option<(Report, u64)>,
+}
+
+impl Exchange {
+    /// The slots, each owned by the stage that was started in it first.
+    pub(crate) fn new(bus: &Bus, orders: &Orders, crew: &Crew) -> Result<Self, UpError> {
+        let margin_ticks = if orders.lockstep() { orders.window_ticks() } else { (orders.rate_hz * 0.05) as u64 };
+        let limits = Limits {
+            ready_ms: 10_000,
+            caught_up_ms: 5_000,
+            shadow_ms: 100,
+            commit_ms: 400,
+            restore_ms: 500,
+            linger_ms: 1_000,
+            end_ms: 400,
+            lag_max_ticks: ((orders.rate_hz * 0.02) as u64).max(8),
+            margin_ticks: margin_ticks.max(8),
+        };
+        let slots = Service::ALL.into_iter().filter(|service| *service != Service::Ingest).map(|service| Slot {
+            service,
+            coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
+            candidate: None,
+            ready: false,
+        });
+        Ok(Self {
+            slots: slots.collect(),
+            control: bus.publisher(BUFFER_BESIDE)?,
+            started: Instant::now(),
+            orders: orders.clone(),
+            requests: 0,
+            waiting: Vec::new(),
+            answers: Vec::new(),
+        })
+    }
+
+    /// An exchange is under way.
+    pub(crate) fn is_busy(&self) -> bool {
+        !self.waiting.is_empty() || self.slots.iter().any(|slot| slot.coordinator.state() != State::Idle)
+    }
+
+    /// Takes a wish; the number under which it is answered.
+    pub(crate) fn wish(&mut self, wish: Wish, collector: &mut Collector, crew: &mut Crew, memory: &Memory) -> u64 {
+        self.requests += 1;
+        let id = self.requests;
+        let Wish { slot, stage, shadow } = wish;
+        let from = Service::named(&slot).and_then(|service| self.orders.launch.slot(service));
+        let (service, from) = match (Service::named(&slot), from) {
+            (Some(service), Some(from)) => (service, from.stage.clone()),
+            _ => {
+                let reason = format!("there is no slot `{slot}`; there are gyro, accel, fuser and course");
+                self.refuse(id, slot, String::new(), stage.stage, reason);
+                return id;
+            }
+        };
+        if let Err(reason) = check(&self.orders, service, &stage) {
+            self.refuse(id, slot, from, stage.stage, reason);
+            return id;
+        }
+        collector.take_gap_ns();
+        let sequence = collector.sequence();
+        self.waiting.push(Waiting {
+            id,
+            service,
+            from,
+            to: stage.stage.clone(),
+            lost: sequence.lost,
+            duplicated: sequence.duplicated,
+            done: None,
+        });
+        let event = match self.slot(service) {
+            Some(slot) if slot.candidate.as_ref() == Some(&stage) && !shadow && slot.shadows() => Event::Promote,
+            Some(slot) => {
+                if slot.coordinator.state() == State::Idle {
+                    slot.candidate = Some(stage.clone());
+                }
+                Event::Request(swap::Request { id, stage: stage.stage, shadow_only: shadow })
+            }
+            None => return id,
+        };
+        self.tell(service, event, crew, memory);
+        id
+    }
+
+    /// Ends a shadow.
+    pub(crate) fn cancel(&mut self, service: Service, crew: &mut Crew, memory: &Memory) {
+        self.tell(service, Event::Cancel, crew, memory);
+    }
+
+    /// The answer to a request, once.
+    pub(crate) fn take_answer(&mut self, id: u64) -> Option<SwapReport> {
+        let place = self.answers.iter().position(|(answered, _)| *answered == id)?;
+        Some(self.answers.swap_remove(place).1)
+    }
+
+    /// Whether a checkpoint may be kept.
+    pub(crate) fn admits(&mut self, service: u32, incarnation: u32, next_tick: u64) -> bool {
+        let slot = self.slots.iter_mut().find(|slot| slot.service as u32 == service);
+        slot.is_none_or(|slot| slot.coordinator.admits(incarnation, next_tick))
+    }
+
+    /// Takes what has happened, looks at the deadlines, and does what is to be done.
+    pub(crate) fn go_on(
+        &mut self,
+        bus: &Bus,
+        news: &mut News,
+        collector: &mut Collector,
+        crew: &mut Crew,
+        memory: &Memory,
+    ) -> Result<(), UpError> {
+        self.control.greet()?;
+        for (service, incarnation) in &news.deaths {
+            self.tell(*service, Event::Died { incarnation: *incarnation }, crew, memory);
+        }
+        crew.revive(memory, news)?;
+        for (service, incarnation) in &news.births {
+            self.tell(*service, Event::Restarted { incarnation: *incarnation }, crew, memory);
+        }
+        for service in &news.away {
+            self.leave_empty(bus, *service)?;
+        }
+        let newest_tick = bus.next_tick::<ImuSample>().saturating_sub(1);
+        for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
+            self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
+            let kept = readers(service).iter().filter_map(|reader| memory.newest_tick(*reader)).min();
+            let next_tick =
+                if readers(service).is_empty() { collector.sequence().next_tick } else { kept.unwrap_or(0) };
+            self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
+            let (active, candidate) =
+                (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
+            for heard in [active, candidate].into_iter().flatten() {
+                self.tell(service, health(&heard), crew, memory);
+            }
+            if let (Some(heard), Some(slot)) = (candidate, self.slot(service))
+                && !slot.ready
+            {
+                slot.ready = true;
+                self.tell(service, Event::Ready { incarnation: heard.health.incarnation }, crew, memory);
+            }
+        }
+        self.finish(collector);
+        Ok(())
+    }
+
+    /// Nobody owns the slot any more from the tick after the newest one on.
+    fn leave_empty(&mut self, bus: &Bus, service: Service) -> Result<(), UpError> {
+        let from_tick = match service {
+            Service::Gyro => bus.next_tick::<messages::GyroStep>(),
+            Service::Accel => bus.next_tick::<messages::AccelPoint>(),
+            _ => return Ok(()),
+        };
+        let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch()) + 1;
+        self.control.send(&Control { from_tick, epoch, service: service as u32, owner: 0, reserved: 0 })?;
+        Ok(())
+    }
+
+    fn slot(&mut self, service: Service) -> Option<&mut Slot> {
+        self.slots.iter_mut().find(|slot| slot.service == service)
+    }
+
+    fn tell(&mut self, service: Service, event: Event, crew: &mut Crew, memory: &Memory) {
+        let now_ms = self.started.elapsed().as_millis() as u64;
+        let mut events = vec![event];
+        // Whatever is asked for is answered by one event at most, so this ends.
+        while let Some(event) = events.pop() {
+            let Some(slot) = self.slots.iter_mut().find(|slot| slot.service == service) else { return };
+            for action in slot.coordinator.handle(now_ms, event) {
+                match action {
+                    Action::SpawnCandidate { epoch, .. } => {
+                        slot.ready = false;
+                        let stage = slot.candidate.clone().unwrap_or_else(|| unreachable!("a request names a stage"));
+                        let begun = crew.begin_candidate(service, stage, epoch, memory.newest(service));
+                        events.push(match begun {
+                            Ok(incarnation) => Event::Spawned { incarnation },
+                            Err(error) => Event::SpawnFailed { cause: error.to_string() },
+                        });
+                    }
+                    Action::PublishControl(swap::Control { epoch, owner, from_tick }) => {
+                        let decision = Control { from_tick, epoch, service: service as u32, owner, reserved: 0 };
+                        // A decision that nobody hears is not confirmed, and taken back.
+                        let _ = self.control.send(&decision);
+                    }
+                    Action::EndCandidate { incarnation } | Action::RetireOld { incarnation } => {
+                        crew.dismiss(service, incarnation);
+                    }
+                    Action::RestartActive { epoch, from_tick } => {
+                        crew.under(service, epoch, from_tick);
+                        crew.begin_anew(service);
+                    }
+                    Action::Answer(report) => {
+                        if report.outcome == Outcome::Committed
+                            && let Some(stage) = slot.candidate.take()
+                        {
+                            crew.promote(service, stage.clone());
+                            if let Some(slot) = self.orders.launch.slot_mut(service) {
+                                *slot = stage;
+                            }
+                        }
+                        let busy = matches!(report.reason, Some(Reason::Busy { .. }));
+                        if report.outcome != Outcome::Committed && !busy {
+                            slot.candidate = None;
+                        }
+                        // A promotion answers who asked for the shadow and who asked for the exchange.
+                        let asked = |waiting: &&mut Waiting| {
+                            waiting.service == service && waiting.done.is_none() && (!busy || waiting.id == report.id)
+                        };
+                        for waiting in self.waiting.iter_mut().filter(asked) {
+                            waiting.done = Some((report.clone(), now_ms));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Answers what is settled, once the attitudes after it have come.
+    fn finish(&mut self, collector: &mut Collector) {
+        let now_ms = self.started.elapsed().as_millis() as u64;
+        let next_tick = collector.sequence().next_tick;
+        let settled = |waiting: &Waiting| {
+            waiting.done.as_ref().is_some_and(|(report, at_ms)| {
+                report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER || now_ms > at_ms + WAIT_AFTER_MS)
+            })
+        };
+        while let Some(place) = self.waiting.iter().position(settled) {
+            let Waiting { id, service, from, to, lost, duplicated, done } = self.waiting.swap_remove(place);
+            let Some((report, _)) = done else { continue };
+            let sequence = collector.sequence();
+            let (lost, duplicated) = (sequence.lost - lost, sequence.duplicated - duplicated);
+            let jump_deg = report.commit_tick.map_or(0.0, |tick| collector.jump_rad(tick).to_degrees());
+            self.answer(
+                id,
+                SwapReport {
+                    slot: service.name().into(),
+                    from,
+                    to,
+                    commit_tick: report.commit_tick,
+                    lost,
+                    duplicated,
+                    gap_us: collector.take_gap_ns() as f64 * 1e-3,
+                    jump_deg,
+                    outcome: report.outcome,
+                    reason: report.reason.map(|reason| reason.to_string()),
+                },
+            );
+        }
+    }
+
+    fn refuse(&mut self, id: u64, slot: String, from: String, to: String, reason: String) {
+        let (commit_tick, outcome, reason) = (None, Outcome::Refused, Some(reason));
+        let report = SwapReport {
+            slot,
+            from,
+            to,
+            commit_tick,
+            lost: 0,
+            duplicated: 0,
+            gap_us: 0.0,
+            jump_deg: 0.0,
+            outcome,
+            reason,
+        };
+        self.answer(id, report);
+    }
+
+    fn answer(&mut self, id: u64, report: SwapReport) {
+        if self.answers.len() == ANSWERS_MAX {
+            self.answers.remove(0);
+        }
+        self.answers.push((id, report));
+    }
+}
+
+impl Slot {
+    fn shadows(&self) -> bool {
+        matches!(self.coordinator.state(), State::Starting | State::CatchingUp | State::Shadowing)
+    }
+}
+
+/// What a service said, as a coordinator takes it.
+fn health(heard: &Heard) -> Event {
+    let health = heard.health;
+    let standing = Standing {
+        next_tick: health.next_tick,
+        decided_epoch: health.epoch,
+        missed: health.missed != 0,
+        published_from: Some(health.published_from).filter(|tick| *tick != u64::MAX),
+    };
+    Event::Health { incarnation: health.incarnation, standing, flawed: health.flawed > 0 }
+}
+
+/// What is wrong with a stage for a slot, for people.
+fn check(orders: &Orders, service: Service, stage: &Stage) -> Result<(), String> {
+    let mut launch: Launch = orders.launch.clone();
+    if let Some(slot) = launch.slot_mut(service) {
+        slot.clone_from(stage);
+    }
+    let orders = Orders { launch, ..orders.clone() };
+    let checked = match service {
+        Service::Ingest => return Ok(()),
+        Service::Gyro => gyro::slot(&orders).map(|_| ()),
+        Service::Accel => accel::slot(&orders).map(|_| ()),
+        Service::Fuser => fuser::slot(&orders).map(|_| ()),
+        Service::Course => course::slot(&orders).map(|_| ()),
+    };
+    checked.map_err(|error| error.to_string())
+}

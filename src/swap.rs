@@ -1,0 +1,202 @@
+//! `plumb swap`, `plumb shadow`, `plumb ps`: what a running system is asked.
+
+use std::{
+    path::Path,
+    process::ExitCode,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use bus::{Bus, Domain};
+use clap::Args;
+use launch::{Launch, Service, Stage};
+use messages::Difference;
+use supervisor::{Ask, Standing, SwapReport, Wish, ask};
+
+use crate::{fail, print};
+
+/// How often the difference of a shadow is shown.
+const SHOW_INTERVAL: Duration = Duration::from_secs(1);
+/// Differences read at once.
+const LOOK: usize = 64;
+
+/// Which system is asked.
+#[derive(Args)]
+pub(crate) struct System {
+    /// The system's name [default: that of ./launch.toml, else plumbline].
+    #[arg(long = "system", value_name = "NAME")]
+    name: Option<String>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is to fill a slot.
+#[derive(Args)]
+pub(crate) struct Exchange {
+    /// The slot: gyro, accel, fuser or course.
+    slot: String,
+    /// The stage, as `plumb stage list` names it.
+    stage: String,
+    /// A parameter of the stage; may be given several times.
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
+    set: Vec<(String, f64)>,
+    #[command(flatten)]
+    system: System,
+}
+
+/// `plumb shadow`.
+#[derive(Args)]
+pub(crate) struct Shadow {
+    #[command(flatten)]
+    exchange: Exchange,
+    /// How long [default: until Ctrl-C, or until a swap to the same stage].
+    #[arg(long = "for", value_name = "SECONDS")]
+    duration_s: Option<f64>,
+}
+
+/// Exchanges what fills a slot.
+pub(crate) fn swap(exchange: Exchange) -> ExitCode {
+    let json = exchange.system.json;
+    match ask::<SwapReport>(&exchange.system.name(), &Ask::Swap(exchange.wish(false))) {
+        Ok(report) => show(&report, json),
+        Err(error) => fail(&error, 1),
+    }
+}
+
+/// Runs a stage beside the one that fills a slot and tells how far they are apart.
+pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
+    let Shadow { exchange, duration_s } = shadow;
+    let (name, json) = (exchange.system.name(), exchange.system.json);
+    let Some(service) = Service::named(&exchange.slot) else {
+        return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", exchange.slot), 2);
+    };
+    let ends = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        if let Err(cause) = signal_hook::flag::register(signal, ends.clone()) {
+            return fail(&format_args!("catching signals: {cause}"), 1);
+        }
+    }
+    let question = Ask::Swap(exchange.wish(true));
+    let answer = std::thread::spawn({
+        let name = name.clone();
+        move || ask::<SwapReport>(&name, &question)
+    });
+    let watched = watch(&name, service, json, &|since: Instant| {
+        ends.load(Ordering::SeqCst)
+            || answer.is_finished()
+            || duration_s.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s)
+    });
+    if let Err(error) = watched {
+        return fail(&error, 1);
+    }
+    if !answer.is_finished()
+        && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() })
+    {
+        return fail(&error, 1);
+    }
+    match answer.join() {
+        Ok(Ok(report)) if report.outcome == supervisor::Outcome::Refused => show(&report, json),
+        Ok(Ok(_)) => ExitCode::SUCCESS,
+        Ok(Err(error)) => fail(&error, 1),
+        Err(_) => fail(&"asking the system: the question failed", 1),
+    }
+}
+
+/// How the services of a running system are.
+pub(crate) fn ps(system: System) -> ExitCode {
+    match ask::<Vec<Standing>>(&system.name(), &Ask::Ps) {
+        Ok(services) if system.json => print(&serde_json::to_string(&services).unwrap_or_default()),
+        Ok(services) => {
+            let line = |one: &Standing| {
+                let Standing { service, stage, state, pid, restarts, epoch, ticks, lost, .. } = one;
+                let stage = stage.as_deref().unwrap_or("-");
+                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}")
+            };
+            let head = format!(
+                "{:<8}{:<24}{:<10}{:>8}{:>9}{:>6}{:>12}{:>6}",
+                "service", "stage", "state", "pid", "restarts", "epoch", "ticks", "lost"
+            );
+            print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))
+        }
+        Err(error) => fail(&error, 1),
+    }
+}
+
+/// Shows the difference of the slot's candidate until `ends`.
+fn watch(name: &str, service: Service, json: bool, ends: &dyn Fn(Instant) -> bool) -> Result<(), bus::BusError> {
+    let bus = Bus::join(&Domain::new(name)?, "shadow")?;
+    let differences = bus.subscriber::<Difference>(LOOK)?;
+    let (since, mut shown) = (Instant::now(), Instant::now());
+    while !ends(since) {
+        std::thread::sleep(Duration::from_millis(20));
+        let mut newest = None;
+        differences.drain(LOOK, |difference| {
+            newest = Some(difference).filter(|it: &Difference| it.service == service as u32).or(newest);
+        })?;
+        if let Some(difference) = newest.filter(|_| shown.elapsed() > SHOW_INTERVAL) {
+            shown = Instant::now();
+            print(&line(&difference, json));
+        }
+    }
+    Ok(())
+}
+
+fn line(difference: &Difference, json: bool) -> String {
+    let deg = |rad: [f64; 3]| rad.map(f64::to_degrees);
+    let Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, .. } = *difference;
+    let [now, mean, rms, max] = [now_rad, mean_rad, rms_rad, max_rad].map(deg);
+    if json {
+        let of = |[angle, inclination, heading]: [f64; 3]| serde_json::json!({ "angle": angle, "inclination": inclination, "heading": heading });
+        return serde_json::json!({
+            "tick": tick, "ticks": ticks,
+            "now_deg": of(now), "mean_deg": of(mean), "rms_deg": of(rms), "max_deg": of(max),
+        })
+        .to_string();
+    }
+    format!(
+        "tick {tick}: angle {:.3}° now, {:.3}° mean, {:.3}° RMS, {:.3}° max; inclination {:.3}° RMS, heading {:.3}° RMS",
+        now[0], mean[0], rms[0], max[0], rms[1], rms[2]
+    )
+}
+
+fn show(report: &SwapReport, json: bool) -> ExitCode {
+    let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
+    let committed = *outcome == supervisor::Outcome::Committed;
+    let printed = if json {
+        print(&serde_json::to_string(report).unwrap_or_default())
+    } else if let (true, Some(tick)) = (committed, commit_tick) {
+        print(&format_args!(
+            "{slot}: {from} → {to} from tick {tick}; lost {lost}, duplicated {duplicated}, longest interval {:.1} ms, jump {jump_deg:.3}°",
+            gap_us * 1e-3
+        ))
+    } else {
+        let reason = reason.as_deref().unwrap_or("no reason given");
+        supervisor::tell(format_args!("{slot}: {from} stays: {reason}"));
+        ExitCode::SUCCESS
+    };
+    if committed { printed } else { ExitCode::FAILURE }
+}
+
+impl Exchange {
+    fn wish(&self, shadow: bool) -> Wish {
+        let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
+        Wish { slot: self.slot.clone(), stage, shadow }
+    }
+}
+
+impl System {
+    fn name(&self) -> String {
+        let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
+        self.name.clone().or_else(of_file).unwrap_or_else(|| Launch::default().name)
+    }
+}
+
+fn setting(text: &str) -> Result<(String, f64), String> {
+    let expected = || "expected KEY=VALUE with a number".to_owned();
+    let (key, value) = text.split_once('=').ok_or_else(expected)?;
+    Ok((key.trim().into(), value.trim().parse().map_err(|_| expected())?))
+}
