@@ -93,13 +93,12 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     if let Err(error) = watched {
         return fail(&error, 1);
     }
-    if !answer.is_finished()
-        && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() })
-    {
+    let by_itself = answer.is_finished();
+    if !by_itself && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
     }
     match answer.join() {
-        Ok(Ok(report)) if report.outcome == supervisor::Outcome::Refused => show(&report, json),
+        Ok(Ok(report)) if by_itself => show(&report, json),
         Ok(Ok(_)) => ExitCode::SUCCESS,
         Ok(Err(error)) => fail(&error, 1),
         Err(_) => fail(&"asking the system: the question failed", 1),

@@ -29,6 +29,9 @@ const WAIT_LIMIT: Duration = Duration::from_millis(50);
 /// How often a service says how it is.
 const HEALTH_INTERVAL_NS: u64 = 100_000_000;
 
+/// The same for one that is to take over, or has.
+const CANDIDATE_INTERVAL_NS: u64 = 10_000_000;
+
 /// Why a service ended.
 #[derive(Debug, thiserror::Error)]
 pub enum RuntimeError {
@@ -155,7 +158,9 @@ impl Member {
     /// Says how the service is: at once when its state is another, else as often as is of use.
     pub fn say(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
         let now_ns = monotonic_ns();
-        if self.said.state == state && now_ns.saturating_sub(self.said_at_ns) < HEALTH_INTERVAL_NS {
+        let candidate = self.orders.role == Role::Candidate;
+        let interval_ns = if candidate { CANDIDATE_INTERVAL_NS } else { HEALTH_INTERVAL_NS };
+        if self.said.state == state && now_ns.saturating_sub(self.said_at_ns) < interval_ns {
             return Ok(());
         }
         self.said.state = state;

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use bus::{Bus, Publisher};
 use launch::{Launch, Service, Stage};
-use messages::{Control, ImuSample};
+use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, ImuSample};
 use runtime::{Orders, orders::BUFFER_BESIDE, service::FIRST_EPOCH};
 use serde::{Deserialize, Serialize};
 use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Report, Standing, State};
@@ -69,6 +69,8 @@ pub(crate) struct Exchange {
     started: Instant,
     orders: Orders,
     requests: u64,
+    /// Requests for slots whose last exchange is being cleared away.
+    queued: Vec<(u64, Service, Stage, bool)>,
     waiting: Vec<Waiting>,
     answers: Vec<(u64, SwapReport)>,
 }
@@ -119,6 +121,7 @@ impl Exchange {
             started: Instant::now(),
             orders: orders.clone(),
             requests: 0,
+            queued: Vec::new(),
             waiting: Vec::new(),
             answers: Vec::new(),
         })
@@ -158,18 +161,34 @@ impl Exchange {
             duplicated: sequence.duplicated,
             done: None,
         });
-        let event = match self.slot(service) {
-            Some(slot) if slot.candidate.as_ref() == Some(&stage) && !shadow && slot.shadows() => Event::Promote,
-            Some(slot) => {
-                if slot.coordinator.state() == State::Idle {
-                    slot.candidate = Some(stage.clone());
-                }
-                Event::Request(swap::Request { id, stage: stage.stage, shadow_only: shadow })
-            }
-            None => return id,
-        };
-        self.tell(service, event, crew, memory);
+        let Some(slot) = self.slot(service) else { return id };
+        if matches!(slot.coordinator.state(), State::Committed { .. } | State::Retiring { .. } | State::Aborting)
+            && !self.queued.iter().any(|(_, queued, ..)| *queued == service)
+        {
+            self.queued.push((id, service, stage, shadow));
+            return id;
+        }
+        self.request(id, service, stage, shadow, crew, memory);
         id
+    }
+
+    /// Asks the slot's coordinator. Who asks for the stage that already runs beside it asks for its promotion.
+    fn request(
+        &mut self,
+        id: u64,
+        service: Service,
+        stage: Stage,
+        shadow_only: bool,
+        crew: &mut Crew,
+        memory: &Memory,
+    ) {
+        let Some(slot) = self.slot(service) else { return };
+        let promotes = slot.candidate.as_ref() == Some(&stage) && !shadow_only && slot.shadows();
+        if slot.coordinator.state() == State::Idle {
+            slot.candidate = Some(stage.clone());
+        }
+        let request = swap::Request { id, stage: stage.stage, shadow_only };
+        self.tell(service, if promotes { Event::Promote } else { Event::Request(request) }, crew, memory);
     }
 
     /// Ends a shadow.
@@ -209,6 +228,12 @@ impl Exchange {
         for service in &news.away {
             self.leave_empty(bus, *service)?;
         }
+        let idle = |slot: &Slot| slot.coordinator.state() == State::Idle;
+        let free: Vec<_> = self.slots.iter().filter(|slot| idle(slot)).map(|slot| slot.service).collect();
+        while let Some(place) = self.queued.iter().position(|(_, service, ..)| free.contains(service)) {
+            let (id, service, stage, shadow) = self.queued.swap_remove(place);
+            self.request(id, service, stage, shadow, crew, memory);
+        }
         let newest_tick = bus.next_tick::<ImuSample>().saturating_sub(1);
         for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
@@ -218,8 +243,13 @@ impl Exchange {
             self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
-            for heard in [active, candidate].into_iter().flatten() {
-                self.tell(service, health(&heard), crew, memory);
+            // What it has published says more about how far it is than what it said last.
+            let published = published_tick(bus, service);
+            for heard in active.iter() {
+                self.tell(service, health(heard, published), crew, memory);
+            }
+            for heard in candidate.iter() {
+                self.tell(service, health(heard, 0), crew, memory);
             }
             if let (Some(heard), Some(slot)) = (candidate, self.slot(service))
                 && !slot.ready
@@ -234,11 +264,7 @@ impl Exchange {
 
     /// Nobody owns the slot any more from the tick after the newest one on.
     fn leave_empty(&mut self, bus: &Bus, service: Service) -> Result<(), UpError> {
-        let from_tick = match service {
-            Service::Gyro => bus.next_tick::<messages::GyroStep>(),
-            Service::Accel => bus.next_tick::<messages::AccelPoint>(),
-            _ => return Ok(()),
-        };
+        let from_tick = published_tick(bus, service);
         let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch()) + 1;
         self.control.send(&Control { from_tick, epoch, service: service as u32, owner: 0, reserved: 0 })?;
         Ok(())
@@ -368,15 +394,26 @@ impl Slot {
 }
 
 /// What a service said, as a coordinator takes it.
-fn health(heard: &Heard) -> Event {
+fn health(heard: &Heard, published_tick: u64) -> Event {
     let health = heard.health;
     let standing = Standing {
-        next_tick: health.next_tick,
+        next_tick: health.next_tick.max(published_tick),
         decided_epoch: health.epoch,
         missed: health.missed != 0,
         published_from: Some(health.published_from).filter(|tick| *tick != u64::MAX),
     };
     Event::Health { incarnation: health.incarnation, standing, flawed: health.flawed > 0 }
+}
+
+/// The tick after the newest one that a slot has published.
+fn published_tick(bus: &Bus, service: Service) -> u64 {
+    match service {
+        Service::Ingest => bus.next_tick::<ImuSample>(),
+        Service::Gyro => bus.next_tick::<GyroStep>(),
+        Service::Accel => bus.next_tick::<AccelPoint>(),
+        Service::Fuser => bus.next_tick::<FusedState>(),
+        Service::Course => bus.next_tick::<AttitudeOutput>(),
+    }
 }
 
 /// What is wrong with a stage for a slot, for people.
