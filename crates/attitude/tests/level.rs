@@ -38,7 +38,13 @@ impl Chain {
         self.started = true;
         let motion = Some(self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Instant }));
         let inclination = Some(inclination);
-        self.fuser.step(&FuserInput { motion, inclination, rest_credible: true, ..FuserInput::default() })
+        self.fuser.step(&FuserInput {
+            motion,
+            inclination,
+            rest_credible: true,
+            rate_credible: true,
+            ..FuserInput::default()
+        })
     }
 }
 
@@ -258,6 +264,7 @@ fn absurd_input_is_survived() {
                 motion: (pick() % 10 > 0).then_some(motion),
                 inclination: (pick() % 10 > 0).then_some(inclination),
                 rest_credible: pick() % 10 > 0,
+                rate_credible: true,
                 ..FuserInput::default()
             });
             let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];

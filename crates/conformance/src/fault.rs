@@ -74,7 +74,7 @@ macro_rules! catalogue {
 
 catalogue! {
     "gyro stuck" for 3.0: |ticks, last| each(ticks, |_, tick| {
-        (tick.rate_rad_s, tick.rest_credible) = (last.rate_rad_s, false);
+        (tick.rate_rad_s, tick.rest_credible, tick.rate_credible) = (last.rate_rad_s, false, false);
     });
     "accelerometer stuck" for 3.0: |ticks, last| each(ticks, |_, tick| {
         (tick.force_m_s2, tick.rest_credible) = (last.force_m_s2, false);
@@ -105,6 +105,7 @@ catalogue! {
     "leaping stamps" for 1.0: |ticks, _| each(ticks, |i, tick| tick.dt_s = if i % 2 == 0 { BRIDGE_S } else { 1e-9 });
     "gyro clipped" for 1.0: |ticks, _| each(ticks, |_, tick| {
         tick.rate_rad_s = tick.rate_rad_s.map(|rate| Vector3::new(rate.x, rate.y, RATE_RANGE_RAD_S));
+        tick.rate_credible = false;
     });
     "accelerometer clipped" for 1.0: |ticks, _| each(ticks, |_, tick| {
         tick.force_m_s2 = tick.force_m_s2.map(|force| Vector3::new(FORCE_RANGE_M_S2, force.y, -FORCE_RANGE_M_S2));

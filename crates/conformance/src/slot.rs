@@ -194,6 +194,7 @@ impl Slot for FuserSlot {
                 field_ut: tick.field_ut,
                 fix: tick.fix,
                 rest_credible: tick.rest_credible,
+                rate_credible: tick.rate_credible,
             };
             (i, input)
         };

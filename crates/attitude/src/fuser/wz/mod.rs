@@ -36,6 +36,8 @@ use {
 const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
 const T2_S: f64 = 2.0;
+/// The longest interval over which a rate tells the turn of a body that moves as it likes, s.
+const TOLD_BY_RATE_S: f64 = 0.1;
 /// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
 const FORCE_MAX_M_S2: f64 = 3000.0;
 
@@ -46,11 +48,19 @@ pub struct Wz {
     bias: BiasFilter,
     rest: Rest,
     heading: Heading,
+    /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
+    interval_s: f64,
 }
 
 impl Default for Wz {
     fn default() -> Self {
-        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default(), heading: Heading::default() }
+        Self {
+            level: Level::new(),
+            bias: BiasFilter::default(),
+            rest: Rest::default(),
+            heading: Heading::default(),
+            interval_s: 0.0,
+        }
     }
 }
 
@@ -70,6 +80,16 @@ impl Wz {
         self.bias.restart();
         self.rest = Rest::default();
         self.heading.realign();
+    }
+
+    /// For how long of a tick nobody saw the body turn, s.
+    #[inline]
+    fn blind_s(&mut self, input: &FuserInput) -> f64 {
+        let Some(motion) = &input.motion else { return self.interval_s };
+        if motion.dt_s > 0.0 {
+            self.interval_s = motion.dt_s.min(TOLD_BY_RATE_S);
+        }
+        if input.rate_credible && motion.dt_s <= TOLD_BY_RATE_S { 0.0 } else { motion.dt_s }
     }
 
     /// What is done once in a while: the bias, and what it takes back.
@@ -102,6 +122,8 @@ impl Stage for Wz {
 
     #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let (turn, rate_rad_s, dt_s) = match &input.motion {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
@@ -146,6 +168,7 @@ impl Stage for Wz {
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
+            blind_s: self.blind_s(input),
         };
         let news = self.heading.step(&sighting);
         corrections.magnetic = news.magnetic;
@@ -168,10 +191,13 @@ impl Stage for Wz {
         self.bias.visit(visit);
         self.rest.visit(visit);
         self.heading.visit(visit);
+        self.interval_s.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw()).or_else(|| self.heading.flaw())
+        let interval = (self.interval_s < 0.0).then_some("an interval below zero");
+        let parts = self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw());
+        parts.or_else(|| self.heading.flaw()).or(interval)
     }
 
     fn common(&self) -> Estimate {

@@ -97,9 +97,14 @@ impl Contest {
         self.each(|filter| filter.predict(passage));
     }
 
-    /// The gyro's heading is of no use beyond this variance.
+    /// The gyro's heading may have turned by this variance more.
     pub(super) fn loosen(&mut self, variance_rad2: f64) {
         self.each(|filter| filter.turn_walk(variance_rad2));
+    }
+
+    /// North may be anywhere.
+    pub(super) fn lose_direction(&mut self) {
+        self.each(Filter::lose_direction);
     }
 
     /// The gyro's bias was seen at rest for the first time: what had drifted before says nothing about what will.

@@ -23,6 +23,8 @@ const SILENCE_S: f64 = 1.0;
 pub(super) struct Interval {
     /// Its length, s.
     pub(super) duration_s: f64,
+    /// How much of it, or beside it, nobody saw the body turn, s.
+    pub(super) blind_s: f64,
     /// Windows in it that had a field; with none, the means below are zero.
     pub(super) windows: f64,
     /// R'm, µT, reference axes.
@@ -87,6 +89,7 @@ impl Levelled {
     ) -> Option<Interval> {
         let dt_s = sighting.dt_s;
         self.window_s += dt_s;
+        self.sums.blind_s += sighting.blind_s;
         self.age_sum_s += self.samples * dt_s;
         let rate_rad_s = sighting.rate_rad_s.map(|rate| rate.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         self.rotation_rad += rate_rad_s * dt_s;
@@ -150,7 +153,7 @@ impl Levelled {
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
-        let sums = [sums.duration_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
+        let sums = [sums.duration_s, sums.blind_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
         negative.then_some("sums of the levelled field that nothing adds up to")
     }
@@ -179,6 +182,7 @@ impl Numbers for Levelled {
         self.rate_before_rad_s.visit(visit);
         let Interval {
             duration_s,
+            blind_s,
             windows,
             turned_rad,
             field_ut,
@@ -190,6 +194,6 @@ impl Numbers for Levelled {
         } = &mut self.sums;
         let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(turned_rad);
         vectors.for_each(&mut *visit);
-        [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
+        [duration_s, blind_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
     }
 }
