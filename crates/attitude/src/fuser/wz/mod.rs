@@ -92,14 +92,14 @@ impl Wz {
         if input.rate_credible && motion.dt_s <= TOLD_BY_RATE_S { 0.0 } else { motion.dt_s }
     }
 
-    /// What is done once in a while: the bias, and what it takes back.
+    /// What is done once in a while: the bias, and what it takes back. The level jumps.
     #[inline(never)]
-    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) {
+    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
         let (interval_s, force_dt_m_s) = self.bias.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
         let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
-        self.level.take_back(error);
+        self.level.take_back(error)
     }
 }
 
@@ -142,7 +142,7 @@ impl Stage for Wz {
                 innovation_rad = angle_rad(&axes, inclination, force_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.follow(force_dt_m_s, dt_s);
-                self.bias.saw(force_dt_m_s, dt_s);
+                self.bias.saw(force_dt_m_s, inclination.norm_m_s2, dt_s);
                 self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
@@ -154,7 +154,7 @@ impl Stage for Wz {
             self.rest.interrupt();
         }
         if let (Some(inclination), true) = (inclination, self.bias.is_due()) {
-            self.update(rate_rad_s, inclination.force_m_s2);
+            corrections.aligned |= self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
         corrections.rest = self.rest.is_found();
