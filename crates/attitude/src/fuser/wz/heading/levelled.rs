@@ -79,13 +79,15 @@ impl Levelled {
         self.samples == 0.0 && self.sums.windows == 0.0
     }
 
-    /// One tick; the interval that ends with it, the samples being `delay_s` late.
+    /// One tick; the interval that ends with it, the samples being `delay_s` late. The first of all is a single window: whoever
+    /// starts waits for a heading.
     #[inline]
     pub(super) fn step(
         &mut self,
         sighting: &Sighting,
         field_ut: Option<Vector3<f64>>,
         delay_s: f64,
+        first: bool,
     ) -> Option<Interval> {
         let dt_s = sighting.dt_s;
         self.window_s += dt_s;
@@ -103,7 +105,11 @@ impl Levelled {
             return None;
         }
         self.end_window(sighting, delay_s);
-        let enough = if self.sums.windows > 0.0 { INTERVAL_S } else { SILENCE_S };
+        let enough = match (self.sums.windows > 0.0, first) {
+            (true, true) => 0.0,
+            (true, false) => INTERVAL_S,
+            (false, _) => SILENCE_S,
+        };
         (self.sums.duration_s >= enough).then(|| self.end_interval(sighting))
     }
 

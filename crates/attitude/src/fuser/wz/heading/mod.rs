@@ -225,7 +225,7 @@ impl Heading {
         if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
             return News::default();
         }
-        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU]) {
+        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU], !self.begun) {
             Some(interval) => self.update(&interval),
             None => News::default(),
         }
