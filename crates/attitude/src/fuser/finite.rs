@@ -20,7 +20,7 @@ impl FuserInput {
             .is_none_or(|motion| motion_is_finite(motion) && motion.dt_s >= 0.0 && motion.dt_s.is_finite())
             && self.inclination.as_ref().is_none_or(inclination_is_finite)
             && self.field_ut.as_ref().is_none_or(vector_is_finite)
-            && self.fix.as_ref().is_none_or(|fix| fix_is_finite(fix) && told(fix) == *fix)
+            && self.fix.is_none_or(|fix| fix.finite() == Some(fix))
     }
 
     #[cold]
@@ -33,7 +33,7 @@ impl FuserInput {
             motion: self.motion.filter(motion_is_finite).map(in_time),
             inclination: self.inclination.filter(inclination_is_finite),
             field_ut: self.field_ut.filter(vector_is_finite),
-            fix: self.fix.filter(fix_is_finite).map(|fix| told(&fix)),
+            fix: self.fix.and_then(Fix::finite),
             ..*self
         }
     }
@@ -56,15 +56,4 @@ fn inclination_is_finite(inclination: &Inclination) -> bool {
     let w = inclination.up.w;
     w.re * 0.0 + w.im * 0.0 + inclination.norm_m_s2 * 0.0 + inclination.trust * 0.0 == 0.0
         && vector_is_finite(&inclination.force_m_s2)
-}
-
-fn fix_is_finite(fix: &Fix) -> bool {
-    vector_is_finite(&fix.velocity_m_s)
-}
-
-/// What a receiver told beside the velocity, as far as it is a number.
-fn told(fix: &Fix) -> Fix {
-    let number = |told: Option<f64>| told.filter(|told| told.is_finite());
-    let Fix { sd_m_s, age_s, latitude_rad, .. } = *fix;
-    Fix { sd_m_s: number(sd_m_s), age_s: number(age_s), latitude_rad: number(latitude_rad), ..*fix }
 }
