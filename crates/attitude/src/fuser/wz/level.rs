@@ -81,6 +81,12 @@ impl Level {
         self.started
     }
 
+    /// What the velocity was gathered on is no longer the level.
+    #[cold]
+    pub(super) fn forget_velocity(&mut self) {
+        (self.velocity_m_s, self.velocity_before_m_s) = (Complex::new(0.0, 0.0), Complex::new(0.0, 0.0));
+    }
+
     /// The next inclination sets the level anew.
     pub(super) fn restart(&mut self) {
         *self = Self { started: false, ..Self::of(self.attitude) };

@@ -50,6 +50,8 @@ pub struct Wz {
     heading: Heading,
     /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
     interval_s: f64,
+    /// For how long nobody has seen the body turn, s.
+    blind_s: f64,
 }
 
 impl Default for Wz {
@@ -60,6 +62,7 @@ impl Default for Wz {
             rest: Rest::default(),
             heading: Heading::default(),
             interval_s: 0.0,
+            blind_s: 0.0,
         }
     }
 }
@@ -80,6 +83,17 @@ impl Wz {
         self.bias.restart();
         self.rest = Rest::default();
         self.heading.realign();
+    }
+
+    /// After a time in which nobody saw the body turn its level is as unknown as a first one; the bias stays.
+    #[inline]
+    fn see_again(&mut self, blind_s: f64) {
+        if blind_s > 0.0 {
+            self.blind_s = (self.blind_s + blind_s).min(1.0);
+        } else if core::mem::take(&mut self.blind_s) > TOLD_BY_RATE_S {
+            self.bias.restart();
+            self.level.forget_velocity();
+        }
     }
 
     /// For how long of a tick nobody saw the body turn, s.
@@ -129,6 +143,8 @@ impl Stage for Wz {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
             None => (Turn::NONE, Vector3::zeros(), 0.0),
         };
+        let blind_s = self.blind_s(input);
+        self.see_again(blind_s);
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
@@ -168,7 +184,7 @@ impl Stage for Wz {
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
-            blind_s: self.blind_s(input),
+            blind_s,
         };
         let news = self.heading.step(&sighting);
         corrections.magnetic = news.magnetic;
@@ -192,10 +208,11 @@ impl Stage for Wz {
         self.rest.visit(visit);
         self.heading.visit(visit);
         self.interval_s.visit(visit);
+        self.blind_s.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        let interval = (self.interval_s < 0.0).then_some("an interval below zero");
+        let interval = (self.interval_s < 0.0 || self.blind_s < 0.0).then_some("an interval below zero");
         let parts = self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw());
         parts.or_else(|| self.heading.flaw()).or(interval)
     }
