@@ -141,7 +141,7 @@ impl Chain {
     fn input(&mut self, sample: &Sample) -> FuserInput {
         let motion = Some(self.gyro.step(&sample.rate));
         let inclination = Some(self.accel.step(&sample.force_m_s2));
-        FuserInput { motion, inclination, rest_credible: true, ..FuserInput::default() }
+        FuserInput { motion, inclination, rest_credible: true, rate_credible: true, ..FuserInput::default() }
     }
 }
 

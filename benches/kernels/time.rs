@@ -71,7 +71,8 @@ fn wz(samples: &Samples) {
         let rate_rad_s = Vector3::from(*rate);
         let motion = Some(gyro.step(&RateSample { rate_rad_s, dt_s: samples.dt_s, kind: samples.kind }));
         let inclination = Some(accel.step(&Vector3::from(*force)));
-        let input = FuserInput { motion, inclination, rest_credible: true, ..FuserInput::default() };
+        let input =
+            FuserInput { motion, inclination, rest_credible: true, rate_credible: true, ..FuserInput::default() };
         black_box(fuser.step(&input));
     }
 }

@@ -16,6 +16,14 @@ pub struct Fix {
 }
 
 impl Fix {
+    /// The fix without what is no number; nothing is left of it without a velocity.
+    pub fn finite(self) -> Option<Self> {
+        let number = |told: Option<f64>| told.filter(|told| told.is_finite());
+        let (sd_m_s, age_s, latitude_rad) = (number(self.sd_m_s), number(self.age_s), number(self.latitude_rad));
+        let known = self.velocity_m_s.iter().all(|component| component.is_finite());
+        known.then_some(Self { sd_m_s, age_s, latitude_rad, ..self })
+    }
+
     /// Speed over ground, m/s.
     pub fn speed_m_s(&self) -> f64 {
         libm::hypot(self.velocity_m_s.x, self.velocity_m_s.y)

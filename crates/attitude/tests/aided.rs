@@ -46,6 +46,7 @@ impl Front {
             field_ut: reading.field_ut,
             fix: reading.fix,
             rest_credible: true,
+            rate_credible: true,
         }
     }
 }
@@ -336,7 +337,7 @@ prop_compose! {
         });
         let inclination = force.map(|force| Projector::default().step(&force));
         let fix = fix.map(|(velocity_m_s, sd_m_s, age_s, latitude_rad)| Fix { velocity_m_s, sd_m_s, age_s, latitude_rad });
-        FuserInput { motion, inclination, field_ut, fix, rest_credible }
+        FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible: true }
     }
 }
 

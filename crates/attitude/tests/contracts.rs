@@ -29,6 +29,7 @@ fn truth(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> FuserInput 
         inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
         field_ut: Some(attitude.matrix() * FIELD_UT),
         rest_credible: true,
+        rate_credible: true,
         ..FuserInput::default()
     }
 }
@@ -50,6 +51,7 @@ fn s3() -> Vec<FuserInput> {
             inclination: Some(accel.step(&reading.force_m_s2)),
             field_ut: reading.field_ut.filter(|_| index % 3 == 2),
             rest_credible: true,
+            rate_credible: true,
             ..FuserInput::default()
         }
     };
@@ -282,7 +284,7 @@ proptest! {
                     motion,
                     inclination,
                     field_ut: *field_ut,
-                    rest_credible: *rest_credible,
+                    rest_credible: *rest_credible, rate_credible: true,
                     ..FuserInput::default()
                 };
                 if index == 50 {

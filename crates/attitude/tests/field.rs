@@ -88,6 +88,7 @@ impl World {
             inclination: Some(Projector::default().step(&force_m_s2)),
             field_ut,
             rest_credible: true,
+            rate_credible: true,
             fix: None,
         }
     }

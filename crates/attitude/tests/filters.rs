@@ -48,6 +48,7 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
             inclination: Some(accel.step(&reading.force_m_s2)),
             field_ut: reading.field_ut,
             rest_credible: true,
+            rate_credible: true,
             ..FuserInput::default()
         });
         let e = out.attitude.quaternion() * reading.truth.attitude.quaternion().conjugate();

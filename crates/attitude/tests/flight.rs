@@ -43,6 +43,7 @@ impl Chain {
             field_ut: None,
             fix,
             rest_credible: true,
+            rate_credible: true,
         })
     }
 }

@@ -42,6 +42,7 @@ impl Chain {
             field_ut: None,
             fix: reading.fix,
             rest_credible: true,
+            rate_credible: true,
         });
         let course = self.course.step(&CourseInput {
             attitude: fused.attitude,
@@ -365,7 +366,7 @@ proptest! {
                     inclination: feels.then(|| chain.accel.step(&finite(*force, 15.0))),
                     field_ut: None,
                     fix: fixes.then_some(fix),
-                    rest_credible: *still,
+                    rest_credible: *still, rate_credible: true,
                 });
                 prop_assert_eq!(chain.fuser.flaw(), None);
                 chain.fuser.common().attitude.angles();

@@ -45,6 +45,7 @@ impl Chain {
             motion: Some(motion),
             inclination: Some(inclination),
             rest_credible: true,
+            rate_credible: true,
             ..FuserInput::default()
         };
         (motion.attitude, self.fuser.step(&input))

@@ -3,7 +3,8 @@
 //! Input: a script. Output: the script with one fault from [`BEGIN_S`] on. Time: the ticks' own. Failure: none.
 //!
 //! A stage stands behind ingest, which makes stamps grow and values finite; so a stamp that stands, repeats or runs backward is an
-//! interval of zero here, a leap is an interval of up to `BRIDGE_S`, and a value that is not a number is a missing one.
+//! interval of zero here, and a leap is an interval of up to `BRIDGE_S`. A value that is not a number is handed over as it is, for
+//! a stage may be used without ingest: to the stage it is a missing one.
 
 use attitude::{GRAVITY_M_S2, Vector3};
 
@@ -18,6 +19,8 @@ const RATE_RANGE_RAD_S: f64 = 34.906_585;
 /// The end of an accelerometer's range, m/s²: 16 g.
 const FORCE_RANGE_M_S2: f64 = 16.0 * GRAVITY_M_S2;
 const LATERAL_M_S2: f64 = 10.0;
+/// What is not a number.
+const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 
 /// One fault.
 #[derive(Debug, Clone, Copy)]
@@ -74,7 +77,7 @@ macro_rules! catalogue {
 
 catalogue! {
     "gyro stuck" for 3.0: |ticks, last| each(ticks, |_, tick| {
-        (tick.rate_rad_s, tick.rest_credible) = (last.rate_rad_s, false);
+        (tick.rate_rad_s, tick.rest_credible, tick.rate_credible) = (last.rate_rad_s, false, false);
     });
     "accelerometer stuck" for 3.0: |ticks, last| each(ticks, |_, tick| {
         (tick.force_m_s2, tick.rest_credible) = (last.force_m_s2, false);
@@ -105,6 +108,7 @@ catalogue! {
     "leaping stamps" for 1.0: |ticks, _| each(ticks, |i, tick| tick.dt_s = if i % 2 == 0 { BRIDGE_S } else { 1e-9 });
     "gyro clipped" for 1.0: |ticks, _| each(ticks, |_, tick| {
         tick.rate_rad_s = tick.rate_rad_s.map(|rate| Vector3::new(rate.x, rate.y, RATE_RANGE_RAD_S));
+        tick.rate_credible = false;
     });
     "accelerometer clipped" for 1.0: |ticks, _| each(ticks, |_, tick| {
         tick.force_m_s2 = tick.force_m_s2.map(|force| Vector3::new(FORCE_RANGE_M_S2, force.y, -FORCE_RANGE_M_S2));
@@ -150,6 +154,17 @@ catalogue! {
         tick.field_ut = tick.field_ut.map(|field| field + Vector3::new(100.0, -30.0, 0.0));
     });
     "no magnetic field" for 2.0: |ticks, _| each(ticks, |_, tick| tick.field_ut = tick.field_ut.map(|_| Vector3::zeros()));
+    "rate not a number" for 0.1: |ticks, _| each(ticks, |i, tick| tick.rate_rad_s = Some(not_finite(i)));
+    "force not a number" for 0.1: |ticks, _| each(ticks, |i, tick| tick.force_m_s2 = Some(not_finite(i)));
+    "interval not a number" for 0.03: |ticks, _| each(ticks, |i, tick| tick.dt_s = NOT_FINITE[i % 3]);
+    "field not a number" for 2.0: |ticks, _| each(ticks, |i, tick| tick.field_ut = Some(not_finite(i)));
+    "fix not a number" for 2.0: |ticks, _| each(ticks, |i, tick| {
+        if let Some(fix) = &mut tick.fix {
+            let x = NOT_FINITE[i / 20 % 3];
+            (fix.sd_m_s, fix.age_s, fix.latitude_rad) = (Some(x), Some(x), Some(x));
+            fix.velocity_m_s = if i % 40 == 0 { not_finite(i) } else { fix.velocity_m_s };
+        }
+    });
     "a wrong velocity" for 2.0: |ticks, _| each(ticks, |i, tick| {
         let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
         if let Some(fix) = &mut tick.fix {
@@ -157,6 +172,13 @@ catalogue! {
             fix.sd_m_s = Some(0.0);
         }
     });
+}
+
+/// A vector with one component that is not finite.
+fn not_finite(i: usize) -> Vector3<f64> {
+    let mut vector = Vector3::new(0.1, 0.2, 0.3);
+    vector[i % 3] = NOT_FINITE[i / 3 % 3];
+    vector
 }
 
 /// Falling, or fallen and not stopped, for so long.
@@ -192,7 +214,7 @@ mod tests {
     #[test]
     fn no_stage_is_told_an_interval_beyond_the_bridge() {
         for tick in CATALOGUE.iter().flat_map(|fault| fault.put_in(&S1).ticks) {
-            assert!((0.0..=BRIDGE_S).contains(&tick.dt_s), "{tick:?}");
+            assert!((0.0..=BRIDGE_S).contains(&tick.dt_s) || !tick.dt_s.is_finite(), "{tick:?}");
         }
     }
 }

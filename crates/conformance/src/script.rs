@@ -33,6 +33,8 @@ pub struct Tick {
     pub fix: Option<Fix>,
     /// Gyro and accelerometer are alive.
     pub rest_credible: bool,
+    /// The gyro is alive and within its range.
+    pub rate_credible: bool,
     /// The true attitude.
     pub truth: Attitude,
 }
@@ -88,6 +90,7 @@ impl Script {
                 field_ut,
                 fix,
                 rest_credible: true,
+                rate_credible: true,
                 truth,
             }
         };

@@ -1,7 +1,7 @@
 //! What the kit must know of a slot to test whatever stage fills it.
 
 use attitude::{
-    Complex, Quaternion, Vector3,
+    Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
     fuser::{Estimate, Fused, Fuser, FuserInput},
@@ -86,7 +86,7 @@ impl Slot for GyroSlot {
             waited_s += tick.dt_s;
             let rate_rad_s = tick.rate_rad_s?;
             let dt_s = std::mem::take(&mut waited_s);
-            let dt_s = if dt_s <= BRIDGE_S { dt_s } else { 0.0 };
+            let dt_s = if dt_s.is_finite() && dt_s > BRIDGE_S { 0.0 } else { dt_s };
             Some((i, RateSample { rate_rad_s, dt_s, kind: RateKind::Instant }))
         };
         script.ticks.iter().enumerate().filter_map(sample).collect()
@@ -165,6 +165,24 @@ impl Slot for AccelSlot {
     }
 }
 
+/// At rest, level.
+const UP: Inclination = Inclination {
+    up: Point { w: Complex::new(0.0, 0.0), chart: Chart::Upright },
+    force_m_s2: Vector3::new(0.0, 0.0, GRAVITY_M_S2),
+    norm_m_s2: GRAVITY_M_S2,
+    trust: 1.0,
+};
+
+fn is_finite(vector: &Vector3<f64>) -> bool {
+    vector.iter().all(|component| component.is_finite())
+}
+
+/// The motion with what the tick has that is not a number: what a careless stage before would hand on.
+fn as_read(motion: Motion, tick: &Tick) -> Motion {
+    let rate_rad_s = tick.rate_rad_s.filter(|rate| !is_finite(rate)).unwrap_or(motion.rate_rad_s);
+    Motion { rate_rad_s, dt_s: if tick.dt_s.is_finite() { motion.dt_s } else { tick.dt_s }, ..motion }
+}
+
 impl Slot for FuserSlot {
     type Input = FuserInput;
     type Output = Fused;
@@ -186,14 +204,18 @@ impl Slot for FuserSlot {
             let sample = motions.next_if(|(place, _)| *place == i);
             let motion = gyro.as_mut().zip(sample).map(|(gyro, (_, sample))| gyro.step(&sample));
             let motion = motion.filter(|motion| run::flaw::<GyroSlot>(motion).is_none());
+            let motion = motion.map(|motion| as_read(motion, tick));
             let usable = tick.force_m_s2.filter(|force| force.norm() >= FORCE_MIN_M_S2 && force.norm().is_finite());
             let inclination = projector.as_mut().zip(usable).map(|(projector, force)| projector.step(&force));
+            let bad = tick.force_m_s2.filter(|force| !is_finite(force));
+            let inclination = inclination.or_else(|| Some(Inclination { force_m_s2: bad?, ..UP }));
             let input = FuserInput {
                 motion,
                 inclination,
                 field_ut: tick.field_ut,
                 fix: tick.fix,
                 rest_credible: tick.rest_credible,
+                rate_credible: tick.rate_credible,
             };
             (i, input)
         };

@@ -34,6 +34,7 @@ pub struct Step {
     field_ut: Option<Vector3<f64>>,
     fix: Option<Fix>,
     is_force_good: bool,
+    is_rate_good: bool,
 }
 
 impl Step {
@@ -48,6 +49,7 @@ impl Step {
             field_ut: mag.and_then(|mag| mag.field_ut()),
             fix: gnss.and_then(|gnss| gnss.fix()),
             is_force_good: !flags.any(Flags::FORCE_INVALID),
+            is_rate_good: !flags.any(Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::RATE_CLIPPED),
         }
     }
 }
@@ -74,6 +76,7 @@ fn mean_ns(steps: &[Step], mut stages: Stages) -> f64 {
             field_ut: step.field_ut,
             fix: step.fix,
             rest_credible: step.is_force_good,
+            rate_credible: step.is_rate_good,
         });
         black_box(fused);
     }

@@ -223,8 +223,10 @@ impl FuserSlot {
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
         let rest_credible = !header.flags.any(suspect);
+        let rate_credible = !is_blind(&header);
         let (field_ut, fix) = self.aiding(&mut header);
-        let fused = self.step(&FuserInput { motion, inclination, field_ut, fix, rest_credible }, &mut header);
+        let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
+        let fused = self.step(&input, &mut header);
         Some(FusedState {
             header,
             w: pair(fused.attitude.up.w),
@@ -264,15 +266,15 @@ impl FuserSlot {
         Some(Inclination { up: accel.point()?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
     }
 
-    /// The gyro is back after a time without a rate, and the body has turned away from what the attitude followed.
+    /// The gyro is back after a time without a rate, or after a gap, and the body has turned away from what the attitude followed.
     fn is_astray(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
-        if header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING) {
+        if is_blind(header) {
             self.blind_s += header.dt_s();
             return false;
         }
-        inclination.is_some_and(|inclination| {
-            std::mem::take(&mut self.blind_s) > BLIND_S && innovation_rad(inclination, self.attitude) > ASTRAY_RAD
-        })
+        let blind_s = std::mem::take(&mut self.blind_s).max(header.dt_s());
+        inclination
+            .is_some_and(|inclination| blind_s > BLIND_S && innovation_rad(inclination, self.attitude) > ASTRAY_RAD)
     }
 
     /// One step of the stage. A stage that leaves the finite numbers is replaced by a fresh one.
@@ -310,6 +312,11 @@ impl FuserSlot {
         }
         Some(motion)
     }
+}
+
+/// The motion is not what the body did.
+fn is_blind(header: &Header) -> bool {
+    header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING)
 }
 
 fn is_finite(fused: &Fused) -> bool {

@@ -10,7 +10,7 @@
 //! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation measuring systems with
 //! three-component accelerometers (matrix and quaternion methods).
 
-use super::{FORCE_MIN_M_S2, Inclination, trust};
+use super::{FORCE_MIN_M_S2, Inclination, finite, trust};
 use crate::{
     Quaternion, Vector3,
     point::Point,
@@ -81,11 +81,12 @@ impl Stage for Inclinometer {
     }
 
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
+        let force_m_s2 = finite(force_m_s2);
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
         let usable = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
-        let seen = usable.then(|| self.method.point(*force_m_s2)).flatten();
+        let seen = usable.then(|| self.method.point(force_m_s2)).flatten();
         self.up = seen.unwrap_or(self.up);
-        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust: trust(norm_m_s2, seen.is_some()) }
+        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, seen.is_some()) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

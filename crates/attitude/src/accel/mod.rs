@@ -1,7 +1,7 @@
 //! Accelerometer stages: from the specific force to the point where up seems to be.
 //!
 //! Input: specific force in body axes. Output: the point w_acc, with |w_acc| ≤ 1 in one of the charts. Time: none.
-//! Failure: a force without a direction keeps the last point and is given no trust.
+//! Failure: a force without a direction keeps the last point and is given no trust; one that is not finite is none.
 //!
 //! | stage | what it is |
 //! | --- | --- |
@@ -109,4 +109,10 @@ impl Stage for Accelerometer {
 fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let off = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();
     if used { (1.0 - off).max(0.0) } else { 0.0 }
+}
+
+/// The force; none where it is not finite.
+#[inline]
+fn finite(force_m_s2: &Vector3<f64>) -> Vector3<f64> {
+    if force_m_s2.iter().all(|component| component.is_finite()) { *force_m_s2 } else { Vector3::zeros() }
 }

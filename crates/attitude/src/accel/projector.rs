@@ -1,6 +1,6 @@
 //! The accelerometer stage `projector`.
 
-use super::{FORCE_MIN_M_S2, Inclination, trust};
+use super::{FORCE_MIN_M_S2, Inclination, finite, trust};
 use crate::{
     Vector3,
     point::Point,
@@ -26,12 +26,13 @@ impl Stage for Projector {
 
     #[inline]
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
+        let force_m_s2 = finite(force_m_s2);
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
         let known = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
         if known {
-            self.up = Point::of_known_norm(*force_m_s2, norm_m_s2);
+            self.up = Point::of_known_norm(force_m_s2, norm_m_s2);
         }
-        Inclination { up: self.up, force_m_s2: *force_m_s2, norm_m_s2, trust: trust(norm_m_s2, known) }
+        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, known) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

@@ -163,7 +163,7 @@ impl Stage for OfTrack {
             self.turn_rate_rad_s += (rate_rad_s - self.turn_rate_rad_s) * (input.dt_s / TURN_MEAN_S).min(1.0);
         }
         self.gyroscopic_rad = gyroscopic_rad;
-        let dt_s = input.dt_s.clamp(0.0, 1.0);
+        let dt_s = if input.dt_s.is_finite() { input.dt_s.clamp(0.0, 1.0) } else { 0.0 };
         self.since_track_s += dt_s;
         self.drift_sd_rad = (self.drift_sd_rad + self.settings.drift_deg_s.to_radians() * dt_s).min(PI);
         if bearing.reference != Reference::Arbitrary {
@@ -171,7 +171,7 @@ impl Stage for OfTrack {
         }
         let level_enough = libm::fabs(angles.pitch_rad) < super::GIMBAL_RAD;
         let tells = |fix: &&Fix| (self.settings.track_speed_m_s..SPEED_LIMIT_M_S).contains(&fix.speed_m_s());
-        if let Some(fix) = input.fix.as_ref().filter(tells).filter(|_| level_enough) {
+        if let Some(fix) = input.fix.and_then(Fix::finite).as_ref().filter(tells).filter(|_| level_enough) {
             aligned |= self.follow(fix, gyroscopic_rad);
         }
         if self.known {

@@ -2,7 +2,7 @@
 //!
 //! Input: what the slot is offered at a tick, any part of which may be missing. Output: the fused attitude with the bias of the
 //! gyro, the innovation and standard deviations. Time: the motion's interval. Failure: without a motion the attitude is held,
-//! without an inclination it follows the gyro.
+//! without an inclination it follows the gyro; what is not a finite number is missing.
 //!
 //! | stage | what it is |
 //! | --- | --- |
@@ -17,6 +17,7 @@
 
 pub mod aided;
 mod compass;
+mod finite;
 pub mod levelling;
 pub mod madgwick;
 mod spread;
@@ -61,6 +62,8 @@ pub struct FuserInput {
     pub fix: Option<Fix>,
     /// Gyro and accelerometer are alive, so that stillness means rest.
     pub rest_credible: bool,
+    /// The motion is what the body did: its rate is neither missing nor stuck nor at the end of the gyro's range.
+    pub rate_credible: bool,
 }
 
 /// What a fuser knows after a tick.

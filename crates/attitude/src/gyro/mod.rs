@@ -1,7 +1,8 @@
 //! Gyro stages: from the rate to an open-loop attitude and the exact rotation of each step.
 //!
 //! Input: the body rate and the length of the interval. Output: the integrated attitude, and the turn (p, s) that a fuser applies
-//! to its own state. Time: the interval. Failure: none; the attitude drifts with the gyro's bias, without bound.
+//! to its own state. Time: the interval; one that is not finite or below zero is none. Failure: a rate that is not finite is that of
+//! the sample before; the attitude drifts with the gyro's bias, without bound.
 
 mod coning;
 
@@ -127,8 +128,11 @@ impl Stage for Gyro {
 
     #[inline]
     fn step(&mut self, sample: &RateSample) -> Motion {
-        let dt_s = sample.dt_s;
-        let after = sample.rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
+        let in_time = sample.dt_s >= 0.0 && sample.dt_s.is_finite();
+        let dt_s = if in_time { sample.dt_s } else { 0.0 };
+        let number = sample.rate_rad_s.iter().all(|component| component.is_finite());
+        let rate_rad_s = if number { sample.rate_rad_s } else { self.rate_before_rad_s };
+        let after = rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         let before = match sample.kind {
             RateKind::Instant if self.started => self.rate_before_rad_s,
             _ => after,
@@ -142,7 +146,7 @@ impl Stage for Gyro {
                 turn
             }
             Method::MobiusConing => {
-                let rotation = self.coning.step(&RateSample { rate_rad_s: after, ..*sample });
+                let rotation = self.coning.step(&RateSample { rate_rad_s: after, dt_s, ..*sample });
                 mean = rotation.mean_rate_rad_s;
                 let turn = Turn::of_rotation_vector(rotation.vector_rad);
                 self.attitude = from.turned(turn).attitude;

@@ -69,6 +69,7 @@ pub(crate) fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
             inclination: Some(accel.step(&row.force_m_s2)),
             field_ut: magnetic.then_some(row.field_ut),
             rest_credible: true,
+            rate_credible: true,
             ..FuserInput::default()
         });
         let Some(truth) = row.scored else { continue };

@@ -131,6 +131,7 @@ impl Chain {
             inclination: Some(self.accel.step(&Vector3::from(row.force_m_s2))),
             field_ut: row.field_ut.map(Vector3::from),
             rest_credible: true,
+            rate_credible: true,
             fix: None,
         })
     }

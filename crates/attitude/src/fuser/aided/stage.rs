@@ -32,6 +32,8 @@ impl Stage for Aided {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let (false, Some(inclination)) = (self.started, &input.inclination) {

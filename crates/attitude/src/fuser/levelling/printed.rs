@@ -120,6 +120,8 @@ impl Stage for Levelling {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);

@@ -181,6 +181,8 @@ impl Stage for Madgwick {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let field = input.field_ut.and_then(field_direction);
         let seen = Seen {

@@ -133,6 +133,8 @@ impl Stage for Vqf {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let mut innovation = 0.0;
         if let Some(motion) = &input.motion {

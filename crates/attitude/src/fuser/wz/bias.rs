@@ -28,7 +28,9 @@ const WALK_BY_RATE: f64 = 2e-4;
 const TILT_WALK_RAD: f64 = 5e-4;
 /// Standard deviation of the bias found at rest, rad/s.
 const SD_REST_RAD_S: f64 = 5e-4;
-/// Standard deviation of the first level, rad: a vehicle that accelerates by 1 m/s² at that moment.
+/// Standard deviation of the first level, rad: a hand that swings the body, by 3 m/s² at that moment.
+const SD_FIRST_RAD: f64 = 0.3;
+/// Standard deviation of a level that was found, rad: a vehicle that accelerates by 1 m/s² at that moment.
 const SD_LEVEL_RAD: f64 = 0.1;
 /// Least noise of the levelled force over g.
 const FORCE_SD_MIN: f64 = 1e-3;
@@ -59,6 +61,7 @@ pub(super) struct BiasFilter {
     /// Since the last update.
     drift_s: [Complex<f64>; 3],
     force_dt_m_s: Complex<f64>,
+    length_dt_m_s: f64,
     since_update_s: f64,
     tilt_sd_rad: f64,
     noise: Noise,
@@ -76,14 +79,14 @@ struct Noise {
 
 impl Default for BiasFilter {
     fn default() -> Self {
-        Self::of(Vector3::zeros(), SD_MAX_RAD_S, SD_LEVEL_RAD)
+        Self::of(Vector3::zeros(), SD_MAX_RAD_S, SD_FIRST_RAD)
     }
 }
 
 impl BiasFilter {
     /// Begins with a bias and a level of these standard deviations.
     pub(super) fn of(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
-        let (bias_sd, level_sd) = (bias_sd_rad_s.min(SD_MAX_RAD_S), level_sd_rad.min(SD_LEVEL_RAD));
+        let (bias_sd, level_sd) = (bias_sd_rad_s.min(SD_MAX_RAD_S), level_sd_rad.min(SD_FIRST_RAD));
         Self {
             bias_rad_s,
             tilt_rad: Complex::new(0.0, 0.0),
@@ -94,6 +97,7 @@ impl BiasFilter {
             tilt_share: [1.0, 0.0],
             drift_s: [Complex::new(0.0, 0.0); 3],
             force_dt_m_s: Complex::new(0.0, 0.0),
+            length_dt_m_s: 0.0,
             since_update_s: 0.0,
             tilt_sd_rad: level_sd,
             noise: Noise::before(),
@@ -133,10 +137,11 @@ impl BiasFilter {
         }
     }
 
-    /// The integral of the levelled force over `dt_s`.
+    /// The integral of the levelled force over `dt_s`, and the length of the force.
     #[inline]
-    pub(super) fn saw(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
+    pub(super) fn saw(&mut self, force_dt_m_s: Complex<f64>, length_m_s2: f64, dt_s: f64) {
         self.force_dt_m_s += force_dt_m_s;
+        self.length_dt_m_s += length_m_s2 * dt_s;
         self.since_update_s += dt_s;
     }
 
@@ -165,6 +170,7 @@ impl BiasFilter {
         let interval_s = self.since_update_s;
         let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
         let drift = core::mem::take(&mut self.drift_s).map(|axis_s| -J * axis_s);
+        let length = core::mem::take(&mut self.length_dt_m_s) / (GRAVITY_M_S2 * interval_s);
         self.force_dt_m_s = Complex::new(0.0, 0.0);
         self.since_update_s = 0.0;
         let walk2 = WALK_RAD_S * WALK_RAD_S + WALK_BY_RATE * WALK_BY_RATE * rate_rad_s.norm_squared();
@@ -174,10 +180,11 @@ impl BiasFilter {
         // The force is that of the middle of the interval.
         let innovation = force - self.tilt_rad + leaned_rad * 0.5;
         self.tilt_rad -= leaned_rad;
-        if let Some(wrong_rad) = self.doubt.saw(innovation, interval_s) {
+        if let Some(wrong_rad) = self.doubt.saw(innovation, force, length, interval_s) {
             return self.begin_anew(wrong_rad, velocity_s);
         }
-        let variance = self.noise.variance(innovation, interval_s);
+        let known = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
+        let variance = self.noise.variance(innovation, interval_s, known);
         let mut change = self.update_by(0, innovation.re, variance);
         change += self.update_by(1, innovation.im - change[1], variance);
         if let Some(bias_rad_s) = bias_at_rest {
@@ -294,8 +301,11 @@ impl Noise {
         }
     }
 
-    /// The variance that one innovation stands for, were the next independent of it.
-    fn variance(&mut self, innovation: Complex<f64>, interval_s: f64) -> f64 {
+    /// The variance that one innovation stands for, were the next independent of it, on a tilt of the variance `known`.
+    ///
+    /// Before the memory is full a first level taken in motion is part of the innovations, and they cannot tell it from noise. There
+    /// the level is at least the mean of what was seen: a gain of 1/(1 + number of updates).
+    fn variance(&mut self, innovation: Complex<f64>, interval_s: f64, known: f64) -> f64 {
         self.memory_s = (self.memory_s + interval_s).min(INNOVATION_MEMORY_S);
         let share = (interval_s / self.memory_s).min(1.0);
         let square = 0.5 * innovation.norm_sqr();
@@ -306,7 +316,12 @@ impl Noise {
         // The mean of a sequence whose neighbours correlate by ρ varies by (1 + ρ)/(1 − ρ) as much as if they did not.
         let (together, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
         let alike = if together < ALIKE_MAX * apart { (together / apart).max(1.0) } else { ALIKE_MAX };
-        FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * alike).max(square / OUTLIER2)
+        let variance = FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * alike).max(square / OUTLIER2);
+        if self.memory_s < INNOVATION_MEMORY_S {
+            variance.min(known * (self.memory_s - MEMORY_BEFORE_S) / interval_s)
+        } else {
+            variance
+        }
     }
 }
 
@@ -322,6 +337,7 @@ impl Numbers for BiasFilter {
         self.tilt_share.iter_mut().for_each(&mut *visit);
         self.drift_s.iter_mut().for_each(|drift_s| drift_s.visit(visit));
         self.force_dt_m_s.visit(visit);
+        self.length_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);
         self.tilt_sd_rad.visit(visit);
         self.noise.mean_square.visit(visit);

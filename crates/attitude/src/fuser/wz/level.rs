@@ -15,6 +15,9 @@ use crate::{
 /// From the velocity, m/s, to half the tilt rate, rad/s.
 const HALF_TILT_RATE: f64 = 0.5 / (GRAVITY_M_S2 * T1_S * T2_S);
 
+/// A change of the level that is a jump, rad: 0.5°; the loop's own lean may come beside it.
+const JUMP_RAD: f64 = 0.008_726_646;
+
 /// The attitude and the velocity of the levelling loop.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Level {
@@ -78,6 +81,12 @@ impl Level {
         self.started
     }
 
+    /// What the velocity was gathered on is no longer the level.
+    #[cold]
+    pub(super) fn forget_velocity(&mut self) {
+        (self.velocity_m_s, self.velocity_before_m_s) = (Complex::new(0.0, 0.0), Complex::new(0.0, 0.0));
+    }
+
     /// The next inclination sets the level anew.
     pub(super) fn restart(&mut self) {
         *self = Self { started: false, ..Self::of(self.attitude) };
@@ -112,11 +121,16 @@ impl Level {
         (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE * T1_S)
     }
 
-    /// Takes a known error back, the tilt with the next turn.
-    pub(super) fn take_back(&mut self, error: Error) {
+    /// Takes a known error back, the tilt with the next turn, or at once where that is a jump, which is told.
+    pub(super) fn take_back(&mut self, error: Error) -> bool {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
         self.velocity_before_m_s = self.velocity_m_s;
         self.pending += error.tilt * 0.5;
+        let jumps = error.tilt.norm_sqr() > JUMP_RAD * JUMP_RAD;
+        if jumps {
+            self.turn(Turn::NONE, 0.0);
+        }
+        jumps
     }
 
     fn moved(&mut self, moved: Moved) {

@@ -36,6 +36,8 @@ use {
 const T1_S: f64 = 3.0;
 /// Time constant of the tilt, s.
 const T2_S: f64 = 2.0;
+/// The longest interval over which a rate tells the turn of a body that moves as it likes, s.
+const TOLD_BY_RATE_S: f64 = 0.1;
 /// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
 const FORCE_MAX_M_S2: f64 = 3000.0;
 
@@ -46,11 +48,22 @@ pub struct Wz {
     bias: BiasFilter,
     rest: Rest,
     heading: Heading,
+    /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
+    interval_s: f64,
+    /// For how long nobody has seen the body turn, s.
+    blind_s: f64,
 }
 
 impl Default for Wz {
     fn default() -> Self {
-        Self { level: Level::new(), bias: BiasFilter::default(), rest: Rest::default(), heading: Heading::default() }
+        Self {
+            level: Level::new(),
+            bias: BiasFilter::default(),
+            rest: Rest::default(),
+            heading: Heading::default(),
+            interval_s: 0.0,
+            blind_s: 0.0,
+        }
     }
 }
 
@@ -72,14 +85,35 @@ impl Wz {
         self.heading.realign();
     }
 
-    /// What is done once in a while: the bias, and what it takes back.
+    /// After a time in which nobody saw the body turn its level is as unknown as a first one; the bias stays.
+    #[inline]
+    fn see_again(&mut self, blind_s: f64) {
+        if blind_s > 0.0 {
+            self.blind_s = (self.blind_s + blind_s).min(1.0);
+        } else if core::mem::take(&mut self.blind_s) > TOLD_BY_RATE_S {
+            self.bias.restart();
+            self.level.forget_velocity();
+        }
+    }
+
+    /// For how long of a tick nobody saw the body turn, s.
+    #[inline]
+    fn blind_s(&mut self, input: &FuserInput) -> f64 {
+        let Some(motion) = &input.motion else { return self.interval_s };
+        if motion.dt_s > 0.0 {
+            self.interval_s = motion.dt_s.min(TOLD_BY_RATE_S);
+        }
+        if input.rate_credible && motion.dt_s <= TOLD_BY_RATE_S { 0.0 } else { motion.dt_s }
+    }
+
+    /// What is done once in a while: the bias, and what it takes back. The level jumps.
     #[inline(never)]
-    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) {
+    fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
         let (interval_s, force_dt_m_s) = self.bias.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
         let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
-        self.level.take_back(error);
+        self.level.take_back(error)
     }
 }
 
@@ -102,11 +136,15 @@ impl Stage for Wz {
 
     #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
         let (turn, rate_rad_s, dt_s) = match &input.motion {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
             None => (Turn::NONE, Vector3::zeros(), 0.0),
         };
+        let blind_s = self.blind_s(input);
+        self.see_again(blind_s);
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
@@ -120,7 +158,7 @@ impl Stage for Wz {
                 innovation_rad = angle_rad(&axes, inclination, force_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.follow(force_dt_m_s, dt_s);
-                self.bias.saw(force_dt_m_s, dt_s);
+                self.bias.saw(force_dt_m_s, inclination.norm_m_s2, dt_s);
                 self.rest.saw(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
@@ -132,7 +170,7 @@ impl Stage for Wz {
             self.rest.interrupt();
         }
         if let (Some(inclination), true) = (inclination, self.bias.is_due()) {
-            self.update(rate_rad_s, inclination.force_m_s2);
+            corrections.aligned |= self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
         corrections.rest = self.rest.is_found();
@@ -146,6 +184,7 @@ impl Stage for Wz {
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
+            blind_s,
         };
         let news = self.heading.step(&sighting);
         corrections.magnetic = news.magnetic;
@@ -168,10 +207,14 @@ impl Stage for Wz {
         self.bias.visit(visit);
         self.rest.visit(visit);
         self.heading.visit(visit);
+        self.interval_s.visit(visit);
+        self.blind_s.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw()).or_else(|| self.heading.flaw())
+        let interval = (self.interval_s < 0.0 || self.blind_s < 0.0).then_some("an interval below zero");
+        let parts = self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw());
+        parts.or_else(|| self.heading.flaw()).or(interval)
     }
 
     fn common(&self) -> Estimate {

@@ -65,6 +65,8 @@ pub(super) struct Contest {
     age_s: f64,
     accepted_s: f64,
     rejected_s: f64,
+    /// North was lost, and what was found since has not been outside the gate for long.
+    lost: bool,
 }
 
 impl Contest {
@@ -80,6 +82,7 @@ impl Contest {
             age_s: 0.0,
             accepted_s: 0.0,
             rejected_s: 0.0,
+            lost: false,
         };
         contest.challenge();
         contest
@@ -97,9 +100,15 @@ impl Contest {
         self.each(|filter| filter.predict(passage));
     }
 
-    /// The gyro's heading is of no use beyond this variance.
+    /// The gyro's heading may have turned by this variance more.
     pub(super) fn loosen(&mut self, variance_rad2: f64) {
         self.each(|filter| filter.turn_walk(variance_rad2));
+    }
+
+    /// North may be anywhere.
+    pub(super) fn lose_direction(&mut self) {
+        self.each(Filter::lose_direction);
+        (self.accepted_s, self.rejected_s, self.lost) = (0.0, 0.0, true);
     }
 
     /// The gyro's bias was seen at rest for the first time: what had drifted before says nothing about what will.
@@ -138,6 +147,11 @@ impl Contest {
             self.rejected_s = 0.0;
             self.challenge();
             replaced = true;
+        } else if self.rejected_s > patience_s && self.lost && beginner {
+            // What the first fields said on a level that was wrong.
+            self.lose_direction();
+            self.lost = false;
+            replaced = true;
         } else if self.rejected_s > patience_s {
             let mut anew = Filter::begun(settings);
             if !beginner {
@@ -174,6 +188,7 @@ impl Numbers for Contest {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.each(|filter| filter.visit(visit));
         let Self { over_main, over_place, failing_s, age_s, accepted_s, rejected_s, .. } = self;
-        [over_main, over_place, failing_s, age_s, accepted_s, rejected_s].into_iter().for_each(visit);
+        [over_main, over_place, failing_s, age_s, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
+        self.lost.visit(visit);
     }
 }

@@ -162,6 +162,13 @@ impl Filter {
         self.p[1][1] += variance_rad2 * x * x;
     }
 
+    /// The horizontal field may point anywhere: open by its own strength in both components, it passes the gate from every side.
+    pub(super) fn lose_direction(&mut self) {
+        let horizontal2 = self.x[E] * self.x[E] + self.x[E + 1] * self.x[E + 1];
+        self.p[E][E] += horizontal2;
+        self.p[E + 1][E + 1] += horizontal2;
+    }
+
     /// Angle that turns the horizontal field to north, rad, and its variance.
     pub(super) fn turn_rad(&self) -> (f64, f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);

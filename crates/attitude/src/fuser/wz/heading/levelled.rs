@@ -23,6 +23,8 @@ const SILENCE_S: f64 = 1.0;
 pub(super) struct Interval {
     /// Its length, s.
     pub(super) duration_s: f64,
+    /// How much of it, or beside it, nobody saw the body turn, s.
+    pub(super) blind_s: f64,
     /// Windows in it that had a field; with none, the means below are zero.
     pub(super) windows: f64,
     /// R'm, µT, reference axes.
@@ -77,16 +79,19 @@ impl Levelled {
         self.samples == 0.0 && self.sums.windows == 0.0
     }
 
-    /// One tick; the interval that ends with it, the samples being `delay_s` late.
+    /// One tick; the interval that ends with it, the samples being `delay_s` late. The first of all is a single window: whoever
+    /// starts waits for a heading.
     #[inline]
     pub(super) fn step(
         &mut self,
         sighting: &Sighting,
         field_ut: Option<Vector3<f64>>,
         delay_s: f64,
+        first: bool,
     ) -> Option<Interval> {
         let dt_s = sighting.dt_s;
         self.window_s += dt_s;
+        self.sums.blind_s += sighting.blind_s;
         self.age_sum_s += self.samples * dt_s;
         let rate_rad_s = sighting.rate_rad_s.map(|rate| rate.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         self.rotation_rad += rate_rad_s * dt_s;
@@ -100,7 +105,11 @@ impl Levelled {
             return None;
         }
         self.end_window(sighting, delay_s);
-        let enough = if self.sums.windows > 0.0 { INTERVAL_S } else { SILENCE_S };
+        let enough = match (self.sums.windows > 0.0, first) {
+            (true, true) => 0.0,
+            (true, false) => INTERVAL_S,
+            (false, _) => SILENCE_S,
+        };
         (self.sums.duration_s >= enough).then(|| self.end_interval(sighting))
     }
 
@@ -150,7 +159,7 @@ impl Levelled {
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
-        let sums = [sums.duration_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
+        let sums = [sums.duration_s, sums.blind_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
         negative.then_some("sums of the levelled field that nothing adds up to")
     }
@@ -179,6 +188,7 @@ impl Numbers for Levelled {
         self.rate_before_rad_s.visit(visit);
         let Interval {
             duration_s,
+            blind_s,
             windows,
             turned_rad,
             field_ut,
@@ -190,6 +200,6 @@ impl Numbers for Levelled {
         } = &mut self.sums;
         let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(turned_rad);
         vectors.for_each(&mut *visit);
-        [duration_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
+        [duration_s, blind_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
     }
 }

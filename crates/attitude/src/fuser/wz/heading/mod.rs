@@ -54,8 +54,12 @@ const SETTLED_RAD: f64 = 4e-4;
 const STILL_RAD_S: f64 = 0.1;
 /// Standard deviation of a heading that says nothing, rad.
 const LOST_RAD: f64 = 1.0;
-/// By how much the gyro's heading may be off after the level was lost, rad.
-const REALIGNED_RAD: f64 = 0.5;
+/// A rate that a body may have while nobody measures it, rad/s: a hand that turns it over.
+const UNKNOWN_RATE_RAD_S: f64 = 3.0;
+/// An unknown turn beyond which the field is no longer linear in it, rad; its direction is open then.
+const LINEAR_RAD: f64 = 0.3;
+/// A heading that is not sure, rad: it jumps to where it is found.
+const UNSURE_RAD: f64 = 0.1;
 /// A change of heading that is a jump, rad: 1°.
 const JUMP_RAD: f64 = 0.017_453_293;
 
@@ -88,6 +92,8 @@ pub(super) struct Sighting {
     pub(super) at_rest: bool,
     /// Length of the tick's interval, s.
     pub(super) dt_s: f64,
+    /// How much of it, or beside it, nobody saw the body turn, s.
+    pub(super) blind_s: f64,
 }
 
 /// What a tick did to the heading.
@@ -181,10 +187,29 @@ impl Heading {
         self.contest.main.x[TAU]
     }
 
-    /// The level was lost, and with it the trust in the gyro's heading.
+    /// The level was lost, and with it the gyro's heading.
     pub(super) fn realign(&mut self) {
         self.levelled = Levelled::default();
-        self.contest.loosen(REALIGNED_RAD * REALIGNED_RAD);
+        self.lose();
+        self.publish();
+    }
+
+    /// The body may face anywhere, on a level that has to settle.
+    fn lose(&mut self) {
+        self.contest.lose_direction();
+        self.settling_rad = SETTLING_RAD;
+    }
+
+    /// The body has turned while nobody looked. What the interval's field says is of use where all of it was like that: else it is
+    /// the mean of two directions.
+    fn turned_unseen(&mut self, interval: &Interval) -> bool {
+        let turned_rad = UNKNOWN_RATE_RAD_S * interval.blind_s;
+        if turned_rad <= LINEAR_RAD {
+            self.contest.loosen(turned_rad * turned_rad);
+            return true;
+        }
+        self.lose();
+        interval.blind_s >= interval.duration_s
     }
 
     /// One tick.
@@ -194,10 +219,13 @@ impl Heading {
             (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
         };
         let field_ut = sighting.field_ut.filter(readable);
+        if sighting.blind_s > 0.0 {
+            self.sd_rad = libm::hypot(self.sd_rad, UNKNOWN_RATE_RAD_S * sighting.blind_s).min(PI);
+        }
         if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
             return News::default();
         }
-        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU]) {
+        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU], !self.begun) {
             Some(interval) => self.update(&interval),
             None => News::default(),
         }
@@ -209,9 +237,12 @@ impl Heading {
             self.rested = true;
             self.contest.rested();
         }
-        if interval.windows == 0.0 {
-            self.contest.pass(&Passage::of(interval));
-            self.publish();
+        let usable = interval.blind_s == 0.0 || self.turned_unseen(interval);
+        if interval.windows == 0.0 || !usable {
+            if self.begun {
+                self.contest.pass(&Passage::of(interval));
+                self.publish();
+            }
             return News::default();
         }
         let [x, y, z] = interval.field_ut;
@@ -234,9 +265,9 @@ impl Heading {
         self.contest.pass(&Passage::of(interval));
         let outcome = self.contest.judge(interval, &self.settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
-        let before_rad = self.turn_rad;
+        let (before_rad, unsure) = (self.turn_rad, self.sd_rad > UNSURE_RAD);
         self.publish();
-        let aligned = outcome.replaced && libm::fabs(wrapped_rad(self.turn_rad - before_rad)) > JUMP_RAD;
+        let aligned = (outcome.replaced || unsure) && libm::fabs(wrapped_rad(self.turn_rad - before_rad)) > JUMP_RAD;
         News { magnetic: !self.disturbed, aligned }
     }
 
