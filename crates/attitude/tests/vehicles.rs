@@ -1,4 +1,5 @@
-//! `wz` on vehicles that brake, speed up, take off and turn, beside VQF: sustained accelerations are not a wrong level.
+//! `wz` on vehicles that brake, speed up, take off and turn, beside VQF: no jump without a word. The level swings further than
+//! VQF's, for its loop is less damped.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use attitude::{
@@ -48,7 +49,7 @@ fn step_deg(a: Attitude, b: Attitude) -> f64 {
 }
 
 #[test]
-fn accelerations_of_vehicles_tilt_the_level_no_more_than_that_of_vqf() {
+fn accelerations_of_vehicles_make_no_jump_that_is_not_told_and_swing_the_level_little_beyond_that_of_vqf() {
     for Manoeuvre { name, between_s: [from_s, to_s], forward_m_s2, left_m_s2, yaw_rate_rad_s } in MANOEUVRES {
         let mut noise = Sensors::new(Motion::S1, Errors { accel_noise_m_s2: 0.05, ..Errors::default() }, 1);
         let mut gyro = Gyro::named("mobius").unwrap();
