@@ -12,8 +12,9 @@ use rustix::process::Signal;
 fn undisturbed(launch: &str, arguments: &[&str]) -> Vec<u8> {
     let system = System::new(launch);
     let out = system.path("out.csv");
+    let duration = &arguments[..2];
     system
-        .run(&[&["--in-process", "--speed", "max", "--out", out.to_str().unwrap()], arguments].concat())
+        .run(&[&["--in-process", "--speed", "max", "--out", out.to_str().unwrap()], duration].concat())
         .assert_whole();
     fs::read(out).unwrap()
 }

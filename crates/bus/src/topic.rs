@@ -117,7 +117,8 @@ impl Bus {
             };
             attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
         }
-        let everybody = [messages::Health::TOPIC, messages::Checkpoint::TOPIC].contains(&M::TOPIC);
+        let of_everybody = [messages::Health::TOPIC, messages::Checkpoint::TOPIC, messages::Difference::TOPIC];
+        let everybody = of_everybody.contains(&M::TOPIC);
         let publishers = if everybody { EVERYBODY } else { PUBLISHERS };
         self.node
             .service_builder(&name)

@@ -379,6 +379,8 @@ impl<O: Ticked + Comparable> Serving<O> {
             output.wake();
             member.say_at_once();
         }
+        // Who owns the slot is no shadow.
+        self.shadow.take_if(|_| tenure.publishes());
         if let Some(shadow) = &mut self.shadow {
             shadow.compare()?;
         }
