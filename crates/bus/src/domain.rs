@@ -120,8 +120,9 @@ impl Domain {
         format!("plumbline.{}.", self.name)
     }
 
+    /// In memory: iceoryx2 syncs each file that it makes, and a disk would hold up every start for tens of milliseconds.
     fn root(&self) -> PathBuf {
-        PathBuf::from(format!("/tmp/plumbline.{}", self.name))
+        Path::new(SHARED_MEMORY).join(format!("plumbline.{}", self.name))
     }
 
     /// The socket at which the owner of the name answers questions; it goes with the name.

@@ -282,7 +282,7 @@ fn what_a_dead_owner_left_is_removed_by_the_next() {
     for file in ["wake", "0123.service", "4567.publisher"] {
         fs::write(prefix.clone() + file, "old").unwrap();
     }
-    fs::create_dir_all(format!("/tmp/plumbline.{}/services", domain.name())).unwrap();
+    fs::create_dir_all(format!("/dev/shm/plumbline.{}/services", domain.name())).unwrap();
     let claim = domain.claim().unwrap();
     let mut locks = remains(&domain);
     locks.sort();
