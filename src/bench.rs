@@ -2,8 +2,8 @@
 
 use std::{fmt::Display, process::ExitCode};
 
-use campaign::{CampaignError, Kills};
-use clap::Subcommand;
+use campaign::{CampaignError, Kills, Swaps};
+use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use crate::{fail, print};
@@ -13,28 +13,48 @@ use crate::{fail, print};
 pub(crate) enum Bench {
     /// Kill services at random moments; exit code 1 when anything was lost or is not what an undisturbed run gives.
     Kills {
-        /// How many.
-        #[arg(long, default_value_t = 50)]
-        count: u32,
-        /// Of the moments and the services.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Samples per second.
-        #[arg(long, default_value_t = 1000)]
-        rate_hz: u32,
-        /// Threads that take the machine from the system.
-        #[arg(long, default_value_t = 0)]
-        load: u32,
-        /// Print one JSON object.
+        #[command(flatten)]
+        campaign: Campaign,
+    },
+    /// Exchange stages of all slots at random; exit code 1 when one was not committed or anything was lost.
+    Swaps {
+        #[command(flatten)]
+        campaign: Campaign,
+        /// Exchange each stage for itself, which must not change a byte.
         #[arg(long)]
-        json: bool,
+        same: bool,
     },
 }
 
+/// What both have in common.
+#[derive(Args)]
+pub(crate) struct Campaign {
+    /// How many.
+    #[arg(long, default_value_t = 50)]
+    count: u32,
+    /// Of what is done and when.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Samples per second.
+    #[arg(long, default_value_t = 1000)]
+    rate_hz: u32,
+    /// Threads that take the machine from the system.
+    #[arg(long, default_value_t = 0)]
+    load: u32,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
 pub(crate) fn run(bench: &Bench) -> ExitCode {
-    let Bench::Kills { count, seed, rate_hz, load, json } = *bench;
-    let report = Kills { count, seed, rate_hz, load }.run();
-    show(report, json, |report| report.holds())
+    match *bench {
+        Bench::Kills { campaign: Campaign { count, seed, rate_hz, load, json } } => {
+            show(Kills { count, seed, rate_hz, load }.run(), json, |report| report.holds())
+        }
+        Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => {
+            show(Swaps { count, seed, rate_hz, load, same }.run(), json, |report| report.holds())
+        }
+    }
 }
 
 fn show<R: Display + Serialize>(
@@ -47,7 +67,7 @@ fn show<R: Display + Serialize>(
         Ok(report) => {
             let printed =
                 if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&report) };
-            if holds(&report) { printed } else { fail(&"the output is not that of an undisturbed run", 1) }
+            if holds(&report) { printed } else { fail(&"not everything that must hold did", 1) }
         }
         Err(error) => fail(&error, 1),
     }

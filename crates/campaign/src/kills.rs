@@ -59,7 +59,7 @@ impl Kills {
         let mut recovery_ns = times_ns();
         let (outcome, bytes) = {
             let _load = Load::start(load);
-            let mut patient = Patient::start(&name, &text, duration_s, 2 * rate_hz as usize)?;
+            let mut patient = Patient::start(&name, &text, Some(duration_s), 2 * rate_hz as usize)?;
             let mut kills = Vec::new();
             for pause_ms in pauses_ms {
                 patient.watch_until(monotonic_ns() + pause_ms * 1_000_000)?;

@@ -7,6 +7,7 @@
 mod kills;
 mod load;
 mod patient;
+mod swaps;
 
 use std::{io, path::PathBuf};
 
@@ -14,9 +15,10 @@ use bus::BusError;
 use hdrhistogram::Histogram;
 use runtime::Pace;
 use serde::Serialize;
-use supervisor::{Request, UpError};
+use supervisor::{DoorError, Request, UpError};
 
 pub use kills::{Kills, KillsReport};
+pub use swaps::{Swaps, SwapsReport};
 
 /// Why a campaign could not be carried out.
 #[derive(Debug, thiserror::Error)]
@@ -24,6 +26,9 @@ pub enum CampaignError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The system did not answer a request.
+    #[error(transparent)]
+    Door(#[from] DoorError),
     /// The undisturbed run failed.
     #[error("running the same without a disturbance: {0}")]
     Undisturbed(#[from] UpError),

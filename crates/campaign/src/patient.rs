@@ -44,8 +44,8 @@ pub(crate) struct Outcome {
 }
 
 impl Patient {
-    /// Starts the launch file `text` for so long and waits for the first attitude. `buffer` is what its topics hold.
-    pub(crate) fn start(name: &str, text: &str, duration_s: f64, buffer: usize) -> Result<Self, CampaignError> {
+    /// Starts the launch file `text` for so long, or until it is ended, and waits for the first attitude. `buffer` is what its topics hold.
+    pub(crate) fn start(name: &str, text: &str, duration_s: Option<f64>, buffer: usize) -> Result<Self, CampaignError> {
         let system = |doing| move |cause| CampaignError::System { doing, cause };
         let folder = tempfile::tempdir().map_err(system("making a folder"))?;
         let file = folder.path().join("launch.toml");
@@ -56,7 +56,7 @@ impl Patient {
             .arg("up")
             .arg(&file)
             .arg("--json")
-            .args(["--for", &format!("{duration_s}s")])
+            .args(duration_s.iter().flat_map(|duration_s| ["--for".into(), format!("{duration_s}s")]))
             .arg("--out")
             .arg(folder.path().join("attitude.csv"))
             .stdin(Stdio::null())
@@ -127,6 +127,17 @@ impl Patient {
     /// Every attitude seen so far.
     pub(crate) fn outputs(&self) -> &[AttitudeOutput] {
         &self.outputs
+    }
+
+    /// Forgets the attitudes seen so far.
+    pub(crate) fn forget(&mut self) {
+        self.outputs.clear();
+    }
+
+    /// Asks the system to end.
+    pub(crate) fn interrupt(&self) {
+        // One that has ended is found by whoever waits for its end.
+        let _ = Pid::from_raw(self.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
     /// Kills a service; when, ns. One that has not spoken since it was killed last is left alone.

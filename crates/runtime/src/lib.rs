@@ -28,7 +28,7 @@ pub mod words;
 
 pub use join::{Beside, Join, Joined};
 pub use orders::{Orders, Pace, Role};
-pub use service::{Member, Reader, RuntimeError, serve};
+pub use service::{Input, Member, Reader, RuntimeError, serve};
 pub use slot::{EachTick, Sequence, Slot, Work};
 
 /// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.

@@ -141,8 +141,7 @@ impl Member {
             Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
             _ => 0,
         };
-        let inlet = Inlet::starting(next_tick, FIRST_EPOCH, self.orders.lateness_ticks() / 2);
-        Ok(Reader { subscriber: self.subscriber()?, inlet: RefCell::new(inlet) })
+        Ok(Reader::new(self.subscriber()?, next_tick, &self.orders))
     }
 
     /// The decisions about slots.
@@ -213,6 +212,19 @@ pub trait Input<I> {
 pub struct Reader<M: Ticked> {
     subscriber: Subscriber<M>,
     inlet: RefCell<Inlet<M>>,
+}
+
+impl<M: Ticked> Reader<M> {
+    /// Begins with `next_tick`.
+    pub fn new(subscriber: Subscriber<M>, next_tick: u64, orders: &Orders) -> Self {
+        let inlet = Inlet::starting(next_tick, FIRST_EPOCH, orders.lateness_ticks() / 2);
+        Self { subscriber, inlet: RefCell::new(inlet) }
+    }
+
+    /// Hands over what still waits for ticks before it: nothing more comes.
+    pub fn finish(&self, take: &mut dyn FnMut(M)) {
+        self.inlet.borrow_mut().finish(&mut |message, _| take(message));
+    }
 }
 
 impl<I: From<M>, M: Ticked> Input<I> for Reader<M> {

@@ -86,6 +86,13 @@ impl<M: Stamped> Inlet<M> {
         }
     }
 
+    /// Hands over every message that still waits: nothing more comes.
+    pub fn finish(&mut self, deliver: &mut dyn FnMut(M, u64)) {
+        while let Some((_, message)) = self.held.pop_first() {
+            self.deliver(message, deliver);
+        }
+    }
+
     /// The decision under which the message delivered last was published; before the first, the one in force.
     pub fn epoch(&self) -> u32 {
         self.epoch

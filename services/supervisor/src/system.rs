@@ -11,7 +11,7 @@ use std::{
 use bus::{Bus, Claim, Domain, Publisher, Subscriber};
 use launch::Service;
 use messages::{AttitudeOutput, Checkpoint, Credit, Health, Reference, State};
-use runtime::orders::BUFFER_BESIDE;
+use runtime::{Input, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
     Plan, Report, UpError,
@@ -68,7 +68,7 @@ struct Waiting {
 }
 
 struct Ports {
-    attitude: Subscriber<AttitudeOutput>,
+    attitude: Reader<AttitudeOutput>,
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
     checkpoints: Subscriber<Checkpoint>,
@@ -160,6 +160,7 @@ impl System {
             }
         }
         let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
+        self.ports.finish(&mut collector)?;
         collector.finish()?;
         let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
         Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s)) })
@@ -214,7 +215,7 @@ impl System {
     fn wait(&self, lockstep: bool) {
         let round = if self.exchange.is_busy() { ROUND_BUSY } else { ROUND };
         if lockstep {
-            self.ports.attitude.wait(round);
+            Input::<AttitudeOutput>::wait(&self.ports.attitude, round);
         } else {
             self.crew.wait(round);
         }
@@ -268,7 +269,7 @@ impl Ports {
         let bus = Bus::join(domain, "supervisor")?;
         let buffer = plan.orders.buffer_ticks();
         Ok(Self {
-            attitude: bus.subscriber(buffer)?,
+            attitude: Reader::new(bus.subscriber(buffer)?, 0, &plan.orders),
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
             checkpoints: bus.subscriber(BUFFER_BESIDE)?,
@@ -284,9 +285,16 @@ impl Ports {
         Ok(())
     }
 
-    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+    /// What waits for ticks that have not come is counted with them as lost.
+    fn finish(&self, collector: &mut Collector) -> Result<(), UpError> {
         let mut outputs = Vec::new();
-        self.attitude.drain(self.buffer, |output| outputs.push(output))?;
+        self.attitude.finish(&mut |output| outputs.push(output));
+        outputs.iter().try_for_each(|output| collector.attitude(output))
+    }
+
+    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+        let mut outputs: Vec<AttitudeOutput> = Vec::new();
+        self.attitude.drain(self.buffer, &mut |output| outputs.push(output))?;
         // A reference is published before its tick, so those of all these ticks are there.
         self.reference.drain(self.buffer, |reference| collector.reference(reference))?;
         outputs.iter().try_for_each(|output| collector.attitude(output))
