@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `fault` | what the sensors are made to do wrong |
+//! | `program` | stages of the user's own |
 //! | `walk` | reading a table key by key |
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
@@ -16,6 +17,7 @@
 mod fault;
 mod model;
 mod problem;
+mod program;
 mod schema;
 mod sensors;
 mod walk;
@@ -26,3 +28,4 @@ pub use model::{
     Sim, Source, Stage, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems};
+pub use program::Program;

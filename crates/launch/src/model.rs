@@ -5,7 +5,7 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt, path::PathBuf};
 
-use crate::fault::Fault;
+use crate::{fault::Fault, program::Program};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -27,6 +27,8 @@ pub struct Launch {
     pub faults: bool,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
+    /// Programs of the user's own that may fill a slot, by name.
+    pub stages: BTreeMap<String, Program>,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
     pub gyro: Stage,
     /// Which of `attitude::accel::Accelerometer::NAMES` runs.
@@ -68,7 +70,7 @@ pub enum OnLimit {
 /// What fills a slot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
-    /// The stage's name, one of the slot's `NAMES`.
+    /// The stage's name: one of the slot's `NAMES`, or of [`Launch::stages`].
     pub stage: String,
     /// Its parameters that are not to have their defaults, by name.
     pub set: BTreeMap<String, f64>,
@@ -268,6 +270,7 @@ impl Default for Launch {
                 mounting: IDENTITY,
                 faults: Vec::new(),
             },
+            stages: BTreeMap::new(),
             gyro: stage("mobius"),
             accel: stage("projector"),
             fuser: stage("wz"),

@@ -4,6 +4,7 @@ use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
     model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
     problem::{Problem, quoted},
+    program::{Program, programs},
     sensors::{calibration, mounting},
     walk::{self, Section},
 };
@@ -11,7 +12,7 @@ use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
 };
 use scenario::Motion;
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
@@ -19,7 +20,9 @@ impl Launch {
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
-        let mut launch = Self::parse(&path.display().to_string(), &text)?;
+        let folder = std::path::absolute(path.parent().unwrap_or(Path::new("")))
+            .map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
+        let mut launch = Self::parse_in(Some(&folder), &path.display().to_string(), &text)?;
         let Replay { file, gnss, .. } = &mut launch.ingest.replay;
         if let Some(folder) = path.parent() {
             if !file.as_os_str().is_empty() {
@@ -36,11 +39,15 @@ impl Launch {
     ///
     /// A text that is not TOML is not looked into further: what its tables hold is then a guess.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, Problems> {
+        Self::parse_in(None, file_name, text)
+    }
+
+    fn parse_in(folder: Option<&Path>, file_name: &str, text: &str) -> Result<Self, Problems> {
         let mut launch = Self::default();
         let (table, syntax_errors) = DeTable::parse_recoverable(text);
         let mut list: Vec<_> = syntax_errors.iter().map(|error| Problem::syntax(error, text)).collect();
         if list.is_empty() {
-            walk::root(table.get_ref(), &mut list, |section| launch.take(section));
+            walk::root(table.get_ref(), &mut list, |section| launch.take(section, folder));
         }
         if list.is_empty() {
             return Ok(launch);
@@ -49,7 +56,7 @@ impl Launch {
         Err(Problems { file_name: file_name.into(), text: text.into(), list })
     }
 
-    fn take(&mut self, section: &mut Section<'_, '_>) {
+    fn take(&mut self, section: &mut Section<'_, '_>, folder: Option<&Path>) {
         section.text("name", r#"1 to 32 of a-z, 0-9, "_" and "-""#, system_name, &mut self.name);
         services(section, &mut self.services);
         let buffer_taken = section.number("buffer_s", 0.1..=60.0, &mut self.buffer_s);
@@ -66,28 +73,19 @@ impl Launch {
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
-        stage(section, "gyro", Gyro::NAMES, |name| Gyro::named(name).map(|stage| stage.parameters()), &mut self.gyro);
+        programs(section, folder, self);
+        let Self { stages, gyro, accel, fuser, course, .. } = self;
+        stage(section, Service::Gyro, Gyro::NAMES, |name| Some(Gyro::named(name)?.parameters()), stages, gyro);
         stage(
             section,
-            "accel",
+            Service::Accel,
             Accelerometer::NAMES,
-            |name| Accelerometer::named(name).map(|stage| stage.parameters()),
-            &mut self.accel,
+            |name| Some(Accelerometer::named(name)?.parameters()),
+            stages,
+            accel,
         );
-        stage(
-            section,
-            "fuser",
-            Fuser::NAMES,
-            |name| Fuser::named(name).map(|stage| stage.parameters()),
-            &mut self.fuser,
-        );
-        stage(
-            section,
-            "course",
-            Course::NAMES,
-            |name| Course::named(name).map(|stage| stage.parameters()),
-            &mut self.course,
-        );
+        stage(section, Service::Fuser, Fuser::NAMES, |name| Some(Fuser::named(name)?.parameters()), stages, fuser);
+        stage(section, Service::Course, Course::NAMES, |name| Some(Course::named(name)?.parameters()), stages, course);
     }
 }
 
@@ -213,15 +211,18 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
 
 fn stage<const N: usize>(
     section: &mut Section<'_, '_>,
-    slot: &'static str,
+    slot: Service,
     names: [&'static str; N],
     parameters: impl Fn(&str) -> Option<&'static [Parameter]>,
+    programs: &BTreeMap<String, Program>,
     out: &mut Stage,
 ) {
-    section.section(slot, |section| {
-        section.choice("stage", names.map(named), &mut out.stage);
-        let Some(parameters) = parameters(&out.stage) else { return };
+    section.section(slot.name(), |section| {
+        let of_the_slot = programs.iter().filter(|(_, program)| program.slot == slot);
+        let own = of_the_slot.map(|(name, _)| (name.as_str(), name.clone()));
+        section.choice("stage", names.map(named).into_iter().chain(own).collect::<Vec<_>>(), &mut out.stage);
         section.section("set", |section| {
+            let Some(parameters) = parameters(&out.stage) else { return section.numbers(&mut out.set) };
             for Parameter { name, least, most, default, .. } in parameters {
                 let mut value = *default;
                 if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
@@ -249,7 +250,6 @@ fn named(name: &'static str) -> (&'static str, String) {
 mod tests {
     use super::*;
     use crate::{BusSource, Limits, Sim};
-    use std::collections::BTreeMap;
 
     fn problems(text: &str) -> String {
         Launch::parse("launch.toml", text).unwrap_err().to_string()
@@ -352,6 +352,7 @@ mod tests {
                 },
                 ..Launch::default().ingest
             },
+            stages: BTreeMap::new(),
             gyro: stage("rk4"),
             accel: stage("projector"),
             fuser: stage("wz-closed"),
@@ -370,7 +371,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "stages", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
@@ -416,7 +417,7 @@ launch.toml: 2 problems"#;
                 "buffer_s = 1\nlateness_s = 1.0",
                 &["lateness_s = 1 must be less than buffer_s = 1", ":2:14\n", "- the topics hold", "^^^ expected less"],
             ),
-            ("buffer_s = 0.5", &["lateness_s = 0.5 must be less", ":1:12\n", "^^^ expected more than 0.5"]),
+            ("buffer_s = 0.5", &["lateness_s = 1 must be less", ":1:12\n", "^^^ expected more than 1"]),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
                 &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service runs exactly once"],

@@ -1,7 +1,10 @@
 //! Reading a table key by key: what is allowed is written over the default, what is not becomes a problem.
 
 use crate::problem::Problem;
-use std::ops::{Range, RangeInclusive};
+use std::{
+    collections::BTreeMap,
+    ops::{Range, RangeInclusive},
+};
 use toml::{
     Spanned,
     de::{DeInteger, DeTable, DeValue},
@@ -11,7 +14,7 @@ use toml::{
 pub(crate) struct Section<'t, 'p> {
     path: String,
     table: &'t DeTable<'t>,
-    known: Vec<&'static str>,
+    known: Vec<&'t str>,
     problems: &'p mut Vec<Problem>,
 }
 
@@ -55,8 +58,50 @@ impl<'t> Section<'t, '_> {
         }
     }
 
+    /// A table of tables under names that the file chooses; `read` is also given the name and where it stands.
+    pub(crate) fn named_tables(
+        &mut self,
+        key: &'static str,
+        mut read: impl FnMut(&mut Section<'t, '_>, &'t str, Range<usize>),
+    ) {
+        let Some(value) = self.get(key) else { return };
+        let DeValue::Table(tables) = value.get_ref() else { return self.refuse_type(key, value, "a table") };
+        for (name, value) in tables.iter() {
+            let path = format!("{}.{}", self.path_of(key), name.get_ref());
+            match value.get_ref() {
+                DeValue::Table(table) => {
+                    walk(path, table, self.problems, |section| read(section, name.get_ref(), name.span()));
+                }
+                _ => self.refuse_type(&path, value, "a table"),
+            }
+        }
+    }
+
+    /// A finite number for every key of the table.
+    pub(crate) fn numbers(&mut self, out: &mut BTreeMap<String, f64>) {
+        for key in self.table.keys() {
+            let mut value = 0.0;
+            if self.number(key.get_ref(), f64::MIN..=f64::MAX, &mut value) {
+                out.insert(key.get_ref().to_string(), value);
+            }
+        }
+    }
+
+    /// An array of strings.
+    pub(crate) fn strings(&mut self, key: &'static str, out: &mut Vec<String>) -> bool {
+        self.read(key, out, |section, value| {
+            let words = value.get_ref().as_array().and_then(|words| {
+                words.iter().map(|word| word.get_ref().as_str().map(str::to_owned)).collect::<Option<Vec<_>>>()
+            });
+            if words.is_none() {
+                section.refuse_type(key, value, "an array of strings");
+            }
+            words
+        })
+    }
+
     /// A finite number in a range, written with or without a point.
-    pub(crate) fn number(&mut self, key: &'static str, allowed: RangeInclusive<f64>, out: &mut f64) -> bool {
+    pub(crate) fn number(&mut self, key: &'t str, allowed: RangeInclusive<f64>, out: &mut f64) -> bool {
         self.read(key, out, |section, value| {
             let (number, found) = match value.get_ref() {
                 DeValue::Float(float) => (float.as_str().parse().ok(), float.as_str().to_owned()),
@@ -159,13 +204,16 @@ impl<'t> Section<'t, '_> {
     }
 
     /// One of these names, for what it stands for.
-    pub(crate) fn choice<T: Clone, const N: usize>(
+    pub(crate) fn choice<'n, T: Clone>(
         &mut self,
         key: &'static str,
-        allowed: [(&'static str, T); N],
+        allowed: impl AsRef<[(&'n str, T)]>,
         out: &mut T,
-    ) -> bool {
-        self.read(key, out, |section, value| section.chosen(key, value, &allowed))
+    ) -> bool
+    where
+        T: 'n,
+    {
+        self.read(key, out, |section, value| section.chosen(key, value, allowed.as_ref()))
     }
 
     /// An array of such names; the value of each with its place, nothing for one that was refused.
@@ -195,7 +243,7 @@ impl<'t> Section<'t, '_> {
 
     fn read<T>(
         &mut self,
-        key: &'static str,
+        key: &'t str,
         out: &mut T,
         convert: impl FnOnce(&mut Self, &'t Spanned<DeValue<'t>>) -> Option<T>,
     ) -> bool {
@@ -203,17 +251,12 @@ impl<'t> Section<'t, '_> {
         convert(self, value).map(|value| *out = value).is_some()
     }
 
-    fn get(&mut self, key: &'static str) -> Option<&'t Spanned<DeValue<'t>>> {
+    fn get(&mut self, key: &'t str) -> Option<&'t Spanned<DeValue<'t>>> {
         self.known.push(key);
         self.table.get(key)
     }
 
-    fn chosen<T: Clone>(
-        &mut self,
-        key: &str,
-        value: &Spanned<DeValue<'_>>,
-        allowed: &[(&'static str, T)],
-    ) -> Option<T> {
+    fn chosen<T: Clone>(&mut self, key: &str, value: &Spanned<DeValue<'_>>, allowed: &[(&str, T)]) -> Option<T> {
         let text = self.string(key, value)?;
         let item = allowed.iter().find(|(name, _)| *name == text).map(|(_, item)| item.clone());
         if item.is_none() {

@@ -11,6 +11,8 @@ pub struct Field {
     pub kind: &'static str,
     /// Bytes from the start of the payload.
     pub offset: usize,
+    /// What it means, with its unit.
+    pub about: &'static str,
 }
 
 /// The layout of a payload.
@@ -22,6 +24,12 @@ pub struct Layout {
     pub size: usize,
     /// Its fields in order of their place; those of the header first.
     pub fields: Vec<Field>,
+    /// The topic that carries it; none for what is only a part of payloads.
+    pub topic: Option<&'static str>,
+    /// What it is.
+    pub about: &'static str,
+    /// How many of its fields, from the first on, are those of [`Header`](crate::Header).
+    pub header_fields: usize,
 }
 
 impl Layout {
@@ -32,6 +40,7 @@ impl Layout {
 
     /// This layout with that of its first field, a header, put in the header's place.
     pub(crate) fn with_header(mut self, header: Layout) -> Self {
+        self.header_fields = header.fields.len();
         self.fields.splice(0..1, header.fields);
         self
     }
@@ -44,40 +53,50 @@ impl fmt::Display for Layout {
     }
 }
 
-/// Defines a payload: `repr(C)`, no padding, no invalid bit pattern, with its layout.
-macro_rules! payload {
-    ($(#[$meta:meta])* $name:ident = $type_name:literal on $topic:literal {
-        $($(#[$field_meta:meta])* $field:ident: $kind:ty,)*
+/// Defines a struct of a payload: `repr(C)`, no padding, no invalid bit pattern, with its layout.
+macro_rules! laid_out {
+    ($(#[doc = $about:literal])* $name:ident = $type_name:literal on $topic:expr, {
+        $($(#[doc = $field_about:literal])* $field:ident: $kind:ty,)*
     }) => {
-        $(#[$meta])*
+        $(#[doc = $about])*
         #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
-        pub struct $name { $($(#[$field_meta])* pub $field: $kind,)* }
+        pub struct $name { $($(#[doc = $field_about])* pub $field: $kind,)* }
+
+        impl $name {
+            fn own_layout() -> crate::Layout {
+                crate::Layout {
+                    name: $type_name,
+                    size: size_of::<$name>(),
+                    fields: vec![$(crate::Field {
+                        name: stringify!($field),
+                        kind: stringify!($kind),
+                        offset: core::mem::offset_of!($name, $field),
+                        about: concat!($($field_about),*).trim_ascii_start(),
+                    }),*],
+                    topic: $topic,
+                    about: concat!($($about),*).trim_ascii_start(),
+                    header_fields: 0,
+                }
+            }
+        }
+    };
+}
+
+/// Defines a payload with its topic.
+macro_rules! payload {
+    ($(#[doc = $about:literal])* $name:ident = $type_name:literal on $topic:literal $fields:tt) => {
+        crate::layout::laid_out! { $(#[doc = $about])* $name = $type_name on Some($topic), $fields }
 
         impl crate::Message for $name {
             const TOPIC: &'static str = $topic;
             const TYPE: &'static str = $type_name;
 
             fn layout() -> crate::Layout {
-                let layout = $crate::layout::layout_of!($name, $type_name, $($field: $kind),*);
-                <$name>::complete(layout)
+                <$name>::complete(Self::own_layout())
             }
         }
     };
 }
 
-macro_rules! layout_of {
-    ($name:ident, $type_name:literal, $($field:ident: $kind:ty),*) => {
-        crate::Layout {
-            name: $type_name,
-            size: size_of::<$name>(),
-            fields: vec![$(crate::Field {
-                name: stringify!($field),
-                kind: stringify!($kind),
-                offset: core::mem::offset_of!($name, $field),
-            }),*],
-        }
-    };
-}
-
-pub(crate) use {layout_of, payload};
+pub(crate) use {laid_out, payload};

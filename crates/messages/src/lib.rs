@@ -33,7 +33,7 @@ pub use layout::{Field, Layout};
 pub use topics::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
     FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading,
-    State,
+    State, layouts,
 };
 
 /// Every topic, in the order of the table above.

@@ -1,29 +1,32 @@
 //! The payloads, topic by topic.
 
-use crate::{Flags, Layout, Ticked, layout::payload};
+use crate::{
+    Flags, Layout, Message, Ticked,
+    layout::{laid_out, payload},
+};
 
-/// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
-#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct Header {
-    /// The number ingest gave to the IMU sample, from 0, without a gap.
-    pub tick: u64,
-    /// Start of the sample's interval on the source's clock, ns.
-    pub t_start_ns: i64,
-    /// End of the sample's interval on the source's clock, ns; grows with every tick.
-    pub t_end_ns: i64,
-    /// When ingest took the sample, CLOCK_MONOTONIC, ns.
-    pub t_born_ns: u64,
-    /// When this message was published, CLOCK_MONOTONIC, ns.
-    pub t_sent_ns: u64,
-    /// Ticks before this one that its stream does not have.
-    pub lost_upstream: u64,
-    /// What is to be said about the sample and what was made of it.
-    pub flags: Flags,
-    /// The supervisor's decision under which the sender owns its slot.
-    pub epoch: u32,
-    /// The life of the sender.
-    pub incarnation: u32,
+laid_out! {
+    /// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
+    Header = "plumbline.Header.1" on None, {
+        /// The number ingest gave to the IMU sample, from 0, without a gap.
+        tick: u64,
+        /// Start of the sample's interval on the source's clock, ns.
+        t_start_ns: i64,
+        /// End of the sample's interval on the source's clock, ns; grows with every tick.
+        t_end_ns: i64,
+        /// When ingest took the sample, CLOCK_MONOTONIC, ns.
+        t_born_ns: u64,
+        /// When this message was published, CLOCK_MONOTONIC, ns.
+        t_sent_ns: u64,
+        /// Ticks before this one that its stream does not have.
+        lost_upstream: u64,
+        /// What is to be said about the sample and what was made of it.
+        flags: Flags,
+        /// The supervisor's decision under which the sender owns its slot.
+        epoch: u32,
+        /// The life of the sender.
+        incarnation: u32,
+    }
 }
 
 impl Header {
@@ -32,13 +35,9 @@ impl Header {
         (self.t_end_ns - self.t_start_ns) as f64 * 1e-9
     }
 
-    fn layout() -> Layout {
-        crate::layout::layout_of!(
-            Header,
-            "plumbline.Header.1",
-            tick: u64, t_start_ns: i64, t_end_ns: i64, t_born_ns: u64, t_sent_ns: u64, lost_upstream: u64, flags: Flags,
-            epoch: u32, incarnation: u32
-        )
+    /// Names, types and places of the fields.
+    pub fn layout() -> Layout {
+        Self::own_layout()
     }
 }
 
@@ -426,6 +425,27 @@ macro_rules! ticked {
 whole!(SensorReading, ReceiverReading, Reference, Credit, Checkpoint, Difference, Control, Health);
 ticked!(ImuSample, MagSample, GnssFix, GyroStep, AccelPoint, FusedState, AttitudeOutput);
 
+/// The layout of every topic's payload, in the order of [`TOPICS`](crate::TOPICS).
+pub fn layouts() -> [Layout; crate::TOPICS.len()] {
+    [
+        SensorReading::layout(),
+        ReceiverReading::layout(),
+        ImuSample::layout(),
+        MagSample::layout(),
+        GnssFix::layout(),
+        Reference::layout(),
+        GyroStep::layout(),
+        AccelPoint::layout(),
+        FusedState::layout(),
+        AttitudeOutput::layout(),
+        Credit::layout(),
+        Checkpoint::layout(),
+        Difference::layout(),
+        Control::layout(),
+        Health::layout(),
+    ]
+}
+
 const _: () = {
     assert!(size_of::<Header>() == 64);
     assert!(size_of::<ImuSample>() == 112);
@@ -439,27 +459,7 @@ const _: () = {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HASH_START, Message, hash};
-
-    fn layouts() -> Vec<Layout> {
-        vec![
-            SensorReading::layout(),
-            ReceiverReading::layout(),
-            ImuSample::layout(),
-            MagSample::layout(),
-            GnssFix::layout(),
-            Reference::layout(),
-            GyroStep::layout(),
-            AccelPoint::layout(),
-            FusedState::layout(),
-            AttitudeOutput::layout(),
-            Credit::layout(),
-            Checkpoint::layout(),
-            Difference::layout(),
-            Control::layout(),
-            Health::layout(),
-        ]
-    }
+    use crate::{HASH_START, hash};
 
     #[test]
     fn layouts_are_those_of_the_golden_file() {
