@@ -10,6 +10,7 @@
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `program` | stages of the user's own |
+//! | `watch` | stages that take over by themselves |
 //! | `walk` | reading a table key by key |
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
@@ -21,6 +22,7 @@ mod program;
 mod schema;
 mod sensors;
 mod walk;
+mod watch;
 
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use model::{
@@ -29,3 +31,4 @@ pub use model::{
 };
 pub use problem::{LaunchError, Problems};
 pub use program::Program;
+pub use watch::{Measure, Watch};

@@ -5,7 +5,7 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt, path::PathBuf};
 
-use crate::{fault::Fault, program::Program};
+use crate::{fault::Fault, program::Program, watch::Watch};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -29,6 +29,8 @@ pub struct Launch {
     pub ingest: Ingest,
     /// Programs of the user's own that may fill a slot, by name.
     pub stages: BTreeMap<String, Program>,
+    /// Stages that take over by themselves; one of each slot at most.
+    pub watch: Vec<Watch>,
     /// Which of `attitude::gyro::Gyro::NAMES` runs.
     pub gyro: Stage,
     /// Which of `attitude::accel::Accelerometer::NAMES` runs.
@@ -271,6 +273,7 @@ impl Default for Launch {
                 faults: Vec::new(),
             },
             stages: BTreeMap::new(),
+            watch: Vec::new(),
             gyro: stage("mobius"),
             accel: stage("projector"),
             fuser: stage("wz"),

@@ -7,6 +7,7 @@ use crate::{
     program::{Program, programs},
     sensors::{calibration, mounting},
     walk::{self, Section},
+    watch::watches,
 };
 use attitude::{
     accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
@@ -74,18 +75,20 @@ impl Launch {
             section.report(problem);
         }
         programs(section, folder, self);
-        let Self { stages, gyro, accel, fuser, course, .. } = self;
-        stage(section, Service::Gyro, Gyro::NAMES, |name| Some(Gyro::named(name)?.parameters()), stages, gyro);
-        stage(
-            section,
-            Service::Accel,
-            Accelerometer::NAMES,
-            |name| Some(Accelerometer::named(name)?.parameters()),
-            stages,
-            accel,
-        );
-        stage(section, Service::Fuser, Fuser::NAMES, |name| Some(Fuser::named(name)?.parameters()), stages, fuser);
-        stage(section, Service::Course, Course::NAMES, |name| Some(Course::named(name)?.parameters()), stages, course);
+        watches(section, self);
+        for slot in Service::ALL {
+            let Self { stages, gyro, accel, fuser, course, .. } = &mut *self;
+            let out = match slot {
+                Service::Ingest => continue,
+                Service::Gyro => gyro,
+                Service::Accel => accel,
+                Service::Fuser => fuser,
+                Service::Course => course,
+            };
+            section.section(slot.name(), |section| {
+                filling(section, slot, stages, out);
+            });
+        }
     }
 }
 
@@ -209,28 +212,47 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     }
 }
 
-fn stage<const N: usize>(
+/// What fills a slot: the keys `stage` and `set`.
+pub(crate) fn filling(
     section: &mut Section<'_, '_>,
     slot: Service,
-    names: [&'static str; N],
-    parameters: impl Fn(&str) -> Option<&'static [Parameter]>,
     programs: &BTreeMap<String, Program>,
     out: &mut Stage,
-) {
-    section.section(slot.name(), |section| {
-        let of_the_slot = programs.iter().filter(|(_, program)| program.slot == slot);
-        let own = of_the_slot.map(|(name, _)| (name.as_str(), name.clone()));
-        section.choice("stage", names.map(named).into_iter().chain(own).collect::<Vec<_>>(), &mut out.stage);
-        section.section("set", |section| {
-            let Some(parameters) = parameters(&out.stage) else { return section.numbers(&mut out.set) };
-            for Parameter { name, least, most, default, .. } in parameters {
-                let mut value = *default;
-                if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
-                    out.set.insert((*name).into(), value);
-                }
+) -> bool {
+    let own = programs.iter().filter(|(_, program)| program.slot == slot);
+    let own = own.map(|(name, _)| (name.as_str(), name.clone()));
+    let allowed: Vec<_> = names(slot).iter().map(|name| (*name, (*name).to_owned())).chain(own).collect();
+    let taken = section.choice("stage", allowed, &mut out.stage);
+    section.section("set", |section| {
+        let Some(parameters) = parameters(slot, &out.stage) else { return section.numbers(&mut out.set) };
+        for Parameter { name, least, most, default, .. } in parameters {
+            let mut value = *default;
+            if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
+                out.set.insert((*name).into(), value);
             }
-        });
+        }
     });
+    taken
+}
+
+fn names(slot: Service) -> &'static [&'static str] {
+    match slot {
+        Service::Ingest => &[],
+        Service::Gyro => &Gyro::NAMES,
+        Service::Accel => &Accelerometer::NAMES,
+        Service::Fuser => &Fuser::NAMES,
+        Service::Course => &Course::NAMES,
+    }
+}
+
+fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
+    match slot {
+        Service::Ingest => None,
+        Service::Gyro => Some(Gyro::named(stage)?.parameters()),
+        Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
+        Service::Fuser => Some(Fuser::named(stage)?.parameters()),
+        Service::Course => Some(Course::named(stage)?.parameters()),
+    }
 }
 
 fn gnss(text: &str) -> Option<Gnss> {
@@ -353,6 +375,7 @@ mod tests {
                 ..Launch::default().ingest
             },
             stages: BTreeMap::new(),
+            watch: Vec::new(),
             gyro: stage("rk4"),
             accel: stage("projector"),
             fuser: stage("wz-closed"),
@@ -371,7 +394,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "stages", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9

@@ -136,20 +136,15 @@ impl Exchange {
     pub(crate) fn wish(&mut self, wish: Wish, collector: &mut Collector, crew: &mut Crew, memory: &Memory) -> u64 {
         self.requests += 1;
         let id = self.requests;
+        let checked = self.checked(&wish);
         let Wish { slot, stage, shadow } = wish;
-        let from = Service::named(&slot).and_then(|service| self.orders.launch.slot(service));
-        let (service, from) = match (Service::named(&slot), from) {
-            (Some(service), Some(from)) => (service, from.stage.clone()),
-            _ => {
-                let reason = format!("there is no slot `{slot}`; there are gyro, accel, fuser and course");
-                self.refuse(id, slot, String::new(), stage.stage, reason);
+        let (service, from) = match checked {
+            Ok((service, from)) => (service, from),
+            Err((from, reason)) => {
+                self.refuse(id, slot, from, stage.stage, reason);
                 return id;
             }
         };
-        if let Err(reason) = check(&self.orders, service, &stage) {
-            self.refuse(id, slot, from, stage.stage, reason);
-            return id;
-        }
         collector.take_gap_ns();
         let sequence = collector.sequence();
         self.waiting.push(Waiting {
@@ -170,6 +165,21 @@ impl Exchange {
         }
         self.request(id, service, stage, shadow, crew, memory);
         id
+    }
+
+    /// The slot that a wish is for and what fills it, or what fills it and why the wish cannot be met.
+    pub(crate) fn checked(&self, wish: &Wish) -> Result<(Service, String), (String, String)> {
+        let service = Service::named(&wish.slot);
+        let Some((service, from)) = service.and_then(|service| Some((service, self.orders.launch.slot(service)?)))
+        else {
+            let reason = format!("there is no slot `{}`; there are gyro, accel, fuser and course", wish.slot);
+            return Err((String::new(), reason));
+        };
+        let from = from.stage.clone();
+        match check(&self.orders, service, &wish.stage) {
+            Ok(()) => Ok((service, from)),
+            Err(reason) => Err((from, reason)),
+        }
     }
 
     /// Asks the slot's coordinator. Who asks for the stage that already runs beside it asks for its promotion.

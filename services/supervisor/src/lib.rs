@@ -28,6 +28,7 @@ pub mod plan;
 pub mod report;
 pub mod system;
 mod view;
+mod watch;
 
 use std::{
     io::{self, Write},

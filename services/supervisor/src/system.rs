@@ -22,6 +22,7 @@ use crate::{
     memory::Memory,
     report::{Account, ServiceReport},
     view::View,
+    watch::Watches,
 };
 
 /// Longest wait before looking at services, signals and messages.
@@ -51,6 +52,7 @@ struct System {
     ports: Ports,
     memory: Memory,
     exchange: Exchange,
+    watches: Watches,
     door: Door,
     /// Callers who wait for the answer to a request.
     waiting: Vec<Waiting>,
@@ -87,8 +89,11 @@ impl System {
         let crew = Crew::start(&plan.orders)?;
         let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
         let door = Door::open(&domain)?;
+        let watched = !plan.orders.launch.watch.is_empty();
+        let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
+        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
-        Ok(Self { crew, ports, memory, exchange, door, waiting, view, asked_to_end, _claim: claim })
+        Ok(Self { crew, ports, memory, exchange, watches, door, waiting, view, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
@@ -154,6 +159,7 @@ impl System {
             }
             self.tend(&expected, &mut collector)?;
             self.answer(&mut collector);
+            self.watch(&mut collector)?;
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
                 self.view.show(&collector, Some(&self.crew));
@@ -181,13 +187,25 @@ impl System {
         tended
     }
 
+    /// Lets stages take over that have proved themselves.
+    fn watch(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+        let Self { watches, exchange, crew, memory, view, .. } = self;
+        let mut lines = Vec::new();
+        watches.go_on(exchange, collector, crew, memory, &mut lines)?;
+        view.announce(&lines);
+        Ok(())
+    }
+
     /// Answers whoever asks.
     fn answer(&mut self, collector: &mut Collector) {
-        let Self { door, exchange, crew, memory, waiting, .. } = self;
+        let Self { door, exchange, crew, memory, waiting, watches, .. } = self;
         for (caller, question) in door.questions() {
             match question {
                 Ask::Swap(wish) => {
                     let shadow = Service::named(&wish.slot).filter(|_| wish.shadow);
+                    if exchange.checked(&wish).is_ok() {
+                        watches.yield_to(&wish.slot, exchange, crew, memory);
+                    }
                     let request = exchange.wish(wish, collector, crew, memory);
                     waiting.push(Waiting { caller, request, shadow });
                 }
