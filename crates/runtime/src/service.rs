@@ -263,6 +263,8 @@ impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
 
 /// Messages of one input taken before the others have their turn: a join must not think that one of them is silent.
 const TURN: usize = 32;
+/// However much there is to do, after so long a service says how it is and looks at the decisions.
+const TURN_LIMIT_NS: u64 = 50_000_000;
 
 /// Runs a slot until the service is to end. `inputs` are in the slot's own order.
 pub fn serve<S: Slot + Clone>(
@@ -345,7 +347,7 @@ impl<O: Ticked + Comparable> Serving<O> {
     /// Takes what the inputs hold and publishes what follows from it, as far as the slot is owned.
     fn turn<S: Slot<Output = O>>(&mut self, slot: &mut S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
         self.output.greet()?;
-        let before = slot.sequence().ticks;
+        let (before, begun_ns) = (slot.sequence().ticks, monotonic_ns());
         let Self { member, output, tenure, exchanged, shadow, flags, flawed, .. } = self;
         let mut failed = None;
         for _ in 0..member.orders.buffer_ticks() / TURN + 1 {
@@ -368,6 +370,9 @@ impl<O: Ticked + Comparable> Serving<O> {
             }
             if slot.sequence().ticks != before {
                 output.wake();
+            }
+            if monotonic_ns() - begun_ns > TURN_LIMIT_NS {
+                break;
             }
         }
         failed.map_or(Ok(()), |error| Err(error.into()))

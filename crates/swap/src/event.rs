@@ -229,7 +229,7 @@ impl fmt::Display for Reason {
                 write!(f, "the active stage is {lag_ticks} ticks behind its input; exchange it when it keeps up")
             }
             Self::Flawed => write!(f, "the candidate gave out what cannot be an output; see its log"),
-            Self::CandidateDied => write!(f, "the candidate ended before it had taken over; see its log"),
+            Self::CandidateDied => write!(f, "the candidate ended before it had taken over"),
             Self::CandidateMissed => write!(f, "the decision reached the candidate too late; give it more margin"),
             Self::ActiveMissed => write!(f, "the decision reached the active stage too late; give it more margin"),
             Self::ActiveDied => write!(f, "the active stage ended during the exchange and is restarted"),

@@ -84,11 +84,20 @@ pub struct Standing {
 pub(crate) struct News {
     /// For people.
     pub(crate) lines: Vec<String>,
-    pub(crate) deaths: Vec<(Service, u32)>,
+    pub(crate) deaths: Vec<Death>,
     /// Lives that follow a death.
     pub(crate) births: Vec<(Service, u32)>,
     /// Services that are not started again.
     pub(crate) away: Vec<Service>,
+}
+
+/// A life that has ended.
+#[derive(Debug)]
+pub(crate) struct Death {
+    pub(crate) service: Service,
+    pub(crate) incarnation: u32,
+    /// Its last words.
+    pub(crate) said: String,
 }
 
 /// What a service said last.
@@ -199,11 +208,11 @@ impl Crew {
             post.kill_the_silent(service, &rule, news);
             for life in [&mut post.candidate, &mut post.retired] {
                 if let Some(mut gone) = life.take_if(|process| process.reap().is_some()) {
-                    news.deaths.push((service, gone.incarnation));
                     let said = gone.said();
                     if !said.is_empty() {
                         news.lines.push(format!("{service}: process {} said:\n{said}", gone.pid));
                     }
+                    news.deaths.push(Death { service, incarnation: gone.incarnation, said });
                 }
             }
             let ended = post.process.as_mut().and_then(|process| Some((process.reap()?, process.since.elapsed())));
@@ -234,13 +243,13 @@ impl Crew {
     fn bury(&mut self, service: Service, status: ExitStatus, lived: Duration, news: &mut News) -> Result<(), UpError> {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
-        news.deaths.push((service, process.incarnation));
         let how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with code {code}"),
             (None, Some(signal)) => format!("was ended by signal {signal}"),
             (None, None) => "ended".into(),
         };
         let said = process.said();
+        news.deaths.push(Death { service, incarnation: process.incarnation, said: said.clone() });
         let said = if said.is_empty() { said } else { format!(":\n{said}") };
         match post.lives.ended(lived, &self.orders.launch.restart) {
             Verdict::Stop => return Err(UpError::ServiceEnded { service, pid: process.pid, how, said }),

@@ -15,7 +15,7 @@ use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Report, Standing
 use crate::{
     UpError,
     collector::Collector,
-    crew::{Crew, Heard, News},
+    crew::{Crew, Death, Heard, News},
     memory::{Memory, readers},
 };
 
@@ -80,6 +80,8 @@ struct Slot {
     coordinator: Coordinator,
     candidate: Option<Stage>,
     ready: bool,
+    /// What the life said that ended last.
+    last_words: String,
 }
 
 /// A request that is under way.
@@ -91,7 +93,15 @@ struct Waiting {
     lost: u64,
     duplicated: u64,
     /// It was answered then, and the attitudes after it are collected.
-    done: Option<(Report, u64)>,
+    done: Option<Done>,
+}
+
+/// How an exchange went, why not, and when that was known, ms.
+#[derive(Clone)]
+struct Done {
+    report: Report,
+    reason: Option<String>,
+    at_ms: u64,
 }
 
 impl Exchange {
@@ -114,6 +124,7 @@ impl Exchange {
             coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
             candidate: None,
             ready: false,
+            last_words: String::new(),
         });
         Ok(Self {
             slots: slots.collect(),
@@ -228,7 +239,10 @@ impl Exchange {
         memory: &Memory,
     ) -> Result<(), UpError> {
         self.control.greet()?;
-        for (service, incarnation) in &news.deaths {
+        for Death { service, incarnation, said } in &news.deaths {
+            if let Some(slot) = self.slot(*service) {
+                slot.last_words.clone_from(said);
+            }
             self.tell(*service, Event::Died { incarnation: *incarnation }, crew, memory);
         }
         crew.revive(memory, news)?;
@@ -326,12 +340,20 @@ impl Exchange {
                         if report.outcome != Outcome::Committed && !busy {
                             slot.candidate = None;
                         }
+                        let request = report.id;
                         // A promotion answers who asked for the shadow and who asked for the exchange.
                         let asked = |waiting: &&mut Waiting| {
-                            waiting.service == service && waiting.done.is_none() && (!busy || waiting.id == report.id)
+                            waiting.service == service && waiting.done.is_none() && (!busy || waiting.id == request)
                         };
+                        let reason = report.reason.as_ref().map(|reason| match reason {
+                            Reason::CandidateDied if !slot.last_words.is_empty() => {
+                                format!("{reason}; it said:\n{}", slot.last_words)
+                            }
+                            _ => reason.to_string(),
+                        });
+                        let done = Done { report, reason, at_ms: now_ms };
                         for waiting in self.waiting.iter_mut().filter(asked) {
-                            waiting.done = Some((report.clone(), now_ms));
+                            waiting.done = Some(done.clone());
                         }
                     }
                 }
@@ -344,13 +366,13 @@ impl Exchange {
         let now_ms = self.started.elapsed().as_millis() as u64;
         let next_tick = collector.sequence().next_tick;
         let settled = |waiting: &Waiting| {
-            waiting.done.as_ref().is_some_and(|(report, at_ms)| {
+            waiting.done.as_ref().is_some_and(|Done { report, at_ms, .. }| {
                 report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER || now_ms > at_ms + WAIT_AFTER_MS)
             })
         };
         while let Some(place) = self.waiting.iter().position(settled) {
             let Waiting { id, service, from, to, lost, duplicated, done } = self.waiting.swap_remove(place);
-            let Some((report, _)) = done else { continue };
+            let Some(Done { report, reason, .. }) = done else { continue };
             let sequence = collector.sequence();
             let (lost, duplicated) = (sequence.lost - lost, sequence.duplicated - duplicated);
             let jump_deg = report.commit_tick.map_or(0.0, |tick| collector.jump_rad(tick).to_degrees());
@@ -366,7 +388,7 @@ impl Exchange {
                     gap_us: collector.take_gap_ns() as f64 * 1e-3,
                     jump_deg,
                     outcome: report.outcome,
-                    reason: report.reason.map(|reason| reason.to_string()),
+                    reason,
                 },
             );
         }

@@ -1,0 +1,139 @@
+//! Exchanges that fail, one by one: the old stage stays and no byte changes.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use std::{fs, path::PathBuf, process::Stdio, time::Duration};
+
+use common::{Running, System, children_of, lives, plumb, signal, until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// The service with the faults, which is built with the tests.
+fn faulty() -> PathBuf {
+    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
+    assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
+    file
+}
+
+/// A system in whose launch file `fault` is a stage.
+fn system(fault: &str) -> System {
+    let stage = format!("[stages.{fault}]\nslot = \"course\"\ncommand = [{:?}, \"{fault}\"]\n", faulty());
+    System::new(&format!("[restart]\nsilence_s = 2\n{stage}"))
+}
+
+fn ask(system: &System, arguments: &[&str]) -> Value {
+    let output = plumb(&[arguments, &["--json", "--system", &system.name]].concat()).output().unwrap();
+    serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
+}
+
+fn stage_in(system: &System, slot: &str) -> String {
+    let services = ask(system, &["ps"]);
+    let one = services.as_array().unwrap().iter().find(|one| one["service"] == slot).unwrap();
+    one["stage"].as_str().unwrap().to_owned()
+}
+
+fn started(system: &System, arguments: &[&str]) -> Running {
+    let running = system.start(arguments);
+    let all = |services: &Value| services.as_array().is_some_and(|all| all.iter().all(|one| one["state"] == "running"));
+    until("the system to run", || all(&ask(system, &["ps"])));
+    running
+}
+
+/// Asks for the exchange, sees it aborted for this reason, and holds the bytes of the whole run against an undisturbed one.
+fn assert_aborted(fault: &str, reason: &str) {
+    let system = system(fault);
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let report = ask(&system, &["swap", "course", fault]);
+    assert_eq!(report["outcome"], "aborted", "{report}");
+    assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
+    assert_eq!(stage_in(&system, "course"), "angles");
+    until("the candidate to be gone", || children_of(running.pid()).len() == 5);
+    // The slot is free again.
+    assert_eq!(ask(&system, &["swap", "course", "angles"])["outcome"], "committed");
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    let duration = format!("{}s", run.number("/ticks_out") / 1000.0);
+    let (plain, undisturbed) = (System::new(""), system.path("undisturbed.csv"));
+    let arguments = ["--in-process", "--speed", "max", "--for", &duration, "--out", undisturbed.to_str().unwrap()];
+    plain.run(&arguments).assert_whole();
+    assert!(fs::read(out).unwrap() == fs::read(undisturbed).unwrap(), "the bytes differ: {}", run.people);
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn a_candidate_that_dies_at_once() {
+    assert_aborted("dies-at-once", "on purpose");
+}
+
+#[test]
+fn a_candidate_that_dies_before_it_is_ready() {
+    assert_aborted("dies-before-ready", "on purpose");
+}
+
+#[test]
+fn a_candidate_that_dies_when_it_is_ready() {
+    assert_aborted("dies-when-ready", "on purpose");
+}
+
+#[test]
+fn a_candidate_of_another_layout() {
+    assert_aborted("other-layout", "another layout is on the bus");
+}
+
+#[test]
+fn a_candidate_that_never_becomes_ready() {
+    assert_aborted("never-ready", "ready");
+}
+
+#[test]
+fn a_candidate_that_hangs() {
+    assert_aborted("hangs-when-ready", "the candidate");
+}
+
+#[test]
+fn a_candidate_that_falls_behind() {
+    assert_aborted("falls-behind", "behind");
+}
+
+#[test]
+fn a_candidate_that_misses_the_commitment() {
+    assert_aborted("misses-the-commit", "the candidate");
+}
+
+#[test]
+fn a_candidate_that_gives_what_is_not_a_number() {
+    assert_aborted("gives-nan", "finite");
+}
+
+#[test]
+fn a_stage_that_ignores_its_end_is_killed_once_it_owns_nothing() {
+    let system = system("ignores-sigterm");
+    let running = started(&system, &[]);
+    assert_eq!(ask(&system, &["swap", "course", "ignores-sigterm"])["outcome"], "committed");
+    until("the old stage to be gone", || children_of(running.pid()).len() == 5);
+    assert_eq!(ask(&system, &["swap", "course", "angles"])["outcome"], "committed");
+    until("the stubborn one to be gone", || children_of(running.pid()).len() == 5);
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn a_supervisor_that_dies_in_any_phase_of_an_exchange_leaves_nothing_and_the_next_start_is_clean() {
+    let system = System::new("");
+    // Starting, catching up, shadowing, committing, retiring; where exactly is chance, which any moment must bear.
+    for delay_ms in [2, 20, 60, 120, 170, 210, 240, 280, 400] {
+        let running = started(&system, &[]);
+        let mut asking = plumb(&["swap", "fuser", "vqf", "--system", &system.name]);
+        let mut asking = asking.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        let children = children_of(running.pid());
+        signal(running.pid(), Signal::KILL);
+        running.output();
+        asking.wait().unwrap();
+        until("its services to end", || !children.iter().any(|pid| lives(*pid)));
+    }
+    system.run(&["--for", "1s"]).assert_whole();
+}
