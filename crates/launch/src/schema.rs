@@ -416,7 +416,7 @@ launch.toml: 2 problems"#;
                 "buffer_s = 1\nlateness_s = 1.0",
                 &["lateness_s = 1 must be less than buffer_s = 1", ":2:14\n", "- the topics hold", "^^^ expected less"],
             ),
-            ("buffer_s = 0.5", &["lateness_s = 0.5 must be less", ":1:12\n", "^^^ expected more than 0.5"]),
+            ("buffer_s = 0.5", &["lateness_s = 1 must be less", ":1:12\n", "^^^ expected more than 1"]),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
                 &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service runs exactly once"],
