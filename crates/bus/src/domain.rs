@@ -19,6 +19,8 @@ use crate::{
 const SHARED_MEMORY: &str = "/dev/shm";
 /// How long the services of an earlier owner may take to end.
 const MEMBERS_LIMIT: Duration = Duration::from_secs(5);
+/// How long an owner that was killed may take until it holds nothing any more.
+const DEATH_LIMIT: Duration = Duration::from_millis(500);
 /// How long an owner may take to write down who it is.
 const OWNER_LIMIT: Duration = Duration::from_millis(100);
 
@@ -45,11 +47,16 @@ impl Domain {
 
     /// Makes this process the owner of the name; what an earlier owner left behind is removed.
     pub fn claim(&self) -> Result<Claim, BusError> {
+        let deadline = Instant::now() + DEATH_LIMIT;
         // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
-        for _ in 0..100 {
+        for _ in 0..1000 {
             let file = self.open_page(true)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
+                Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < deadline => {
+                    std::thread::sleep(Duration::from_millis(5));
+                    continue;
+                }
                 Err(rustix::io::Errno::WOULDBLOCK) => {
                     return Err(BusError::Taken { name: self.name.clone(), owner: owner(&file) });
                 }
