@@ -3,7 +3,7 @@
 
 mod common;
 
-use std::{fs, path::PathBuf, process::Stdio, time::Duration};
+use std::{path::PathBuf, process::Stdio, time::Duration};
 
 use common::{Running, System, children_of, lives, plumb, signal, until};
 use rustix::process::Signal;
@@ -55,11 +55,7 @@ fn assert_aborted(fault: &str, reason: &str) {
     running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    let duration = format!("{}s", run.number("/ticks_out") / 1000.0);
-    let (plain, undisturbed) = (System::new(""), system.path("undisturbed.csv"));
-    let arguments = ["--in-process", "--speed", "max", "--for", &duration, "--out", undisturbed.to_str().unwrap()];
-    plain.run(&arguments).assert_whole();
-    assert!(fs::read(out).unwrap() == fs::read(undisturbed).unwrap(), "the bytes differ: {}", run.people);
+    run.assert_bytes(&out, "");
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 

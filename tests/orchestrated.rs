@@ -6,13 +6,14 @@ mod common;
 use std::time::{Duration, Instant};
 
 use bus::{Bus, Domain, Publisher, Subscriber};
-use common::{System, inclination_deg, lives, until};
+use common::{System, inclination_deg, lives, signal, until};
 use launch::Service;
 use messages::{AttitudeOutput, Flags, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
     orders::BUFFER_BESIDE,
 };
+use rustix::process::Signal;
 use scenario::{Errors, Motion, Sensors};
 
 const RATE_HZ: f64 = 500.0;
@@ -55,12 +56,7 @@ impl Bench {
 
     /// Sends readings at the rate; what comes out, until every tick has come.
     fn feed(&self, readings: &[SensorReading]) -> Vec<AttitudeOutput> {
-        let start_ns = monotonic_ns();
-        for (count, reading) in readings.iter().enumerate() {
-            sleep_until_ns(start_ns + (count as f64 * 1e9 / RATE_HZ) as u64, Duration::from_secs(1));
-            self.sensor.send(reading).unwrap();
-            self.sensor.wake();
-        }
+        self.send(readings, |_| {});
         let mut outputs = Vec::new();
         until("every attitude", || {
             while let Some(output) = self.attitude.receive().unwrap() {
@@ -69,6 +65,17 @@ impl Bench {
             outputs.len() >= readings.len()
         });
         outputs
+    }
+
+    /// Sends readings at the rate; `before` each one something may happen.
+    fn send(&self, readings: &[SensorReading], mut before: impl FnMut(usize)) {
+        let start_ns = monotonic_ns();
+        for (count, reading) in readings.iter().enumerate() {
+            sleep_until_ns(start_ns + (count as f64 * 1e9 / RATE_HZ) as u64, Duration::from_secs(1));
+            before(count);
+            self.sensor.send(reading).unwrap();
+            self.sensor.wake();
+        }
     }
 
     fn stop(mut self) -> common::Run {
@@ -161,6 +168,33 @@ fn tumbling_through_the_bus_stays_exact_in_both_charts() {
         assert!(error_deg < 1e-6, "tick {}: {error_deg}°", output.header.tick);
     }
     bench.stop().assert_whole();
+}
+
+#[test]
+fn a_live_source_whose_ingest_is_killed_goes_on_after_a_gap_that_is_flagged() {
+    let bench = Bench::start("");
+    let all = readings(Motion::S1, Errors::S1, 2000);
+    bench.send(&all, |count| {
+        if count == 700 {
+            signal(bench.running.as_ref().unwrap().service("ingest"), Signal::KILL);
+        }
+    });
+    let last_ns = all.last().unwrap().t_sensor_ns;
+    let mut outputs: Vec<AttitudeOutput> = Vec::new();
+    until("the attitude of the last reading", || {
+        while let Some(output) = bench.attitude.receive().unwrap() {
+            outputs.push(output);
+        }
+        outputs.last().is_some_and(|output| output.header.t_end_ns >= last_ns)
+    });
+    let ticks: Vec<_> = outputs.iter().map(|output| output.header.tick).collect();
+    assert_eq!(ticks, (0..outputs.len() as u64).collect::<Vec<_>>());
+    let flagged: Vec<_> = outputs.iter().filter(|output| output.header.flags.any(Flags::GAP)).collect();
+    assert_eq!(flagged.len(), 1, "{:?}", flagged.iter().map(|output| output.header.tick).collect::<Vec<_>>());
+    assert!((600..=700).contains(&flagged[0].header.tick), "at tick {}", flagged[0].header.tick);
+    println!("{} of {} readings had no tick", all.len() - outputs.len(), all.len());
+    let run = bench.stop();
+    assert_eq!((run.code, run.number("/lost"), run.number("/duplicated")), (Some(0), 0.0, 0.0), "{}", run.people);
 }
 
 #[test]

@@ -40,13 +40,6 @@ fn assert_committed(report: &Value) {
     assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
 }
 
-fn undisturbed(launch: &str, duration: &str) -> Vec<u8> {
-    let system = System::new(launch);
-    let out = system.path("out.csv");
-    system.run(&["--in-process", "--speed", "max", "--for", duration, "--out", out.to_str().unwrap()]).assert_whole();
-    fs::read(out).unwrap()
-}
-
 #[test]
 fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
     let slots: [(&str, &[&str]); 4] = [
@@ -90,23 +83,24 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
 fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--for", "7s", "--out", out.to_str().unwrap()]);
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
     for (slot, stage) in [("fuser", "wz"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")] {
         let report = swap(&system, &[slot, stage]);
         assert_committed(&report);
         assert_eq!(report["jump_deg"], 0.0, "{report}");
     }
     signal(running.service("fuser"), Signal::KILL);
+    running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed("", "7s"), "the bytes differ: {}", run.people);
+    run.assert_bytes(&out, "");
 }
 
 #[test]
 fn what_cannot_be_is_refused_and_changes_no_byte() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--for", "4s", "--out", out.to_str().unwrap()]);
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
     for (arguments, reason) in [
         (&["wing", "wz"][..], "there is no slot `wing`"),
         (&["ingest", "wz"], "there is no slot `ingest`"),
@@ -118,9 +112,10 @@ fn what_cannot_be_is_refused_and_changes_no_byte() {
         assert_eq!(report["outcome"], "refused", "{report}");
         assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
     }
+    running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed("", "4s"), "the bytes differ: {}", run.people);
+    run.assert_bytes(&out, "");
 }
 
 /// The processes of a slot: its owner, and whoever is to take over.
@@ -137,7 +132,7 @@ fn lives(running: &Running, slot: &str) -> Vec<u32> {
 fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() {
     let system = System::new("");
     let out = system.path("out.csv");
-    let running = started(&system, &["--for", "8s", "--out", out.to_str().unwrap()]);
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
     let owner = running.service("fuser");
     for victim_is_owner in [false, true] {
         let shadow = || {
@@ -156,9 +151,10 @@ fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() 
         until("one fuser", || lives(&running, "fuser").len() == 1);
         assert_eq!(stage_in(&system, "fuser"), "wz");
     }
+    running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed("", "8s"), "the bytes differ: {}", run.people);
+    run.assert_bytes(&out, "");
 }
 
 #[test]

@@ -165,6 +165,17 @@ impl Run {
         assert_eq!(self.number("/ticks_in"), self.number("/ticks_out"));
     }
 
+    /// What it wrote to `out` is what an undisturbed run of `launch` in one process gives in as many ticks; the source is a simulation at
+    /// 1 kHz.
+    pub fn assert_bytes(&self, out: &Path, launch: &str) {
+        let system = System::new(launch);
+        let (duration, undisturbed) =
+            (format!("{}s", self.number("/ticks_out") / 1000.0), system.path("undisturbed.csv"));
+        let to = undisturbed.to_str().unwrap();
+        system.run(&["--in-process", "--speed", "max", "--for", &duration, "--out", to]).assert_whole();
+        assert!(fs::read(out).unwrap() == fs::read(undisturbed).unwrap(), "the bytes differ: {}", self.people);
+    }
+
     /// The line of the report that starts with `word`.
     pub fn line(&self, word: &str) -> &str {
         self.people.lines().find(|line| line.starts_with(word)).unwrap_or_else(|| panic!("no {word}: {}", self.people))

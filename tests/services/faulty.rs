@@ -1,7 +1,7 @@
 //! A course stage that does what none may: `faulty FAULT`, started by a system in whose launch file it is a stage of the user's own.
 #![allow(clippy::unwrap_used, reason = "a service of tests may panic")]
 
-use std::time::Duration;
+use std::{rc::Rc, time::Duration};
 
 use bus::Subscriber;
 use course::{CourseMessage, CourseSlot};
@@ -27,7 +27,7 @@ fn main() {
     }
     let slot = Faulty {
         slot: course::slot(&member.orders).unwrap(),
-        control: member.control().unwrap(),
+        control: Rc::new(member.control().unwrap()),
         incarnation: member.orders.incarnation,
         fault: fault.clone(),
         ticks: 0,
@@ -39,9 +39,10 @@ fn main() {
     }
 }
 
+#[derive(Clone)]
 struct Faulty {
     slot: CourseSlot,
-    control: Subscriber<Control>,
+    control: Rc<Subscriber<Control>>,
     incarnation: u32,
     fault: String,
     ticks: u64,

@@ -71,7 +71,7 @@ pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoi
     let (common, rest) = rest.split_at_checked(lens[1]).ok_or(ResumeError::Damaged)?;
     let numbers = rest.get(..lens[2]).ok_or(ResumeError::Damaged)?;
     let mut resumed = slot.clone();
-    fill(own, &mut |visit| resumed.visit_own(visit))?;
+    fill(own, |visit| resumed.visit_own(visit))?;
     if resumed.sequence().next_tick != record.next_tick {
         return Err(ResumeError::Damaged);
     }
@@ -83,7 +83,7 @@ pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoi
         Resumed::Whole
     } else {
         let mut shared = resumed.stage().common();
-        fill(common, &mut |visit| shared.visit(visit))?;
+        fill(common, |visit| shared.visit(visit))?;
         resumed.stage_mut().adopt(&shared)?;
         Resumed::Common
     };
@@ -100,7 +100,7 @@ fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeErro
 }
 
 /// Puts words into what `visit` visits; they must be as many.
-fn fill(words: &[u64], visit: &mut dyn FnMut(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
+fn fill(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;
     visit(&mut |word| {
         *word = words.get(next).copied().unwrap_or(*word);

@@ -180,6 +180,12 @@ impl Crew {
         }
     }
 
+    /// Whether this life is to take over.
+    pub(crate) fn is_candidate(&self, service: u32, incarnation: u32) -> bool {
+        let post = self.posts.get(service as usize);
+        post.and_then(|post| post.candidate.as_ref()).is_some_and(|candidate| candidate.incarnation == incarnation)
+    }
+
     /// Ends a life that does not own its slot; one that does not go is killed when it is asked again.
     pub(crate) fn dismiss(&mut self, service: Service, incarnation: u32) {
         let post = &mut self.posts[service as usize];

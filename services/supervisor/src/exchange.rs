@@ -144,7 +144,7 @@ impl Exchange {
     }
 
     /// Takes a wish; the number under which it is answered.
-    pub(crate) fn wish(&mut self, wish: Wish, collector: &mut Collector, crew: &mut Crew, memory: &Memory) -> u64 {
+    pub(crate) fn wish(&mut self, wish: Wish, collector: &mut Collector, crew: &mut Crew, memory: &mut Memory) -> u64 {
         self.requests += 1;
         let id = self.requests;
         let checked = self.checked(&wish);
@@ -201,7 +201,7 @@ impl Exchange {
         stage: Stage,
         shadow_only: bool,
         crew: &mut Crew,
-        memory: &Memory,
+        memory: &mut Memory,
     ) {
         let Some(slot) = self.slot(service) else { return };
         let promotes = slot.candidate.as_ref() == Some(&stage) && !shadow_only && slot.shadows();
@@ -213,7 +213,7 @@ impl Exchange {
     }
 
     /// Ends a shadow.
-    pub(crate) fn cancel(&mut self, service: Service, crew: &mut Crew, memory: &Memory) {
+    pub(crate) fn cancel(&mut self, service: Service, crew: &mut Crew, memory: &mut Memory) {
         self.tell(service, Event::Cancel, crew, memory);
     }
 
@@ -236,7 +236,7 @@ impl Exchange {
         news: &mut News,
         collector: &mut Collector,
         crew: &mut Crew,
-        memory: &Memory,
+        memory: &mut Memory,
     ) -> Result<(), UpError> {
         self.control.greet()?;
         for Death { service, incarnation, said } in &news.deaths {
@@ -298,7 +298,7 @@ impl Exchange {
         self.slots.iter_mut().find(|slot| slot.service == service)
     }
 
-    fn tell(&mut self, service: Service, event: Event, crew: &mut Crew, memory: &Memory) {
+    fn tell(&mut self, service: Service, event: Event, crew: &mut Crew, memory: &mut Memory) {
         let now_ms = self.started.elapsed().as_millis() as u64;
         let mut events = vec![event];
         // Whatever is asked for is answered by one event at most, so this ends.
@@ -308,6 +308,7 @@ impl Exchange {
                 match action {
                     Action::SpawnCandidate { epoch, .. } => {
                         slot.ready = false;
+                        memory.forget_candidate(service);
                         let stage = slot.candidate.clone().unwrap_or_else(|| unreachable!("a request names a stage"));
                         let begun = crew.begin_candidate(service, stage, epoch, memory.newest(service));
                         events.push(match begun {
@@ -332,6 +333,7 @@ impl Exchange {
                             && let Some(stage) = slot.candidate.take()
                         {
                             crew.promote(service, stage.clone());
+                            memory.promote(service);
                             if let Some(slot) = self.orders.launch.slot_mut(service) {
                                 *slot = stage;
                             }

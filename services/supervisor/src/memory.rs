@@ -9,26 +9,35 @@ use runtime::orders::{Record, Resume};
 /// Checkpoints kept of each service: as far back as a topic's buffer reaches.
 const KEPT: usize = 32;
 
-/// The newest checkpoints of every service.
+/// The newest checkpoints of every service, and of who is to take over: an owner goes on from what is its own only.
 #[derive(Debug, Default)]
-pub(crate) struct Memory([VecDeque<Checkpoint>; Service::ALL.len()]);
+pub(crate) struct Memory {
+    owners: [VecDeque<Checkpoint>; Service::ALL.len()],
+    candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
+}
 
 impl Memory {
-    /// Takes a checkpoint; a damaged one is left out.
+    /// Takes a checkpoint of the slot's owner; a damaged one is left out.
     pub(crate) fn keep(&mut self, checkpoint: Checkpoint) {
-        let Some(kept) = self.0.get_mut(checkpoint.service as usize) else { return };
-        if checkpoint.checksum != checkpoint.sum() {
-            return;
+        keep(&mut self.owners, checkpoint);
+    }
+
+    /// Takes one of a candidate.
+    pub(crate) fn keep_candidate(&mut self, checkpoint: Checkpoint) {
+        keep(&mut self.candidates, checkpoint);
+    }
+
+    /// Another candidate begins.
+    pub(crate) fn forget_candidate(&mut self, service: Service) {
+        self.candidates[service as usize].clear();
+    }
+
+    /// The candidate owns the slot.
+    pub(crate) fn promote(&mut self, service: Service) {
+        let theirs = std::mem::take(&mut self.candidates[service as usize]);
+        if !theirs.is_empty() {
+            self.owners[service as usize] = theirs;
         }
-        // A new life may be behind the one before.
-        while kept.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick) || kept.len() >= KEPT {
-            if kept.len() >= KEPT {
-                kept.pop_front()
-            } else {
-                kept.pop_back()
-            };
-        }
-        kept.push_back(checkpoint);
     }
 
     /// From where the next life of a service goes on: the newest state from which it says again all that its readers would need if they
@@ -60,8 +69,24 @@ impl Memory {
     }
 
     fn of(&self, service: Service) -> &VecDeque<Checkpoint> {
-        &self.0[service as usize]
+        &self.owners[service as usize]
     }
+}
+
+fn keep(all: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) {
+    let Some(kept) = all.get_mut(checkpoint.service as usize) else { return };
+    if checkpoint.checksum != checkpoint.sum() {
+        return;
+    }
+    // A new life may be behind the one before.
+    while kept.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick) || kept.len() >= KEPT {
+        if kept.len() >= KEPT {
+            kept.pop_front()
+        } else {
+            kept.pop_back()
+        };
+    }
+    kept.push_back(checkpoint);
 }
 
 /// Who reads what a service publishes.
@@ -113,6 +138,20 @@ mod tests {
         assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
         memory.keep(checkpoint(Service::Course, 15));
         assert_eq!(next_tick(&memory.resume(Service::Course)), Some(15));
+    }
+
+    #[test]
+    fn an_owner_does_not_go_on_from_what_a_candidate_of_another_kind_was() {
+        let mut memory = Memory::default();
+        memory.keep(checkpoint(Service::Course, 10));
+        memory.keep_candidate(checkpoint(Service::Course, 20));
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(10));
+        memory.promote(Service::Course);
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
+        memory.keep_candidate(checkpoint(Service::Course, 30));
+        memory.forget_candidate(Service::Course);
+        memory.promote(Service::Course);
+        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
     }
 
     #[test]

@@ -248,7 +248,13 @@ impl System {
         let Self { ports, crew, memory, exchange, .. } = self;
         ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| crew.hear(health))?;
         ports.checkpoints.drain(BUFFER_BESIDE * Service::ALL.len(), |checkpoint| {
-            if exchange.admits(checkpoint.service, checkpoint.incarnation, checkpoint.next_tick) {
+            let Checkpoint { service, incarnation, next_tick, .. } = checkpoint;
+            if !exchange.admits(service, incarnation, next_tick) {
+                return;
+            }
+            if crew.is_candidate(service, incarnation) {
+                memory.keep_candidate(checkpoint);
+            } else {
                 memory.keep(checkpoint);
             }
         })?;

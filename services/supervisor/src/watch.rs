@@ -65,7 +65,7 @@ impl Watches {
     }
 
     /// Somebody asks by hand: the slot's watch is over.
-    pub(crate) fn yield_to(&mut self, slot: &str, exchange: &mut Exchange, crew: &mut Crew, memory: &Memory) {
+    pub(crate) fn yield_to(&mut self, slot: &str, exchange: &mut Exchange, crew: &mut Crew, memory: &mut Memory) {
         for Attended { rule, shadow, .. } in self.all.iter_mut().filter(|one| one.rule.watch.slot.name() == slot) {
             if shadow.take().is_some() {
                 exchange.cancel(rule.watch.slot, crew, memory);
@@ -80,7 +80,7 @@ impl Watches {
         exchange: &mut Exchange,
         collector: &mut Collector,
         crew: &mut Crew,
-        memory: &Memory,
+        memory: &mut Memory,
         lines: &mut Vec<String>,
     ) -> Result<(), UpError> {
         let Self { differences: Some(differences), rate_hz, all } = self else { return Ok(()) };
