@@ -1,10 +1,12 @@
 //! `plumb stage`: the stages there are, and whether they do what every stage must.
 
-use std::process::ExitCode;
+use std::{path::PathBuf, process::ExitCode};
 
 use ::score::catalogue::Catalogue;
-use clap::Subcommand;
+use clap::{Subcommand, ValueEnum};
 use conformance::Report;
+use launch::Service;
+use own_stage::template::{Language, Template, TemplateError};
 
 use crate::{fail, print};
 
@@ -28,13 +30,76 @@ pub(crate) enum Stage {
         #[arg(long)]
         json: bool,
     },
+    /// Write a working stage of one's own, with a test, into a new folder.
+    New {
+        /// Its name: a-z, 0-9 and -, beginning with a letter.
+        name: String,
+        /// In which language.
+        #[arg(long)]
+        lang: Lang,
+        /// The slot that it fills.
+        #[arg(long, default_value = "fuser", value_parser = crate::service)]
+        slot: Service,
+        /// Where [default: ./NAME].
+        #[arg(long)]
+        dir: Option<PathBuf>,
+        /// Where Plumbline's crates are, for Rust: a folder or the URL of a git repository.
+        #[arg(long, value_name = "FOLDER|URL", required_if_eq("lang", "rust"))]
+        source: Option<String>,
+    },
+    /// Print the messages as a C header or a Python module.
+    Header {
+        /// For which language.
+        #[arg(long, default_value = "c")]
+        lang: HeaderLang,
+    },
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum Lang {
+    Rust,
+    Python,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum HeaderLang {
+    C,
+    Python,
 }
 
 pub(crate) fn run(command: Stage) -> ExitCode {
     match command {
+        Stage::New { name, lang, slot, dir, source } => new(name, lang, slot, dir, source),
+        Stage::Header { lang: HeaderLang::C } => print(&own_stage::c::header().trim_end()),
+        Stage::Header { lang: HeaderLang::Python } => print(&own_stage::python::messages().trim_end()),
         Stage::List { json: true } => print(&Catalogue::new().json()),
         Stage::List { json: false } => print(&Catalogue::new()),
         Stage::Test { slot, names, json } => test(slot.as_deref(), &names, json),
+    }
+}
+
+fn new(name: String, lang: Lang, slot: Service, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
+    let language = match lang {
+        Lang::Rust => Language::Rust,
+        Lang::Python => Language::Python,
+    };
+    let folder = dir.unwrap_or_else(|| name.clone().into());
+    // The crate's own folder is not this one.
+    let source = source.map_or(Ok(String::new()), |source| match source.contains("://") {
+        true => Ok(source),
+        false => std::path::absolute(&source).map(|path| path.display().to_string()),
+    });
+    let source = match source {
+        Ok(source) => source,
+        Err(cause) => return fail(&format_args!("looking for Plumbline's crates: {cause}"), 2),
+    };
+    match (Template { language, slot, name, source }).write(&folder) {
+        Ok(()) => {
+            supervisor::tell(format_args!("{} is written; its README.md tells what comes next", folder.display()));
+            ExitCode::SUCCESS
+        }
+        Err(error @ TemplateError::Unwritable { .. }) => fail(&error, 1),
+        Err(error) => fail(&error, 2),
     }
 }
 

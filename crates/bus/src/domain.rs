@@ -116,11 +116,11 @@ impl Domain {
         config
     }
 
-    fn prefix(&self) -> String {
+    pub(crate) fn prefix(&self) -> String {
         format!("plumbline.{}.", self.name)
     }
 
-    fn root(&self) -> PathBuf {
+    pub(crate) fn root(&self) -> PathBuf {
         PathBuf::from(format!("/tmp/plumbline.{}", self.name))
     }
 
@@ -129,11 +129,11 @@ impl Domain {
         self.root().join("door")
     }
 
-    fn page_path(&self) -> PathBuf {
+    pub(crate) fn page_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }
 
-    fn members_path(&self) -> PathBuf {
+    pub(crate) fn members_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "members")
     }
 

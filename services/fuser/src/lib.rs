@@ -7,10 +7,9 @@
 use attitude::{
     Vector3,
     accel::Inclination,
-    fuser::{Fused, Fuser, FuserInput, innovation_rad},
+    fuser::{Fused, Fuser, FuserInput, FuserStage, innovation_rad},
     gnss::Fix,
     gyro::Motion,
-    stage::Stage,
     state::Attitude,
     turn::Turn,
 };
@@ -75,13 +74,13 @@ impl From<GnssFix> for FuserMessage {
 
 /// The slot.
 #[derive(Debug, Clone)]
-pub struct FuserSlot {
+pub struct FuserSlot<S = Fuser> {
     join: Join<GyroStep, AccelPoint>,
     field: Beside<MagSample>,
     fixes: Beside<GnssFix>,
-    stage: Fuser,
+    stage: S,
     /// The stage as it began.
-    fresh: Fuser,
+    fresh: S,
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
@@ -95,7 +94,14 @@ pub struct FuserSlot {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
-    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, Fuser::named)?;
+    slot_with(orders, Fuser::named)
+}
+
+fn slot_with<S: FuserStage>(
+    orders: &Orders,
+    named: impl FnOnce(&str) -> Option<S>,
+) -> Result<FuserSlot<S>, RuntimeError> {
+    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
         join: Join::new(lateness_ticks),
@@ -115,18 +121,23 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
+    run_with(Fuser::named)
+}
+
+/// The service with stages of one's own: `named` makes the one of that name.
+pub fn run_with<S: FuserStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
     let member = Member::join(Service::Fuser)?;
-    let slot = slot(&member.orders)?;
+    let slot = slot_with(&member.orders, named)?;
     let (gyro, accel) = (member.reader::<GyroStep>()?, member.reader::<AccelPoint>()?);
     let (mag, gnss) = (member.subscriber::<MagSample>()?, member.subscriber::<GnssFix>()?);
     let control = member.control()?;
     serve(member, slot, &[&gyro, &accel, &mag, &gnss, &control])
 }
 
-impl Slot for FuserSlot {
+impl<S: FuserStage> Slot for FuserSlot<S> {
     type Input = FuserMessage;
     type Output = FusedState;
-    type Stage = Fuser;
+    type Stage = S;
 
     fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
         match input {
@@ -152,11 +163,11 @@ impl Slot for FuserSlot {
         self.waits_for().unwrap_or_else(|| self.join.lacks())
     }
 
-    fn stage(&self) -> &Fuser {
+    fn stage(&self) -> &S {
         &self.stage
     }
 
-    fn stage_mut(&mut self) -> &mut Fuser {
+    fn stage_mut(&mut self) -> &mut S {
         &mut self.stage
     }
 
@@ -184,7 +195,7 @@ impl Slot for FuserSlot {
     }
 }
 
-impl FuserSlot {
+impl<S: FuserStage> FuserSlot<S> {
     /// A slot that nobody owns any more is not waited for.
     fn heed(&mut self, control: &Control) {
         match control {
