@@ -8,11 +8,13 @@
 //! | [`c`] | the messages as a C header |
 //! | [`python`] | the messages as `ctypes`, and the package that runs a stage |
 //! | [`template`] | a working stage with a test, to be changed |
+//! | [`trial`] | what a program does as a stage of a running system: the checks |
 #![forbid(unsafe_code)]
 
 pub mod c;
 pub mod python;
 pub mod template;
+pub mod trial;
 
 use messages::{Field, Header, Layout};
 

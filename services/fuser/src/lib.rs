@@ -188,6 +188,10 @@ impl<S: FuserStage> Slot for FuserSlot<S> {
         (!attitudes || !self.blind_s.is_finite()).then_some("a number that is not finite")
     }
 
+    fn has_begun(&self) -> bool {
+        self.aligned
+    }
+
     fn expect_until(&mut self, tick: u64) {
         self.join.expect_until(tick);
         self.field.expect_until(tick);
@@ -334,4 +338,47 @@ fn is_finite(fused: &Fused) -> bool {
     let q = fused.attitude.quaternion();
     let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
     q.coords.iter().chain(&fused.bias_rad_s).chain(&fused.rate_rad_s).chain(&numbers).all(|x| x.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use attitude::Complex;
+    use launch::Launch;
+    use runtime::{Pace, Role, checkpoint};
+
+    use super::*;
+
+    fn slot_with(stage: &str) -> FuserSlot {
+        let mut launch = Launch::default();
+        launch.fuser.stage = stage.into();
+        let (rate_hz, pace, role) = (100.0, Pace::Max, Role::Owner { from_tick: 0 });
+        let orders = Orders {
+            launch,
+            rate_hz,
+            pace,
+            role,
+            ticks_max: None,
+            incarnation: 1,
+            epoch: 1,
+            resume: None,
+            supervisor_pid: 0,
+        };
+        slot(&orders).unwrap()
+    }
+
+    #[test]
+    fn who_goes_on_from_a_stage_that_was_never_level_sets_the_level_itself() {
+        let nothing_yet = checkpoint::checkpoint(&mut slot_with("wz"), Service::Fuser, 1);
+        let mut other = slot_with("wz-closed");
+        checkpoint::resume(&mut other, Service::Fuser, &nothing_yet).unwrap();
+        let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };
+        level.force_m_s2 =
+            attitude::point::Point { w: Complex::new(0.3, 0.1), ..Default::default() }.direction().into();
+        let still = GyroStep { p: [1.0, 0.0], ..bytemuck::Zeroable::zeroed() };
+        let mut outputs = Vec::new();
+        other.offer(level.into(), &mut |out| outputs.push(out));
+        other.offer(still.into(), &mut |out| outputs.push(out));
+        assert_eq!(outputs[0].w.map(|x| (x * 1e9).round() / 1e9), [0.3, 0.1]);
+        assert!(outputs[0].header.flags.any(Flags::ALIGNED));
+    }
 }

@@ -403,13 +403,11 @@ impl Process {
 
     /// Starts this executable as the service, or what the launch file names for the slot.
     fn command(service: Service, orders: &Orders) -> io::Result<Command> {
-        let Some(program) = orders.launch.program(service) else {
-            let mut command = Command::new(std::env::current_exe()?);
-            command.args(["service", service.name()]);
-            return Ok(command);
-        };
-        let mut command = Command::new(program.file());
-        command.args(program.arguments()).current_dir(&program.folder);
+        if let Some(program) = orders.launch.program(service) {
+            return Ok(program.command());
+        }
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["service", service.name()]);
         Ok(command)
     }
 

@@ -24,7 +24,12 @@ TURN_RAD_S = 0.035
 FORCE_MIN_M_S2 = 0.5
 
 
-class _EachTick:
+class _Slot:
+    def has_begun(self, own):
+        return True
+
+
+class _EachTick(_Slot):
     """A slot with one input: one message out for each message in."""
 
     def __init__(self, orders, stage):
@@ -119,7 +124,7 @@ class AccelSlot(_EachTick):
         self.stage.adopt(Point(complex(values[1], values[2]), bool(values[0])))
 
 
-class FuserSlot:
+class FuserSlot(_Slot):
     """From `gyro` and `accel`, joined by tick, with `mag` and `gnss` where a tick has them, to `fused`.
 
     The stage also has `realign()`: the level is set anew by the next inclination, heading and bias stay.
@@ -283,11 +288,15 @@ class FuserSlot:
         common = self.stage.common()
         return (*_flat(common.attitude), common.reference, *common.bias_rad_s, *common[3:])
 
+    def has_begun(self, own):
+        """What the stage told as common is more than where every stage begins."""
+        return bool(own[11])
+
     def adopt_values(self, values):
         self.stage.adopt(Estimate(_unflat(values[:4]), values[4], tuple(values[5:8]), *values[8:]))
 
 
-class CourseSlot:
+class CourseSlot(_Slot):
     """From `fused`, with `gnss` where a tick has it, to `attitude`."""
 
     INPUTS, OUTPUT = (messages.FusedState, messages.GnssFix), messages.AttitudeOutput

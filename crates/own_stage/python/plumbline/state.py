@@ -53,7 +53,7 @@ def resume(slot, place, words):
         if not all(math.isfinite(value) for value in values):
             raise ValueError("a number of the stage is not finite")
         slot.stage.restore(list(values))
-    else:
+    elif slot.has_begun(own):
         slot.adopt_values(common)
     slot.set_own(own)
     return name == slot.stage.NAME
