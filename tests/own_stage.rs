@@ -55,7 +55,11 @@ fn system_with_stage(python: &Path, rest: &str) -> System {
 }
 
 fn written(language: &str, folder: &Path, arguments: &[&str]) {
-    let mut command = common::plumb(&["stage", "new", "my-fuser", "--lang", language, "--dir"]);
+    written_as("my-fuser", language, folder, arguments);
+}
+
+fn written_as(name: &str, language: &str, folder: &Path, arguments: &[&str]) {
+    let mut command = common::plumb(&["stage", "new", name, "--lang", language, "--dir"]);
     let output = command.arg(folder).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
@@ -178,20 +182,63 @@ fn a_stage_in_python_tells_its_difference_as_a_shadow() {
     running.wait().assert_whole();
 }
 
+/// `plumb stage test` of a stage beside its own launch file: whether it passes, and the checks that failed.
+fn judged(name: &str, launch: &Path) -> (bool, Vec<String>) {
+    let output = common::plumb(&["stage", "test", name, "--json", "--launch"]).arg(launch).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    let reports: Value = serde_json::from_str(said.lines().last().unwrap()).unwrap();
+    let checks = reports[0]["checks"].as_array().unwrap();
+    println!("{name}: {} checks", checks.len());
+    let failed = checks.iter().filter(|check| check["passed"] == false);
+    (output.status.success(), failed.map(|check| check["name"].as_str().unwrap().to_owned()).collect())
+}
+
 #[test]
-fn the_tests_of_a_new_stage_in_python_pass() {
+fn a_new_stage_in_python_passes_its_own_tests_and_is_judged_sound_in_every_slot() {
     let Some(python) = python() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    written("python", &folder.path().join("mine"), &[]);
-    let output =
-        Command::new(&python).args(["-m", "unittest"]).current_dir(folder.path().join("mine")).output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success() && said.contains("OK"), "{said}");
-    let again = common::plumb(&["stage", "new", "my-fuser", "--lang", "python", "--dir"])
-        .arg(folder.path().join("mine"))
-        .output()
-        .unwrap();
-    assert_eq!(again.status.code(), Some(2), "an existing folder is left as it is");
+    let parent = tempfile::tempdir().unwrap();
+    for slot in ["gyro", "accel", "fuser", "course"] {
+        let (name, folder) = (format!("my-{slot}"), parent.path().join(slot));
+        written_as(&name, "python", &folder, &["--slot", slot]);
+        let output = Command::new(&python).args(["-m", "unittest"]).current_dir(&folder).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success() && said.contains("OK"), "{said}");
+        std::os::unix::fs::symlink(python.parent().unwrap().parent().unwrap(), folder.join(".venv")).unwrap();
+        assert_eq!(judged(&name, &folder.join("launch.toml")), (true, Vec::new()), "{name}");
+        let mut again = common::plumb(&["stage", "new", &name, "--lang", "python", "--dir"]);
+        assert_eq!(again.arg(&folder).output().unwrap().status.code(), Some(2), "what is there is left as it is");
+    }
+}
+
+#[test]
+fn a_bad_stage_in_python_fails_the_checks_that_are_made_for_its_mistakes() {
+    let Some(python) = python() else { return };
+    let system = system_with_stage(&python, "");
+    let change = |file: &str, from: &str, to: &str| {
+        let path = system.path("my-fuser").join(file);
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{file}: {from}");
+        fs::write(path, text.replace(from, to)).unwrap();
+    };
+    // It forgets its heading, divides nothing by nothing without an inclination, and goes on when another owns the slot.
+    change("my_fuser.py", "= attitude, started > 0.5", "= plumbline.Attitude(attitude.up), started > 0.5");
+    change(
+        "my_fuser.py",
+        "return plumbline.Fused(",
+        "return plumbline.Fused(bias_rad_s=(0.0 if input.inclination else math.nan,) * 3, attitude=",
+    );
+    change("my_fuser.py", "attitude=self.attitude, rate_rad_s,", "attitude=self.attitude, rate_rad_s=rate_rad_s,");
+    change("plumbline/rules.py", "if term is None or not term[2]:", "if term is None:");
+    let (passed, failed) = judged("my-fuser", &system.path("launch.toml"));
+    assert!(!passed);
+    for check in [
+        "a run goes on from a checkpoint bit for bit",
+        "outputs are finite and rotations under free fall",
+        "it publishes nothing but what it owns",
+    ] {
+        assert!(failed.iter().any(|failed| failed == check), "{check} passed; failed: {failed:?}");
+    }
+    assert!(failed.len() < 10, "{failed:?}");
 }
 
 #[test]
@@ -235,6 +282,7 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out() {
     cargo("test");
     cargo("build");
     fs::copy(target.join("release/my-fuser"), system.path("my-fuser-program")).unwrap();
+    assert_eq!(judged("my-fuser", &system.path("launch.toml")), (true, Vec::new()));
     let running = started(&system, &[]);
     for to in ["my-fuser", "wz"] {
         let report = ask(&system, &["swap", "fuser", to]);

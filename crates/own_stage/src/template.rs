@@ -38,8 +38,15 @@ pub enum TemplateError {
     #[error("naming a stage: {0:?} is no name; begin with a letter and use a-z, 0-9 and -, 32 at most")]
     Name(String),
     /// There is none for that slot.
-    #[error("writing a stage: there is no template for the slot `{0}`; there are: gyro, accel, fuser, course")]
-    Slot(Service),
+    #[error(
+        "writing a stage: there is no template in {language:?} for the slot `{slot}`; in Python there are gyro, accel, fuser and course, in Rust fuser"
+    )]
+    Slot {
+        /// Which one.
+        slot: Service,
+        /// In which language.
+        language: Language,
+    },
     /// Something is there.
     #[error("writing a stage to {0}: it is there already; name another place with --dir, or remove it")]
     Occupied(PathBuf),
@@ -103,9 +110,12 @@ impl Template {
 
     fn stage(&self) -> Result<&'static str, TemplateError> {
         Ok(match (self.language, self.slot) {
+            (Language::Python, Service::Gyro) => include_str!("../templates/python/gyro.py"),
+            (Language::Python, Service::Accel) => include_str!("../templates/python/accel.py"),
             (Language::Python, Service::Fuser) => include_str!("../templates/python/fuser.py"),
+            (Language::Python, Service::Course) => include_str!("../templates/python/course.py"),
             (Language::Rust, Service::Fuser) => include_str!("../templates/rust/fuser.rs"),
-            (_, slot) => return Err(TemplateError::Slot(slot)),
+            (language, slot) => return Err(TemplateError::Slot { slot, language }),
         })
     }
 

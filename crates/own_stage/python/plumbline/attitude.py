@@ -104,6 +104,20 @@ class Attitude(NamedTuple):
         alpha, beta = (second, -first) if self.up.inverted else (first, second)
         return (alpha.real, beta.real, beta.imag, alpha.imag)
 
+    def angles(self):
+        """Yaw counter-clockwise from above, pitch nose up, roll right side down."""
+        u, v = self.up.w.real, self.up.w.imag
+        rho, sign = u * u + v * v, -1.0 if self.up.inverted else 1.0
+        sin, cos = math.sin(self.z_rad), math.cos(self.z_rad)
+        level, pitch_rad = math.hypot(2.0 * u, 1.0 - rho), math.atan2(sign * 2.0 * v, math.hypot(2.0 * u, 1.0 - rho))
+        if level < 1e-8 * (1.0 + rho):
+            # Of the turns that make up yaw and roll only one is left: all of it is yaw.
+            across, north = 1.0 - u * u + v * v, 2.0 * u * v
+            return math.atan2(across * sin - north * cos, across * cos + north * sin), pitch_rad, 0.0
+        east, north = 1.0 + u * u - v * v, 2.0 * u * v
+        yaw_rad = math.atan2(sign * (east * sin + north * cos), sign * (east * cos - north * sin))
+        return yaw_rad, pitch_rad, math.atan2(-2.0 * u, sign * (1.0 - rho))
+
     def is_sound(self):
         """It is finite and inside its chart."""
         return _norm2(self.up.w) <= 2.0 and abs(self.z_rad) <= 4.0

@@ -50,8 +50,8 @@ def resume(slot, place, words):
         raise ValueError("it holds a number that cannot be")
     name = bytes(record.stage).split(b"\0", 1)[0].decode("utf-8", "replace")
     if name == slot.stage.NAME:
-        if not all(math.isfinite(value) for value in values):
-            raise ValueError("a number of the stage is not finite")
+        if len(values) != len(slot.stage.snapshot()) or not all(math.isfinite(value) for value in values):
+            raise ValueError("its numbers are not those of this stage")
         slot.stage.restore(list(values))
     elif slot.has_begun(own):
         slot.adopt_values(common)
