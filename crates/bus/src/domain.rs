@@ -123,12 +123,12 @@ impl Domain {
         config
     }
 
-    fn prefix(&self) -> String {
+    pub(crate) fn prefix(&self) -> String {
         format!("plumbline.{}.", self.name)
     }
 
     /// In memory: iceoryx2 syncs each file that it makes, and a disk would hold up every start for tens of milliseconds.
-    fn root(&self) -> PathBuf {
+    pub(crate) fn root(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(format!("plumbline.{}", self.name))
     }
 
@@ -137,11 +137,11 @@ impl Domain {
         self.root().join("door")
     }
 
-    fn page_path(&self) -> PathBuf {
+    pub(crate) fn page_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }
 
-    fn members_path(&self) -> PathBuf {
+    pub(crate) fn members_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "members")
     }
 

@@ -9,10 +9,12 @@
 
 mod domain;
 mod error;
+mod facts;
 mod topic;
 mod wake;
 
 pub use domain::{Claim, Domain};
 pub use error::BusError;
+pub use facts::Facts;
 pub use topic::{Bus, Publisher, Subscriber};
 pub use wake::Woken;

@@ -22,14 +22,17 @@ use crate::{
 };
 
 /// Active, candidate and injector, and one that was killed and is not yet cleaned up.
-const PUBLISHERS: usize = 4;
+pub(crate) const PUBLISHERS: usize = 4;
 /// Services of the path, recorder, gateway, taps, and two that were killed.
-const SUBSCRIBERS: usize = 10;
+pub(crate) const SUBSCRIBERS: usize = 10;
 /// Every service says how it is and where.
-const EVERYBODY: usize = 24;
-const NODES: usize = 40;
+pub(crate) const EVERYBODY: usize = 24;
+/// The topics on which it does.
+pub(crate) const OF_EVERYBODY: [&str; 3] =
+    [messages::Health::TOPIC, messages::Checkpoint::TOPIC, messages::Difference::TOPIC];
+pub(crate) const NODES: usize = 40;
 /// iceoryx2 holds eight attributes of 256 bytes.
-const LAYOUT_CHUNK: usize = 250;
+pub(crate) const LAYOUT_CHUNK: usize = 250;
 
 /// A process's place on the bus of a system.
 #[derive(Debug)]
@@ -117,8 +120,7 @@ impl Bus {
             };
             attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
         }
-        let of_everybody = [messages::Health::TOPIC, messages::Checkpoint::TOPIC, messages::Difference::TOPIC];
-        let everybody = of_everybody.contains(&M::TOPIC);
+        let everybody = OF_EVERYBODY.contains(&M::TOPIC);
         let publishers = if everybody { EVERYBODY } else { PUBLISHERS };
         self.node
             .service_builder(&name)

@@ -24,6 +24,9 @@ use rustix::{
 /// Words in the page: more than there are topics.
 const WORDS: usize = 63;
 pub(crate) const PAGE_BYTES: usize = size_of::<Layout>();
+/// From one word to the next, and from the page's start to the first.
+pub(crate) const WORD_BYTES: usize = size_of::<Word>();
+const _: () = assert!(core::mem::offset_of!(Layout, words) == WORD_BYTES);
 
 /// One topic's word, alone on its cache line.
 #[repr(C, align(64))]

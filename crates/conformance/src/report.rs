@@ -53,12 +53,12 @@ impl Report {
 
 impl Check {
     /// A property that holds, or fails at the place told.
-    pub(crate) fn holds(name: impl Into<String>, failed_at: Option<String>) -> Self {
+    pub fn holds(name: impl Into<String>, failed_at: Option<String>) -> Self {
         Self { name: name.into(), passed: failed_at.is_none(), figure: None, failed_at }
     }
 
     /// A number that may not be above its limit.
-    pub(crate) fn most(name: impl Into<String>, figure: Figure, at: impl FnOnce() -> String) -> Self {
+    pub fn most(name: impl Into<String>, figure: Figure, at: impl FnOnce() -> String) -> Self {
         let passed = figure.limit.is_none_or(|limit| figure.value.is_some_and(|value| value <= limit));
         Self { name: name.into(), passed, figure: Some(figure), failed_at: (!passed).then(at) }
     }

@@ -3,6 +3,7 @@
 use std::{
     ops::Range,
     path::{Path, PathBuf},
+    process::Command,
 };
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
@@ -31,9 +32,11 @@ impl Program {
         if word.contains('/') { self.folder.join(word) } else { word.into() }
     }
 
-    /// What comes after it.
-    pub fn arguments(&self) -> &[String] {
-        self.command.get(1..).unwrap_or_default()
+    /// The command, to be started.
+    pub fn command(&self) -> Command {
+        let mut command = Command::new(self.file());
+        command.args(self.command.iter().skip(1)).current_dir(&self.folder);
+        command
     }
 }
 
@@ -130,7 +133,7 @@ mod tests {
         let launch = Launch::parse("launch.toml", &text).unwrap();
         let program = launch.program(Service::Fuser).unwrap();
         assert_eq!((program.slot, program.file()), (Service::Fuser, "python3".into()));
-        assert_eq!(program.arguments(), ["my_fuser.py"]);
+        assert_eq!(program.command().get_args().collect::<Vec<_>>(), ["my_fuser.py"]);
         assert_eq!(launch.fuser.set.iter().map(|(key, _)| key.as_str()).collect::<Vec<_>>(), ["anything", "gain"]);
         let unused = Launch::parse("launch.toml", WHOLE).unwrap();
         assert_eq!((unused.stages.len(), unused.program(Service::Fuser)), (1, None));

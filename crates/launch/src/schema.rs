@@ -21,9 +21,9 @@ impl Launch {
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
-        let folder = std::path::absolute(path.parent().unwrap_or(Path::new("")))
-            .map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
-        let mut launch = Self::parse_in(Some(&folder), &path.display().to_string(), &text)?;
+        let place =
+            std::path::absolute(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
+        let mut launch = Self::parse_in(place.parent(), &path.display().to_string(), &text)?;
         let Replay { file, gnss, .. } = &mut launch.ingest.replay;
         if let Some(folder) = path.parent() {
             if !file.as_os_str().is_empty() {

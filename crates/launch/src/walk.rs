@@ -204,15 +204,12 @@ impl<'t> Section<'t, '_> {
     }
 
     /// One of these names, for what it stands for.
-    pub(crate) fn choice<'n, T: Clone>(
+    pub(crate) fn choice<'n, T: Clone + 'n>(
         &mut self,
         key: &'static str,
         allowed: impl AsRef<[(&'n str, T)]>,
         out: &mut T,
-    ) -> bool
-    where
-        T: 'n,
-    {
+    ) -> bool {
         self.read(key, out, |section, value| section.chosen(key, value, allowed.as_ref()))
     }
 

@@ -84,7 +84,9 @@ pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoi
     } else {
         let mut shared = resumed.stage().common();
         fill(common, |visit| shared.visit(visit))?;
-        resumed.stage_mut().adopt(&shared)?;
+        if resumed.has_begun() {
+            resumed.stage_mut().adopt(&shared)?;
+        }
         Resumed::Common
     };
     *slot = resumed;

@@ -1,6 +1,7 @@
 //! What a service is told when it starts.
 
-use launch::{GyroSamples, Launch, Source, TOPIC_MESSAGES_MAX};
+use bus::{BusError, Domain, Facts};
+use launch::{GyroSamples, Launch, Service, Source, Stage, TOPIC_MESSAGES_MAX};
 use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +38,22 @@ pub struct Orders {
 }
 
 impl Orders {
+    /// The orders as a service reads them from its standard input, with what follows from them: a program that is not built with
+    /// this crate finds everything in them.
+    pub fn text(&self, service: Service) -> Result<String, OrdersError> {
+        let told = Told {
+            orders: self,
+            service,
+            stage: self.launch.slot(service),
+            buffer_ticks: self.buffer_ticks(),
+            buffer_beside: BUFFER_BESIDE,
+            lateness_ticks: self.lateness_ticks(),
+            checkpoint_ticks: self.checkpoint_ticks(),
+            bus: Domain::new(&self.launch.name)?.facts(),
+        };
+        Ok(serde_json::to_string(&told)?)
+    }
+
     /// Messages that each topic of the path holds.
     pub fn buffer_ticks(&self) -> usize {
         let rate_hz = self.rate_hz * if let Pace::Speed(speed) = self.pace { speed.max(1.0) } else { 1.0 };
@@ -71,6 +88,29 @@ impl Orders {
             Source::Bus => self.launch.ingest.bus.gyro_samples,
         }
     }
+}
+
+/// Why orders could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("writing the orders of a service: {0}")]
+pub enum OrdersError {
+    /// The system has no name.
+    Name(#[from] BusError),
+    /// They are no JSON.
+    Text(#[from] serde_json::Error),
+}
+
+#[derive(Serialize)]
+struct Told<'a> {
+    #[serde(flatten)]
+    orders: &'a Orders,
+    service: Service,
+    stage: Option<&'a Stage>,
+    buffer_ticks: usize,
+    buffer_beside: usize,
+    lateness_ticks: u64,
+    checkpoint_ticks: u64,
+    bus: Facts,
 }
 
 /// How a service stands to its slot.

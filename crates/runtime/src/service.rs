@@ -62,6 +62,16 @@ pub enum RuntimeError {
         /// The name asked for.
         stage: String,
     },
+    /// A program of the user's, where there are no processes.
+    #[error(
+        "filling the slot `{slot}`: `{stage}` is a program of its own and runs only as a process; leave out --in-process"
+    )]
+    Program {
+        /// The slot.
+        slot: Service,
+        /// The name asked for.
+        stage: String,
+    },
     /// A parameter that the stage does not take.
     #[error("setting `{name}` of the stage `{stage}` in the slot `{slot}`: {cause}")]
     Parameter {

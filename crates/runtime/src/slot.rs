@@ -39,6 +39,11 @@ pub trait Slot {
         None
     }
 
+    /// What the stage tells as common is more than where every stage begins.
+    fn has_begun(&self) -> bool {
+        true
+    }
+
     /// Before `tick` everything has been published once: what is missing is on its way, however far another input is ahead.
     fn expect_until(&mut self, _tick: u64) {}
 }

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use attitude::{
     Vector3,
-    course::{Course, CourseInput, Reference},
+    course::{Course, CourseInput, LastReading, Reading, Reference},
     gnss::Fix,
     stage::Stage,
     state::Attitude,
@@ -39,13 +39,18 @@ impl From<GnssFix> for CourseMessage {
     }
 }
 
+/// A stage that the slot takes.
+pub trait CourseStage: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone {}
+
+impl<S: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone> CourseStage for S {}
+
 /// The slot.
 #[derive(Debug, Clone)]
-pub struct CourseSlot {
+pub struct CourseSlot<S = Course> {
     queue: VecDeque<FusedState>,
     fixes: Beside<GnssFix>,
     sequence: Sequence,
-    stage: Course,
+    stage: S,
     declination_rad: f64,
     attitude: Attitude,
     /// The fuser's, and those of the course itself.
@@ -58,11 +63,18 @@ pub struct CourseSlot {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
+    slot_with(orders, Course::named)
+}
+
+fn slot_with<S: CourseStage>(
+    orders: &Orders,
+    named: impl FnOnce(&str) -> Option<S>,
+) -> Result<CourseSlot<S>, RuntimeError> {
     Ok(CourseSlot {
         queue: VecDeque::new(),
         fixes: Beside::new(Flags::FIX, orders.lateness_ticks()),
         sequence: Sequence::default(),
-        stage: stage::filled(Service::Course, &orders.launch.course, Course::named)?,
+        stage: stage::filled(Service::Course, &orders.launch.course, named)?,
         declination_rad: orders.launch.course.set.get("declination_deg").map_or(0.0, |deg| deg.to_radians()),
         attitude: Attitude::default(),
         resets: [0; 2],
@@ -74,16 +86,21 @@ pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
+    run_with(Course::named)
+}
+
+/// The service with stages of one's own: `named` makes the one of that name.
+pub fn run_with<S: CourseStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
     let member = Member::join(Service::Course)?;
-    let slot = slot(&member.orders)?;
+    let slot = slot_with(&member.orders, named)?;
     let (fused, gnss) = (member.reader::<FusedState>()?, member.subscriber::<GnssFix>()?);
     serve(member, slot, &[&fused, &gnss])
 }
 
-impl Slot for CourseSlot {
+impl<S: CourseStage> Slot for CourseSlot<S> {
     type Input = CourseMessage;
     type Output = AttitudeOutput;
-    type Stage = Course;
+    type Stage = S;
 
     fn offer(&mut self, input: CourseMessage, publish: &mut dyn FnMut(AttitudeOutput)) {
         match input {
@@ -109,11 +126,11 @@ impl Slot for CourseSlot {
         usize::from(self.waits_for_fix())
     }
 
-    fn stage(&self) -> &Course {
+    fn stage(&self) -> &S {
         &self.stage
     }
 
-    fn stage_mut(&mut self) -> &mut Course {
+    fn stage_mut(&mut self) -> &mut S {
         &mut self.stage
     }
 
@@ -136,7 +153,7 @@ impl Slot for CourseSlot {
     }
 }
 
-impl CourseSlot {
+impl<S: CourseStage> CourseSlot<S> {
     /// The next tick has a fix that has not come yet.
     fn waits_for_fix(&self) -> bool {
         let newest_tick = self.queue.back().map_or(0, |state| state.header().tick);

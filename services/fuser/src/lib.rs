@@ -7,10 +7,9 @@
 use attitude::{
     Vector3,
     accel::Inclination,
-    fuser::{Fused, Fuser, FuserInput, innovation_rad},
+    fuser::{Fused, Fuser, FuserInput, FuserStage, innovation_rad},
     gnss::Fix,
     gyro::Motion,
-    stage::Stage,
     state::Attitude,
     turn::Turn,
 };
@@ -75,13 +74,13 @@ impl From<GnssFix> for FuserMessage {
 
 /// The slot.
 #[derive(Debug, Clone)]
-pub struct FuserSlot {
+pub struct FuserSlot<S = Fuser> {
     join: Join<GyroStep, AccelPoint>,
     field: Beside<MagSample>,
     fixes: Beside<GnssFix>,
-    stage: Fuser,
+    stage: S,
     /// The stage as it began.
-    fresh: Fuser,
+    fresh: S,
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
@@ -95,7 +94,14 @@ pub struct FuserSlot {
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
-    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, Fuser::named)?;
+    slot_with(orders, Fuser::named)
+}
+
+fn slot_with<S: FuserStage>(
+    orders: &Orders,
+    named: impl FnOnce(&str) -> Option<S>,
+) -> Result<FuserSlot<S>, RuntimeError> {
+    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
         join: Join::new(lateness_ticks),
@@ -115,18 +121,23 @@ pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
+    run_with(Fuser::named)
+}
+
+/// The service with stages of one's own: `named` makes the one of that name.
+pub fn run_with<S: FuserStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
     let member = Member::join(Service::Fuser)?;
-    let slot = slot(&member.orders)?;
+    let slot = slot_with(&member.orders, named)?;
     let (gyro, accel) = (member.reader::<GyroStep>()?, member.reader::<AccelPoint>()?);
     let (mag, gnss) = (member.subscriber::<MagSample>()?, member.subscriber::<GnssFix>()?);
     let control = member.control()?;
     serve(member, slot, &[&gyro, &accel, &mag, &gnss, &control])
 }
 
-impl Slot for FuserSlot {
+impl<S: FuserStage> Slot for FuserSlot<S> {
     type Input = FuserMessage;
     type Output = FusedState;
-    type Stage = Fuser;
+    type Stage = S;
 
     fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
         match input {
@@ -152,11 +163,11 @@ impl Slot for FuserSlot {
         self.waits_for().unwrap_or_else(|| self.join.lacks())
     }
 
-    fn stage(&self) -> &Fuser {
+    fn stage(&self) -> &S {
         &self.stage
     }
 
-    fn stage_mut(&mut self) -> &mut Fuser {
+    fn stage_mut(&mut self) -> &mut S {
         &mut self.stage
     }
 
@@ -177,6 +188,10 @@ impl Slot for FuserSlot {
         (!attitudes || !self.blind_s.is_finite()).then_some("a number that is not finite")
     }
 
+    fn has_begun(&self) -> bool {
+        self.aligned
+    }
+
     fn expect_until(&mut self, tick: u64) {
         self.join.expect_until(tick);
         self.field.expect_until(tick);
@@ -184,7 +199,7 @@ impl Slot for FuserSlot {
     }
 }
 
-impl FuserSlot {
+impl<S: FuserStage> FuserSlot<S> {
     /// A slot that nobody owns any more is not waited for.
     fn heed(&mut self, control: &Control) {
         match control {
@@ -323,4 +338,47 @@ fn is_finite(fused: &Fused) -> bool {
     let q = fused.attitude.quaternion();
     let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
     q.coords.iter().chain(&fused.bias_rad_s).chain(&fused.rate_rad_s).chain(&numbers).all(|x| x.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use attitude::Complex;
+    use launch::Launch;
+    use runtime::{Pace, Role, checkpoint};
+
+    use super::*;
+
+    fn slot_with(stage: &str) -> FuserSlot {
+        let mut launch = Launch::default();
+        launch.fuser.stage = stage.into();
+        let (rate_hz, pace, role) = (100.0, Pace::Max, Role::Owner { from_tick: 0 });
+        let orders = Orders {
+            launch,
+            rate_hz,
+            pace,
+            role,
+            ticks_max: None,
+            incarnation: 1,
+            epoch: 1,
+            resume: None,
+            supervisor_pid: 0,
+        };
+        slot(&orders).unwrap()
+    }
+
+    #[test]
+    fn who_goes_on_from_a_stage_that_was_never_level_sets_the_level_itself() {
+        let nothing_yet = checkpoint::checkpoint(&mut slot_with("wz"), Service::Fuser, 1);
+        let mut other = slot_with("wz-closed");
+        checkpoint::resume(&mut other, Service::Fuser, &nothing_yet).unwrap();
+        let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };
+        level.force_m_s2 =
+            attitude::point::Point { w: Complex::new(0.3, 0.1), ..Default::default() }.direction().into();
+        let still = GyroStep { p: [1.0, 0.0], ..bytemuck::Zeroable::zeroed() };
+        let mut outputs = Vec::new();
+        other.offer(level.into(), &mut |out| outputs.push(out));
+        other.offer(still.into(), &mut |out| outputs.push(out));
+        assert_eq!(outputs[0].w.map(|x| (x * 1e9).round() / 1e9), [0.3, 0.1]);
+        assert!(outputs[0].header.flags.any(Flags::ALIGNED));
+    }
 }

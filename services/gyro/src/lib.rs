@@ -6,9 +6,8 @@
 
 use attitude::{
     accel::FORCE_MIN_M_S2,
-    gyro::{Gyro, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
     point::Point,
-    stage::Stage,
     state::Attitude,
 };
 use launch::Service;
@@ -17,27 +16,39 @@ use runtime::{BRIDGE_S, EachTick, Member, Orders, RuntimeError, Work, serve, sta
 
 /// The work of the slot.
 #[derive(Debug, Clone)]
-pub struct GyroWork {
-    stage: Gyro,
+pub struct GyroWork<S = Gyro> {
+    stage: S,
     aligned: bool,
     t_end_ns: Option<i64>,
 }
 
 /// The slot with the stage that `orders` name.
 pub fn slot(orders: &Orders) -> Result<EachTick<GyroWork>, RuntimeError> {
-    let stage = stage::filled(Service::Gyro, &orders.launch.gyro, Gyro::named)?;
+    slot_with(orders, Gyro::named)
+}
+
+fn slot_with<S: GyroStage>(
+    orders: &Orders,
+    named: impl FnOnce(&str) -> Option<S>,
+) -> Result<EachTick<GyroWork<S>>, RuntimeError> {
+    let stage = stage::filled(Service::Gyro, &orders.launch.gyro, named)?;
     Ok(EachTick::new(GyroWork { stage, aligned: false, t_end_ns: None }))
 }
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
+    run_with(Gyro::named)
+}
+
+/// The service with stages of one's own: `named` makes the one of that name.
+pub fn run_with<S: GyroStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
     let member = Member::join(Service::Gyro)?;
-    let slot = slot(&member.orders)?;
+    let slot = slot_with(&member.orders, named)?;
     let imu = member.subscriber::<ImuSample>()?;
     serve(member, slot, &[&imu])
 }
 
-impl GyroWork {
+impl<S: GyroStage> GyroWork<S> {
     /// The open-loop attitude starts level with the first force that has a direction.
     fn align(&mut self, input: &ImuSample) {
         let force_m_s2 = input.force_m_s2.into();
@@ -51,10 +62,10 @@ impl GyroWork {
     }
 }
 
-impl Work for GyroWork {
+impl<S: GyroStage> Work for GyroWork<S> {
     type Input = ImuSample;
     type Output = GyroStep;
-    type Stage = Gyro;
+    type Stage = S;
 
     fn work(&mut self, input: &ImuSample, header: Header) -> GyroStep {
         let before_ns = self.t_end_ns.replace(header.t_end_ns).unwrap_or(header.t_start_ns);
@@ -64,7 +75,7 @@ impl Work for GyroWork {
         let mut motion = self.stage.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind });
         if !self.aligned {
             self.align(input);
-            motion.attitude = self.stage.attitude();
+            motion.attitude = self.stage.common();
         }
         GyroStep {
             header,
@@ -77,11 +88,11 @@ impl Work for GyroWork {
         }
     }
 
-    fn stage(&self) -> &Gyro {
+    fn stage(&self) -> &S {
         &self.stage
     }
 
-    fn stage_mut(&mut self) -> &mut Gyro {
+    fn stage_mut(&mut self) -> &mut S {
         &mut self.stage
     }
 

@@ -86,7 +86,7 @@ impl Collector {
         if let Some(before) = self.last {
             self.gap_ns = self.gap_ns.max(header.t_sent_ns.saturating_sub(before.header.t_sent_ns));
             if header.flags.any(Flags::EXCHANGED) {
-                let jumped = output.reset_counter != before.reset_counter;
+                let jumped = (output.reset_counter, output.jump) != (before.reset_counter, before.jump);
                 let angle_rad = 2.0 * output.jump[0].abs().min(1.0).acos();
                 self.exchanged = Some((header.tick, if jumped { angle_rad } else { 0.0 }));
             }

@@ -410,14 +410,25 @@ impl Post {
 
 impl Process {
     fn start(service: Service, orders: &Orders) -> Result<Self, UpError> {
+        let of_ones_own =
+            orders.launch.program(service).map_or(String::new(), |program| format!(" ({})", program.command.join(" ")));
         Self::spawn(service, orders)
-            .map_err(|cause| UpError::System { doing: format!("starting the service {service}"), cause })
+            .map_err(|cause| UpError::System { doing: format!("starting the service {service}{of_ones_own}"), cause })
+    }
+
+    /// Starts this executable as the service, or what the launch file names for the slot.
+    fn command(service: Service, orders: &Orders) -> io::Result<Command> {
+        if let Some(program) = orders.launch.program(service) {
+            return Ok(program.command());
+        }
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["service", service.name()]);
+        Ok(command)
     }
 
     fn spawn(service: Service, orders: &Orders) -> io::Result<Self> {
-        let text = serde_json::to_vec(&orders)?;
-        let mut child = Command::new(std::env::current_exe()?)
-            .args(["service", service.name()])
+        let text = orders.text(service).map_err(io::Error::other)?;
+        let mut child = Self::command(service, orders)?
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -431,7 +442,7 @@ impl Process {
         let since = Instant::now();
         let process = Self { pid, incarnation, heard: None, child, fd, since, ended: None, asked: false };
         // One that has ended before it read its orders is found when it is reaped.
-        stdin.map_or(Ok(()), |mut stdin| stdin.write_all(&text)).or_else(|cause| match cause.kind() {
+        stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes())).or_else(|cause| match cause.kind() {
             io::ErrorKind::BrokenPipe => Ok(()),
             _ => Err(cause),
         })?;

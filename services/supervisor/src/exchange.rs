@@ -456,6 +456,10 @@ fn check(orders: &Orders, service: Service, stage: &Stage) -> Result<(), String>
     if let Some(slot) = launch.slot_mut(service) {
         slot.clone_from(stage);
     }
+    // A program of the user's says itself what is wrong with its settings.
+    if launch.program(service).is_some() {
+        return Ok(());
+    }
     let orders = Orders { launch, ..orders.clone() };
     let checked = match service {
         Service::Ingest => return Ok(()),

@@ -38,6 +38,10 @@ impl Path {
     /// The slots with the stages that `plan` names.
     pub fn new(plan: &Plan) -> Result<Self, RuntimeError> {
         let orders = &plan.orders;
+        if let Some(slot) = Service::ALL.into_iter().find(|slot| orders.launch.program(*slot).is_some()) {
+            let stage = orders.launch.slot(slot).map_or(String::new(), |chosen| chosen.stage.clone());
+            return Err(RuntimeError::Program { slot, stage });
+        }
         Ok(Self {
             gyro: gyro::slot(orders)?,
             accel: accel::slot(orders)?,

@@ -125,7 +125,7 @@ pub struct Estimate {
 
 impl Estimate {
     /// Refuses what is not an estimate.
-    fn checked(&self) -> Result<(), RestoreError> {
+    pub fn checked(&self) -> Result<(), RestoreError> {
         self.attitude.checked()?;
         if let Some(index) = self.bias_rad_s.iter().position(|x| !x.is_finite()) {
             return Err(RestoreError::NotFinite { index });
@@ -207,10 +207,15 @@ macro_rules! each {
     };
 }
 
-impl Fuser {
+/// A stage that the slot `fuser` takes.
+pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimate> + Clone {
     /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
     /// bias stay.
-    pub fn realign(&mut self) {
+    fn realign(&mut self);
+}
+
+impl FuserStage for Fuser {
+    fn realign(&mut self) {
         each!(self, stage => stage.realign());
     }
 }

@@ -104,9 +104,16 @@ impl Gyro {
     pub fn attitude(&self) -> Attitude {
         self.attitude
     }
+}
 
+/// A stage that the slot `gyro` takes.
+pub trait GyroStage: Stage<Input = RateSample, Output = Motion, Common = Attitude> + Clone {
     /// Sets the attitude to integrate from.
-    pub fn align(&mut self, attitude: Attitude) {
+    fn align(&mut self, attitude: Attitude);
+}
+
+impl GyroStage for Gyro {
+    fn align(&mut self, attitude: Attitude) {
         self.attitude = attitude;
     }
 }
