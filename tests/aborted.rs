@@ -81,7 +81,7 @@ fn a_candidate_of_another_layout() {
 
 #[test]
 fn a_candidate_that_never_becomes_ready() {
-    assert_aborted("never-ready", "ready");
+    assert_aborted("never-ready", "had not opened its topics");
 }
 
 #[test]
@@ -96,12 +96,12 @@ fn a_candidate_that_falls_behind() {
 
 #[test]
 fn a_candidate_that_misses_the_commitment() {
-    assert_aborted("misses-the-commit", "the candidate");
+    assert_aborted("misses-the-commit", "was not confirmed in time");
 }
 
 #[test]
 fn a_candidate_that_gives_what_is_not_a_number() {
-    assert_aborted("gives-nan", "finite");
+    assert_aborted("gives-nan", "what cannot be an output");
 }
 
 #[test]

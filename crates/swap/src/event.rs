@@ -228,7 +228,7 @@ impl fmt::Display for Reason {
             Self::ActiveBehind { lag_ticks } => {
                 write!(f, "the active stage is {lag_ticks} ticks behind its input; exchange it when it keeps up")
             }
-            Self::Flawed => write!(f, "the candidate gave out what cannot be an output; see its log"),
+            Self::Flawed => write!(f, "the candidate gave out what cannot be an output"),
             Self::CandidateDied => write!(f, "the candidate ended before it had taken over"),
             Self::CandidateMissed => write!(f, "the decision reached the candidate too late; give it more margin"),
             Self::ActiveMissed => write!(f, "the decision reached the active stage too late; give it more margin"),
