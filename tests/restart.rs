@@ -15,6 +15,7 @@ fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Ru
     let running = system.start(&[&["--out", out.to_str().unwrap()], arguments].concat());
     running.all_services();
     disturb(&running);
+    system.all_run();
     running.interrupt();
     let run = running.wait();
     run.assert_whole();

@@ -31,7 +31,7 @@ fn stage_in(system: &System, slot: &str) -> String {
 /// The system runs and answers.
 fn started(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    until("the system to answer", || ps(system).iter().filter(|one| one["state"] == "running").count() == 5);
+    system.all_run();
     running
 }
 

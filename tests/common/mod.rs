@@ -67,6 +67,15 @@ impl System {
         run
     }
 
+    /// Waits until the system answers that every service runs.
+    pub fn all_run(&self) {
+        until("every service to run", || {
+            let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
+            let services: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap_or_default();
+            services.iter().filter(|one| one["state"] == "running").count() == 5
+        });
+    }
+
     /// Shared memory and files that carry the system's name.
     pub fn remains(&self) -> Vec<String> {
         let dotted = format!("plumbline.{}.", self.name);

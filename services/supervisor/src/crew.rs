@@ -52,6 +52,8 @@ pub(crate) struct Post {
     due: Option<Instant>,
     /// It is not started again.
     away: bool,
+    /// It was asked to end with the system.
+    ending: bool,
     /// The decision that its next life begins under, and the first tick that it publishes.
     term: Option<(u32, u64)>,
 }
@@ -206,8 +208,8 @@ impl Crew {
         self.posts[service as usize].term = Some((epoch, from_tick));
     }
 
-    /// Sees who has ended, and kills who says nothing any more. `expected` services may end.
-    pub(crate) fn tend(&mut self, expected: &[Service], news: &mut News) -> Result<(), UpError> {
+    /// Sees who has ended, and kills who says nothing any more.
+    pub(crate) fn tend(&mut self, news: &mut News) -> Result<(), UpError> {
         let rule = self.orders.launch.restart;
         for service in Service::ALL {
             let post = &mut self.posts[service as usize];
@@ -223,7 +225,7 @@ impl Crew {
             }
             let ended = post.process.as_mut().and_then(|process| Some((process.reap()?, process.since.elapsed())));
             if let Some((status, lived)) = ended {
-                if expected.contains(&service) && status.success() {
+                if post.ending {
                     continue;
                 }
                 self.bury(service, status, lived, news)?;
@@ -235,7 +237,8 @@ impl Crew {
     /// Starts again who is to be.
     pub(crate) fn revive(&mut self, memory: &Memory, news: &mut News) -> Result<(), UpError> {
         for service in Service::ALL {
-            if self.posts[service as usize].due.is_some_and(|due| Instant::now() >= due) {
+            let post = &self.posts[service as usize];
+            if !post.ending && post.due.is_some_and(|due| Instant::now() >= due) {
                 let incarnation = self.begin(service, Some(memory.resume(service)))?;
                 news.births.push((service, incarnation));
                 let post = &self.posts[service as usize];
@@ -315,8 +318,9 @@ impl Crew {
         let _ = poll(&mut fds, Some(&limit));
     }
 
-    /// Asks one service to end.
-    pub(crate) fn ask_to_end(&self, service: Service) {
+    /// Asks one service to end; it is not started again.
+    pub(crate) fn ask_to_end(&mut self, service: Service) {
+        self.posts[service as usize].ending = true;
         self.post(service).process.iter().for_each(|process| process.signal(Signal::TERM));
     }
 

@@ -10,7 +10,7 @@ use std::{
 
 use bus::{Bus, Claim, Domain, Publisher, Subscriber};
 use launch::Service;
-use messages::{AttitudeOutput, Checkpoint, Credit, Health, Reference, State};
+use messages::{AttitudeOutput, Checkpoint, Credit, Health, ImuSample, Reference, State};
 use runtime::{Input, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
@@ -104,7 +104,7 @@ impl System {
             let Some(late) = self.crew.posts().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
                 return Ok(());
             };
-            self.tend(&[], collector)?;
+            self.tend(collector)?;
             if self.asked_to_end.load(Ordering::SeqCst) {
                 return Ok(());
             }
@@ -122,7 +122,7 @@ impl System {
         let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
         let mut granted = if lockstep { window } else { u64::MAX };
         self.ports.grant(granted)?;
-        let (mut stopping, mut expected, mut given_up) = (false, Vec::new(), false);
+        let (mut stopping, mut given_up) = (false, false);
         let mut cpu_s_per_s = None;
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
@@ -147,7 +147,6 @@ impl System {
                 stopping = true;
                 // Before the first process is reaped, and its time with it.
                 cpu_s_per_s = Some(self.cpu_s_per_s(cpu_start_s, start));
-                expected.push(Service::Ingest);
                 self.crew.ask_to_end(Service::Ingest);
                 progress = Instant::now();
             }
@@ -157,7 +156,7 @@ impl System {
             if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
                 break;
             }
-            self.tend(&expected, &mut collector)?;
+            self.tend(&mut collector)?;
             self.answer(&mut collector);
             self.watch(&mut collector)?;
             if shown.elapsed() > VIEW_INTERVAL {
@@ -177,12 +176,10 @@ impl System {
     }
 
     /// Sees to the services and their slots, and says what happened to them.
-    fn tend(&mut self, expected: &[Service], collector: &mut Collector) -> Result<(), UpError> {
+    fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         let Self { crew, exchange, memory, ports, view, .. } = self;
         let mut news = News::default();
-        let tended = crew
-            .tend(expected, &mut news)
-            .and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
+        let tended = crew.tend(&mut news).and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
         view.announce(&news.lines);
         tended
     }
@@ -272,7 +269,7 @@ impl System {
     fn account(&self, cpu_s_per_s: f64) -> Account {
         let ingest = self.health_of(Service::Ingest);
         Account {
-            ticks_in: ingest.map_or(0, |health| health.ticks),
+            ticks_in: self.ports.bus.next_tick::<ImuSample>(),
             refused: ingest.map_or(0, |health| health.refused),
             cpu_s_per_s,
             services: self
