@@ -189,9 +189,16 @@ impl Message for Swapped {
     const TYPE: &'static str = Reference::TYPE;
 
     fn layout() -> Layout {
-        let field = |name, kind, offset| Field { name, kind, offset };
+        let field = |name, kind, offset| Field { name, kind, offset, about: "" };
         let fields = vec![field("scored", "u64", 0), field("tick", "u64", 8), field("quaternion", "[f64; 4]", 16)];
-        Layout { name: Self::TYPE, size: size_of::<Self>(), fields }
+        Layout {
+            name: Self::TYPE,
+            size: size_of::<Self>(),
+            fields,
+            topic: Some(Self::TOPIC),
+            about: "",
+            header_fields: 0,
+        }
     }
 }
 
@@ -207,8 +214,15 @@ impl Message for Later {
     const TYPE: &'static str = "plumbline.Reference.2";
 
     fn layout() -> Layout {
-        let fields = vec![Field { name: "tick", kind: "u64", offset: 0 }];
-        Layout { name: Self::TYPE, size: size_of::<Self>(), fields }
+        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, about: "" }];
+        Layout {
+            name: Self::TYPE,
+            size: size_of::<Self>(),
+            fields,
+            topic: Some(Self::TOPIC),
+            about: "",
+            header_fields: 0,
+        }
     }
 }
 

@@ -134,7 +134,7 @@ mod tests {
         let program = launch.program(Service::Fuser).unwrap();
         assert_eq!((program.slot, program.file()), (Service::Fuser, "python3".into()));
         assert_eq!(program.command().get_args().collect::<Vec<_>>(), ["my_fuser.py"]);
-        assert_eq!(launch.fuser.set.iter().map(|(key, _)| key.as_str()).collect::<Vec<_>>(), ["anything", "gain"]);
+        assert_eq!(launch.fuser.set.keys().collect::<Vec<_>>(), ["anything", "gain"]);
         let unused = Launch::parse("launch.toml", WHOLE).unwrap();
         assert_eq!((unused.stages.len(), unused.program(Service::Fuser)), (1, None));
     }

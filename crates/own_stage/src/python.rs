@@ -21,12 +21,14 @@ const WRITTEN: &[(&str, &str)] = written!(
     "__init__.py",
     "attitude.py",
     "bus.py",
+    "fuser.py",
     "rules.py",
     "service.py",
     "slots.py",
     "stage.py",
     "state.py",
-    "trial.py"
+    "trial.py",
+    "values.py"
 );
 
 const HEAD: &str = r#""""The payloads of Plumbline's topics. Written by `plumb stage header --lang python`; not to be edited."""

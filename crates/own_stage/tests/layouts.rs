@@ -41,6 +41,17 @@ fn the_header_and_the_module_are_the_golden_ones() {
     }
 }
 
+#[test]
+fn every_file_of_the_package_is_written() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/python/plumbline");
+    let there = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut there: Vec<_> = there.filter(|name| name.ends_with(".py")).collect();
+    let mut written: Vec<_> = own_stage::python::package().into_iter().map(|(name, _)| name).collect();
+    there.sort();
+    written.sort_unstable();
+    assert_eq!(there, written);
+}
+
 const C: &str = r#"#include "plumbline.h"
 int main(void) {
     struct plumbline_imu_sample sample = {.header = {.tick = 7, .flags = PLUMBLINE_FLAG_GAP}};

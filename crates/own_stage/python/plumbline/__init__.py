@@ -5,7 +5,7 @@ attitude   points, attitudes and turns: the quantities that stages work on
 stage      what a stage of each slot is given and gives back
 bus        topics in shared memory and the wake-up of whoever waits for them
 rules      who owns a tick; one stream out of all who publish it; two streams joined by tick
-slots      from messages to a stage's input, and from its output to a message
+slots, fuser, values  from messages to a stage's input, and from its output to a message
 state      checkpoints
 service    the loop
 trial      what every stage must be able to do, as tests

@@ -11,9 +11,11 @@
 //! | --- | --- |
 //! | `path` | what a slot is given on a script, and Plumbline's own stages on the same |
 //! | `bench` | the program as the only stage of a small system |
+//! | `verdict` | what is wrong with what came out |
 
 mod bench;
 mod path;
+mod verdict;
 
 use std::collections::BTreeMap;
 
@@ -25,7 +27,7 @@ use conformance::{
     script::Script,
 };
 use launch::{Launch, Service, Stage};
-use messages::{Checkpoint, Flags, Ticked};
+use messages::{Checkpoint, Ticked};
 use path::{AccelPlace, CoursePlace, FuserPlace, GyroPlace, Place, RATE_HZ, Tick, error, ticks};
 use runtime::{
     Role, checkpoint,
@@ -33,15 +35,17 @@ use runtime::{
     shadow::Comparable,
 };
 use scenario::{Errors, Motion};
+use verdict::{order, unsound};
 
 /// The life of the program in every trial.
 const INCARNATION: u32 = 7;
 const OWNER: Role = Role::Owner { from_tick: 0 };
 /// Before a fault a stage is given this much, s, and after it that much.
-const BEFORE_S: f64 = 5.0;
-const AFTER_S: f64 = 3.0;
-/// Ticks before a hand-over.
+const BEFORE_S: f64 = 2.0;
+const AFTER_S: f64 = 2.0;
+/// Ticks before a hand-over, and in all, where there is no fault.
 const HANDED_OVER: usize = 1500;
+const TICKS: usize = 2500;
 /// Most that the attitude may differ at the tick after a hand-over, degrees.
 const JUMP_DEG: f64 = 0.5;
 /// Largest inclination error with exact sensors, degrees.
@@ -84,7 +88,7 @@ impl<P: Place> Trial<P> {
 
     fn checks(&self) -> Vec<Check> {
         let given = match ticks::<P>(&self.script) {
-            Ok(given) => given,
+            Ok(given) => given.into_iter().take(TICKS).collect::<Vec<_>>(),
             Err(cause) => return vec![Check::holds("the slots before it run", Some(cause))],
         };
         let whole = match self.life(None, &given) {
@@ -299,45 +303,4 @@ fn offer<P: Place>(slot: &mut P::Slot, given: &[Tick]) -> Vec<P::Output> {
     let feeds = given.iter().flat_map(|tick| &tick.feeds);
     feeds.for_each(|feed| P::offer(slot, feed, &mut |output| outputs.push(output)));
     outputs
-}
-
-/// Each tick once, in order, with its own time, its flags and the owner's stamp.
-fn order<P: Place>(given: &[Tick], outputs: &[P::Output]) -> Option<String> {
-    let wrong = given.iter().zip(outputs).find_map(|(tick, output)| {
-        let (due, header) = (tick.imu.header, output.header());
-        let times = |header: &messages::Header| (header.t_start_ns, header.t_end_ns, header.t_born_ns);
-        let lost = Flags(due.flags.0 & !header.flags.0);
-        Some(match () {
-            () if header.tick != due.tick => format!("tick {} where {} is due", header.tick, due.tick),
-            () if times(header) != times(&due) => format!("tick {} with other times than it came with", due.tick),
-            () if header.t_sent_ns < header.t_born_ns => format!("tick {} sent before it was born", due.tick),
-            () if (header.epoch, header.incarnation) != (1, INCARNATION) => {
-                format!("tick {} under decision {} of life {}", due.tick, header.epoch, header.incarnation)
-            }
-            () if lost != Flags::NONE => format!("tick {} without its flags {lost}", due.tick),
-            () => return None,
-        })
-    });
-    wrong.or_else(|| (given.len() != outputs.len()).then(|| format!("{} ticks of {}", outputs.len(), given.len())))
-}
-
-/// The first output that is not finite, or no rotation, or tells a standard deviation below zero.
-fn unsound<O: Ticked + Comparable>(outputs: &[O]) -> Option<String> {
-    let layout = O::layout();
-    outputs.iter().find_map(|output| {
-        let tick = output.header().tick;
-        let bytes = bytemuck::bytes_of(output);
-        for field in layout.fields.iter().filter(|field| field.kind.contains("f64")) {
-            let end = layout.fields.iter().map(|next| next.offset).filter(|next| *next > field.offset).min();
-            let numbers = bytes.get(field.offset..end.unwrap_or(layout.size)).unwrap_or_default();
-            for number in numbers.as_chunks().0.iter().map(|chunk| f64::from_le_bytes(*chunk)) {
-                if !number.is_finite() || field.name.ends_with("_sd_rad") && number < 0.0 {
-                    return Some(format!("tick {tick}: {} is {number}", field.name));
-                }
-            }
-        }
-        let norm = output.attitude().map(|quaternion| quaternion.norm());
-        let rotation = norm.is_some_and(|norm| (norm - 1.0).abs() < 1e-9);
-        (!rotation).then(|| format!("tick {tick}: no rotation"))
-    })
 }
