@@ -189,7 +189,7 @@ impl Message for Swapped {
     const TYPE: &'static str = Reference::TYPE;
 
     fn layout() -> Layout {
-        let field = |name, kind, offset| Field { name, kind, offset };
+        let field = |name, kind, offset| Field { name, kind, offset, meaning: "" };
         let fields = vec![field("scored", "u64", 0), field("tick", "u64", 8), field("quaternion", "[f64; 4]", 16)];
         Layout { name: Self::TYPE, size: size_of::<Self>(), fields }
     }
@@ -207,7 +207,7 @@ impl Message for Later {
     const TYPE: &'static str = "plumbline.Reference.2";
 
     fn layout() -> Layout {
-        let fields = vec![Field { name: "tick", kind: "u64", offset: 0 }];
+        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, meaning: "" }];
         Layout { name: Self::TYPE, size: size_of::<Self>(), fields }
     }
 }

@@ -11,6 +11,26 @@ pub struct Field {
     pub kind: &'static str,
     /// Bytes from the start of the payload.
     pub offset: usize,
+    /// What it means; no part of the layout's text.
+    pub meaning: &'static str,
+}
+
+/// How names end, and the units that they mean; a longer ending comes before a shorter one.
+const UNITS: [(&str, &str); 7] = [
+    ("_rad_s", "rad/s"),
+    ("_m_s2", "m/s²"),
+    ("_m_s", "m/s"),
+    ("_rad", "rad"),
+    ("_ns", "ns"),
+    ("_ut", "µT"),
+    ("_s", "s"),
+];
+
+impl Field {
+    /// The unit that its name ends with.
+    pub fn unit(&self) -> Option<&'static str> {
+        UNITS.iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, unit)| *unit)
+    }
 }
 
 /// The layout of a payload.
@@ -44,40 +64,47 @@ impl fmt::Display for Layout {
     }
 }
 
-/// Defines a payload: `repr(C)`, no padding, no invalid bit pattern, with its layout.
-macro_rules! payload {
-    ($(#[$meta:meta])* $name:ident = $type_name:literal on $topic:literal {
-        $($(#[$field_meta:meta])* $field:ident: $kind:ty,)*
+/// Defines a record: `repr(C)`, no padding, no invalid bit pattern, with its layout.
+macro_rules! record {
+    ($(#[$meta:meta])* $name:ident = $type_name:literal {
+        $($(#[doc = $meaning:literal])+ $field:ident: $kind:ty,)*
     }) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
-        pub struct $name { $($(#[$field_meta])* pub $field: $kind,)* }
+        pub struct $name { $($(#[doc = $meaning])+ pub $field: $kind,)* }
+
+        impl $name {
+            fn own_layout() -> crate::Layout {
+                crate::Layout {
+                    name: $type_name,
+                    size: size_of::<$name>(),
+                    fields: vec![$(crate::Field {
+                        name: stringify!($field),
+                        kind: stringify!($kind),
+                        offset: core::mem::offset_of!($name, $field),
+                        meaning: concat!($($meaning),+).trim_ascii_start(),
+                    }),*],
+                }
+            }
+        }
+    };
+}
+
+/// Defines the payload of a topic.
+macro_rules! payload {
+    ($(#[$meta:meta])* $name:ident = $type_name:literal on $topic:literal { $($fields:tt)* }) => {
+        crate::layout::record! { $(#[$meta])* $name = $type_name { $($fields)* } }
 
         impl crate::Message for $name {
             const TOPIC: &'static str = $topic;
             const TYPE: &'static str = $type_name;
 
             fn layout() -> crate::Layout {
-                let layout = $crate::layout::layout_of!($name, $type_name, $($field: $kind),*);
-                <$name>::complete(layout)
+                $name::complete($name::own_layout())
             }
         }
     };
 }
 
-macro_rules! layout_of {
-    ($name:ident, $type_name:literal, $($field:ident: $kind:ty),*) => {
-        crate::Layout {
-            name: $type_name,
-            size: size_of::<$name>(),
-            fields: vec![$(crate::Field {
-                name: stringify!($field),
-                kind: stringify!($kind),
-                offset: core::mem::offset_of!($name, $field),
-            }),*],
-        }
-    };
-}
-
-pub(crate) use {layout_of, payload};
+pub(crate) use {payload, record};

@@ -1,44 +1,38 @@
 //! The payloads, topic by topic.
 
-use crate::{Flags, Layout, Ticked, layout::payload};
+use crate::{
+    Flags, Layout, Ticked,
+    layout::{payload, record},
+};
 
-/// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
-#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct Header {
-    /// The number ingest gave to the IMU sample, from 0, without a gap.
-    pub tick: u64,
-    /// Start of the sample's interval on the source's clock, ns.
-    pub t_start_ns: i64,
-    /// End of the sample's interval on the source's clock, ns; grows with every tick.
-    pub t_end_ns: i64,
-    /// When ingest took the sample, CLOCK_MONOTONIC, ns.
-    pub t_born_ns: u64,
-    /// When this message was published, CLOCK_MONOTONIC, ns.
-    pub t_sent_ns: u64,
-    /// Ticks before this one that its stream does not have.
-    pub lost_upstream: u64,
-    /// What is to be said about the sample and what was made of it.
-    pub flags: Flags,
-    /// The supervisor's decision under which the sender owns its slot.
-    pub epoch: u32,
-    /// The life of the sender.
-    pub incarnation: u32,
+record! {
+    /// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
+    Header = "plumbline.Header.1" {
+        /// The number ingest gave to the IMU sample, from 0, without a gap.
+        tick: u64,
+        /// Start of the sample's interval on the source's clock, ns.
+        t_start_ns: i64,
+        /// End of the sample's interval on the source's clock, ns; grows with every tick.
+        t_end_ns: i64,
+        /// When ingest took the sample, CLOCK_MONOTONIC, ns.
+        t_born_ns: u64,
+        /// When this message was published, CLOCK_MONOTONIC, ns.
+        t_sent_ns: u64,
+        /// Ticks before this one that its stream does not have.
+        lost_upstream: u64,
+        /// What is to be said about the sample and what was made of it.
+        flags: Flags,
+        /// The supervisor's decision under which the sender owns its slot.
+        epoch: u32,
+        /// The life of the sender.
+        incarnation: u32,
+    }
 }
 
 impl Header {
     /// Length of the sample's interval, s.
     pub fn dt_s(&self) -> f64 {
         (self.t_end_ns - self.t_start_ns) as f64 * 1e-9
-    }
-
-    fn layout() -> Layout {
-        crate::layout::layout_of!(
-            Header,
-            "plumbline.Header.1",
-            tick: u64, t_start_ns: i64, t_end_ns: i64, t_born_ns: u64, t_sent_ns: u64, lost_upstream: u64, flags: Flags,
-            epoch: u32, incarnation: u32
-        )
     }
 }
 
@@ -52,6 +46,15 @@ impl Chart {
     pub const UPRIGHT: Self = Self(0);
     /// Projected from +ζ: w = 0 is upside down.
     pub const INVERTED: Self = Self(1);
+
+    /// The word for it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::UPRIGHT => "upright",
+            Self::INVERTED => "inverted",
+            _ => "unknown",
+        }
+    }
 }
 
 /// From which direction a course is counted.
@@ -413,7 +416,7 @@ macro_rules! whole {
 macro_rules! ticked {
     ($($name:ident),*) => { $(
         impl $name {
-            fn complete(layout: Layout) -> Layout { layout.with_header(Header::layout()) }
+            fn complete(layout: Layout) -> Layout { layout.with_header(Header::own_layout()) }
         }
 
         impl Ticked for $name {
@@ -439,27 +442,7 @@ const _: () = {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{HASH_START, Message, hash};
-
-    fn layouts() -> Vec<Layout> {
-        vec![
-            SensorReading::layout(),
-            ReceiverReading::layout(),
-            ImuSample::layout(),
-            MagSample::layout(),
-            GnssFix::layout(),
-            Reference::layout(),
-            GyroStep::layout(),
-            AccelPoint::layout(),
-            FusedState::layout(),
-            AttitudeOutput::layout(),
-            Credit::layout(),
-            Checkpoint::layout(),
-            Difference::layout(),
-            Control::layout(),
-            Health::layout(),
-        ]
-    }
+    use crate::{HASH_START, Message, hash, layouts};
 
     #[test]
     fn layouts_are_those_of_the_golden_file() {
@@ -511,10 +494,12 @@ mod tests {
         ];
         for layout in layouts() {
             for field in layout.fields {
-                let unit = ["_ns", "_s", "_rad", "_rad_s", "_m_s", "_m_s2", "_ut"]
-                    .iter()
-                    .any(|unit| field.name.ends_with(unit));
-                assert!(unit || plain.contains(&field.name), "{}: {} has no unit", layout.name, field.name);
+                assert!(
+                    field.unit().is_some() || plain.contains(&field.name),
+                    "{}: {} has no unit",
+                    layout.name,
+                    field.name
+                );
             }
         }
     }
