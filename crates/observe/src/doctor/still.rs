@@ -10,6 +10,8 @@ use super::Check;
 const GRAVITY_M_S2: f64 = 9.806_65;
 /// At rest |f| varies less than this, standard deviation, m/s²: vibration and noise of usual sensors.
 const FORCE_SD_MAX_M_S2: f64 = 0.3;
+/// At rest the specific force turns by less than this while it is looked at, as a share of |f| (0.9°).
+const DRIFT_MAX: f64 = 0.015;
 /// At rest each rate varies less than this, standard deviation, rad/s (1 °/s).
 const RATE_SD_MAX_RAD_S: f64 = 0.0175;
 /// What is beyond it is no rest but a steady turn, or no gyro that can be used, rad/s (20 °/s).
@@ -19,50 +21,87 @@ const BIAS_MAX_RAD_S: f64 = 0.035;
 /// Samples that say something.
 const SAMPLES_MIN: f64 = 50.0;
 
-/// Mean and spread of what came: |f|, and the rate about each axis.
+/// What came: |f|, the rate about each axis, the specific force along each.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Still {
     count: f64,
-    sums: [f64; 4],
-    squares: [f64; 4],
+    norm_m_s2: Moments,
+    rate_rad_s: [Moments; 3],
+    force_m_s2: [Moments; 3],
+}
+
+/// Sums of a quantity, of its square, and of its product with the sample's number.
+#[derive(Debug, Clone, Copy, Default)]
+struct Moments {
+    sum: f64,
+    squares: f64,
+    by_number: f64,
+}
+
+impl Moments {
+    fn take(&mut self, number: f64, value: f64) {
+        self.sum += value;
+        self.squares += value * value;
+        self.by_number += number * value;
+    }
+
+    fn mean(&self, count: f64) -> f64 {
+        self.sum / count
+    }
+
+    fn sd(&self, count: f64) -> f64 {
+        (self.squares / count - self.mean(count).powi(2)).max(0.0).sqrt()
+    }
+
+    /// By how much it changed from the first sample to the last: the slope of the line of least squares, times their number.
+    fn drift(&self, count: f64) -> f64 {
+        12.0 * (self.by_number - self.sum * (count - 1.0) / 2.0) / (count * count - 1.0)
+    }
 }
 
 impl Still {
     /// Takes a sample.
     pub fn take(&mut self, sample: &ImuSample) {
-        let norm_m_s2 = sample.force_m_s2.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let [x, y, z] = sample.rate_rad_s;
-        self.count += 1.0;
-        for (i, value) in [norm_m_s2, x, y, z].into_iter().enumerate() {
-            self.sums[i] += value;
-            self.squares[i] += value * value;
+        let norm_m_s2 = norm(sample.force_m_s2);
+        self.norm_m_s2.take(self.count, norm_m_s2);
+        for (moments, value) in self.rate_rad_s.iter_mut().zip(sample.rate_rad_s) {
+            moments.take(self.count, value);
         }
+        for (moments, value) in self.force_m_s2.iter_mut().zip(sample.force_m_s2) {
+            moments.take(self.count, value);
+        }
+        self.count += 1.0;
     }
 
     /// |f| against g, and the rate against zero.
     pub fn checks(&self) -> [Check; 2] {
-        let means = self.sums.map(|sum| sum / self.count);
-        let mut sds = [0.0; 4];
-        for (i, sd) in sds.iter_mut().enumerate() {
-            *sd = (self.squares[i] / self.count - means[i] * means[i]).max(0.0).sqrt();
+        let count = self.count;
+        if count < SAMPLES_MIN {
+            return unseen(format!("{count} samples are too few"));
         }
-        let [norm_m_s2, rates @ ..] = means;
-        let rate_rad_s = rates.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let spread = sds[1..].iter().any(|sd| *sd > RATE_SD_MAX_RAD_S) || sds[0] > FORCE_SD_MAX_M_S2;
-        if self.count < SAMPLES_MIN {
-            let found = format!("{} samples are too few", self.count);
-            return ["gravity", "gyro-at-rest"].map(|check| Check::ok(check, format!("not looked at: {found}")));
-        }
-        if spread || rate_rad_s > RATE_MAX_RAD_S {
-            let found = format!(
-                "not looked at: the body moves (mean |f| {norm_m_s2:.2} m/s² ± {:.2}, mean rate {:.1} °/s)",
-                sds[0],
-                rate_rad_s.to_degrees()
-            );
-            return ["gravity", "gyro-at-rest"].map(|check| Check::ok(check, found.clone()));
+        let (norm_m_s2, norm_sd_m_s2) = (self.norm_m_s2.mean(count), self.norm_m_s2.sd(count));
+        let rate_rad_s = norm(self.rate_rad_s.map(|rate| rate.mean(count)));
+        let drift = norm(self.force_m_s2.map(|force| force.drift(count))) / norm_m_s2;
+        let moves = self.rate_rad_s.iter().any(|rate| rate.sd(count) > RATE_SD_MAX_RAD_S)
+            || norm_sd_m_s2 > FORCE_SD_MAX_M_S2
+            || rate_rad_s > RATE_MAX_RAD_S
+            || drift > DRIFT_MAX;
+        if moves {
+            let rate_deg_s = rate_rad_s.to_degrees();
+            return unseen(format!(
+                "the body moves (mean |f| {norm_m_s2:.2} m/s² ± {norm_sd_m_s2:.2}, mean rate {rate_deg_s:.1} °/s)"
+            ));
         }
         [gravity(norm_m_s2), gyro(rate_rad_s)]
     }
+}
+
+fn unseen(why: String) -> [Check; 2] {
+    ["gravity", "gyro-at-rest"].map(|check| Check::ok(check, format!("not looked at: {why}")))
+}
+
+fn norm(vector: [f64; 3]) -> f64 {
+    vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
 fn gravity(norm_m_s2: f64) -> Check {
@@ -140,6 +179,19 @@ mod tests {
             assert_eq!([gravity.result, gyro.result], [Outcome::Ok; 2]);
             assert!(gravity.found.contains("the body moves"), "{gravity}");
         }
+    }
+
+    #[test]
+    fn a_slow_turn_is_told_from_a_bias_by_the_force_that_turns_with_it() {
+        let mut still = Still::default();
+        for i in 0..1000 {
+            let (sin, cos) = (f64::from(i) * 1e-3 * 0.1).sin_cos();
+            let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
+            (sample.force_m_s2, sample.rate_rad_s) = ([9.81 * sin, 0.0, 9.81 * cos], [0.0, 0.1, 0.0]);
+            still.take(&sample);
+        }
+        let [_, gyro] = still.checks();
+        assert!(gyro.found.contains("the body moves"), "{gyro}");
     }
 
     #[test]
