@@ -101,9 +101,11 @@ fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, BusErr
     let observer = observer(&system.name(), "topic info")?;
     let watched = Watched::new(&observer, topic)?;
     let until = Until::new(&observer, Some(seconds.unwrap_or(RATES_LIMIT)));
-    let topics = watch(vec![watched], until)?;
-    let shown = topics.iter().map(|topic| if system.json { print(&topic.info_json()) } else { print(topic) });
-    Ok(shown.last().unwrap_or(ExitCode::FAILURE))
+    Ok(match watch(vec![watched], until)?.first() {
+        Some(topic) if system.json => print(&topic.info_json()),
+        Some(topic) => print(topic),
+        None => ExitCode::FAILURE,
+    })
 }
 
 /// Lets topics flow for a while.
@@ -122,7 +124,7 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
         "topic echo",
         &mut |layout, bytes| {
             came += 1;
-            if (came - 1) % every == 0 {
+            if (came - 1u64).is_multiple_of(every) {
                 shown = match Record::new(layout, bytes) {
                     Ok(record) if watch.system.json => print(&record.json()),
                     Ok(record) => print(&format_args!("{}:{record}", watch.topic)),

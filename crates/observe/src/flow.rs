@@ -8,6 +8,8 @@ use std::fmt;
 use messages::{Field, Layout};
 use serde::Serialize;
 
+use crate::interval::{Interval, Intervals};
+
 /// The flow of a topic over a while.
 #[derive(Debug)]
 pub struct Flow {
@@ -65,19 +67,6 @@ pub struct FlowReport {
     pub overwritten: Option<u64>,
     /// Messages that a restarted service said again.
     pub repeated: u64,
-}
-
-/// Intervals, ms.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Interval {
-    /// Mean.
-    pub mean: f64,
-    /// Shortest.
-    pub min: f64,
-    /// Longest.
-    pub max: f64,
-    /// Standard deviation: the jitter.
-    pub jitter: f64,
 }
 
 impl Flow {
@@ -175,37 +164,6 @@ impl Flow {
 
 fn number(bytes: &[u8], offset: usize) -> Option<u64> {
     Some(u64::from_ne_bytes(bytes.get(offset..offset + 8)?.try_into().ok()?))
-}
-
-/// Mean and variance as they come (Welford 1962), and the extremes.
-#[derive(Debug, Clone, Copy)]
-struct Intervals {
-    count: f64,
-    mean: f64,
-    squares: f64,
-    min: f64,
-    max: f64,
-}
-
-impl Default for Intervals {
-    fn default() -> Self {
-        Self { count: 0.0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: 0.0 }
-    }
-}
-
-impl Intervals {
-    fn add(&mut self, ms: f64) {
-        self.count += 1.0;
-        let off = ms - self.mean;
-        self.mean += off / self.count;
-        self.squares += off * (ms - self.mean);
-        (self.min, self.max) = (self.min.min(ms), self.max.max(ms));
-    }
-
-    fn report(&self) -> Option<Interval> {
-        let Self { count, mean, squares, min, max } = *self;
-        (count > 0.0).then(|| Interval { mean, min, max, jitter: (squares / count).sqrt() })
-    }
 }
 
 impl FlowReport {

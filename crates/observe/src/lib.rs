@@ -7,7 +7,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`record`] | a message by its layout: names, units, values |
-//! | [`flow`] | rate, intervals, bytes, and what was lost where |
+//! | [`flow`], [`interval`] | rate, intervals, bytes, and what was lost where |
 //! | [`topics`] | which topics there are, and who is at them |
 //! | [`hops`], [`process`], [`top`] | how long each service takes, what it costs, and both with its state |
 //! | [`doctor`] | whether the machine and the system are as they should be |
@@ -16,6 +16,7 @@
 pub mod doctor;
 pub mod flow;
 pub mod hops;
+pub mod interval;
 pub mod process;
 pub mod record;
 pub mod top;

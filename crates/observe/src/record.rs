@@ -144,7 +144,7 @@ impl fmt::Display for Value {
 fn value(kind: &str, bytes: &[u8]) -> Option<Value> {
     if let Some(each) = kind.strip_prefix('[').and_then(|list| list.split(';').next()) {
         let size = size(each)?;
-        if bytes.len() % size != 0 {
+        if !bytes.len().is_multiple_of(size) {
             return None;
         }
         if each == "u8" {

@@ -32,7 +32,7 @@ pub fn checks() -> Vec<Check> {
 fn shared_memory() -> Check {
     let check = "shared-memory";
     match statvfs("/dev/shm") {
-        Ok(stat) => free(stat.f_bavail * stat.f_frsize >> 20),
+        Ok(stat) => free((stat.f_bavail * stat.f_frsize) >> 20),
         Err(cause) => Check::problem(check, format!("/dev/shm: {cause}"), "mount it: mount -t tmpfs tmpfs /dev/shm"),
     }
 }
