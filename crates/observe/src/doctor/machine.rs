@@ -10,15 +10,15 @@ use rustix::{
 
 use super::Check;
 
-/// What five services at 1 kHz with their topics need, and a candidate for each, MiB.
-const SHARED_MEMORY_MIB: u64 = 64;
-/// The same at 8 kHz.
-const SHARED_MEMORY_AMPLE_MIB: u64 = 256;
+/// A system at 1 kHz fills 5 MiB; three times that, for one at more or two of them.
+const SHARED_MEMORY_MIB: u64 = 16;
+/// The same system where every reader that it may have is as slow as can be: 83 MiB; and half as much again.
+const SHARED_MEMORY_AMPLE_MIB: u64 = 128;
 /// Files that a supervisor and a service with a few topics have open.
 const FILES: u64 = 256;
 /// The same with room for a recorder, a gateway and observers.
 const FILES_AMPLE: u64 = 1024;
-/// What the page of wake words, the stacks and code of a service are, locked, MiB.
+/// What locks its memory needs its code, its stacks and its end of the topics, MiB.
 const LOCKED_MIB: u64 = 8;
 /// Clock sources that are read without a call of the kernel.
 const FAST_SOURCES: [&str; 6] =
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn little_shared_memory_is_a_problem_before_it_is_none() {
-        assert_eq!([10, 100, 1000].map(|mib| free(mib).result), [Outcome::Problem, Outcome::Warning, Outcome::Ok]);
+        assert_eq!([10, 64, 1000].map(|mib| free(mib).result), [Outcome::Problem, Outcome::Warning, Outcome::Ok]);
     }
 
     #[test]
