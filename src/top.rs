@@ -61,6 +61,8 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
         left -= 1;
         let moment = match ask::<Vec<Standing>>(&name, &Ask::Ps) {
             Ok(standings) => top.moment(&name, &standings),
+            // It ended between two looks.
+            Err(_) if !observer.is_running() => continue,
             Err(error) => return fail(&error, 1),
         };
         let shown = show(&moment, system.json, screen.as_ref());

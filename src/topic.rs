@@ -41,7 +41,7 @@ pub(crate) enum TopicCommand {
     Echo {
         #[command(flatten)]
         watch: Watch,
-        /// Only each so-many-th message.
+        /// Only each so-many-th message; the others do not count.
         #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
         every: u64,
     },
@@ -119,8 +119,10 @@ fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, BusE
 
 fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
     let (mut came, mut shown) = (0, ExitCode::SUCCESS);
+    let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
     let report = follow(
         watch,
+        messages,
         "topic echo",
         &mut |layout, bytes| {
             came += 1;
@@ -133,7 +135,7 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
             }
             shown == ExitCode::SUCCESS
         },
-        &mut |_| (),
+        &mut |_| true,
     )?;
     supervisor::tell(format_args!("{}: {report}", watch.topic));
     Ok(shown)
@@ -142,28 +144,29 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
 fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, BusError> {
     let json = watch.system.json;
     let mut told = Instant::now();
-    let report = follow(watch, "topic hz", &mut |_, _| true, &mut |flow| {
-        if !json && told.elapsed() > LINE_INTERVAL {
-            told = Instant::now();
-            // A closed output ends the process when the summary is printed.
-            print(&line(&flow.report()));
+    let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
+        if json || told.elapsed() < LINE_INTERVAL {
+            return true;
         }
+        told = Instant::now();
+        print(&line(&flow.report())) == ExitCode::SUCCESS
     })?;
     // Numbers and strings always serialise.
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }
 
-/// Follows a topic to the end of what was asked for; what there is to be said about its flow then.
+/// Follows a topic for so many messages, as long as both callers want more; what there is to be said about its flow then.
 fn follow(
-    Watch { topic, system, count, seconds }: &Watch,
+    Watch { topic, system, seconds, .. }: &Watch,
+    messages: Option<u64>,
     who: &str,
     take: &mut dyn FnMut(&Layout, &[u8]) -> bool,
-    round: &mut dyn FnMut(&Flow),
+    round: &mut dyn FnMut(&Flow) -> bool,
 ) -> Result<FlowReport, BusError> {
     let observer = observer(&system.name(), who)?;
     let mut watched = Watched::new(&observer, topic)?;
     let mut until = Until::new(&observer, *seconds);
-    let (mut left, mut wanted) = (count.unwrap_or(u64::MAX), true);
+    let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
     while wanted && left > 0 && !until.is_over() {
         std::thread::sleep(LOOK);
         watched.look(&mut |layout, bytes| {
@@ -171,7 +174,7 @@ fn follow(
             wanted = take(layout, bytes);
             wanted && left > 0
         })?;
-        round(&watched.flow);
+        wanted &= round(&watched.flow);
     }
     if until.system_ended() {
         supervisor::tell(format_args!("the system {:?} has ended", system.name()));

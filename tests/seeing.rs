@@ -135,7 +135,7 @@ fn every_verb_shows_a_running_system_as_it_is() {
     );
     assert!(bias["meaning"].as_str().unwrap().starts_with("Gyro bias, rad/s"), "{bias}");
 
-    let echo = ask(&system, &["topic", "echo", "imu", "--count", "7", "--every", "3"]);
+    let echo = ask(&system, &["topic", "echo", "imu", "--count", "3", "--every", "3"]);
     let messages = lines(&echo);
     let ticks: Vec<_> = messages.iter().map(|message| message["tick"].as_u64().unwrap()).collect();
     assert!(ticks.windows(2).all(|pair| pair[1] == pair[0] + 3) && ticks.len() == 3, "{ticks:?}");

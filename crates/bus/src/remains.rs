@@ -49,8 +49,8 @@ pub enum Standing {
 }
 
 impl Remains {
-    /// Every system of which there is anything on this machine.
-    pub fn all() -> Vec<Self> {
+    /// Every system of which there is anything on this machine; an error for each whose files are another user's.
+    pub fn all() -> Vec<Result<Self, BusError>> {
         let entries = |folder| fs::read_dir(folder).into_iter().flatten().flatten();
         let file_names = entries(SHARED_MEMORY).chain(entries(FOLDERS)).map(|entry| entry.file_name());
         let named = file_names.filter_map(|file| {
@@ -58,7 +58,7 @@ impl Remains {
             Some(file.split_once('.').map_or(file, |(name, _)| name).to_owned())
         });
         let names: BTreeSet<String> = named.collect();
-        names.iter().filter_map(|name| Self::of(&Domain::new(name).ok()?).ok()).collect()
+        names.iter().filter_map(|name| Some(Self::of(&Domain::new(name).ok()?))).collect()
     }
 
     /// What there is of one system. Fails where its files are another user's.

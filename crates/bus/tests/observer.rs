@@ -147,7 +147,7 @@ fn what_a_dead_system_left_is_found_and_removed_and_a_living_one_is_not() {
     fs::write(&page, [0]).unwrap();
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("door"), "").unwrap();
-    let remains = Remains::all().into_iter().find(|remains| remains.domain == domain).unwrap();
+    let remains = Remains::all().into_iter().flatten().find(|remains| remains.domain == domain).unwrap();
     assert_eq!((remains.standing.clone(), remains.files.len()), (Standing::Dead, 2));
     remains.clear().unwrap();
     assert_eq!(files(&domain), Vec::<PathBuf>::new());

@@ -1,6 +1,6 @@
 //! What dead systems and killed processes have left behind.
 
-use bus::{Domain, Remains, Standing};
+use bus::{BusError, Domain, Remains, Standing};
 
 use super::Check;
 
@@ -8,12 +8,10 @@ const FIX: &str = "plumb doctor --fix";
 
 /// Looks at one system, or at every one of which there is anything on this machine; with `fix` removes what nobody needs.
 pub fn checks(only: Option<&Domain>, fix: bool) -> Vec<Check> {
-    let remains = match only.map(Remains::of) {
-        Some(Ok(remains)) => vec![remains],
-        Some(Err(error)) => return vec![Check::warning("leftovers", error.to_string(), "ask its owner")],
-        None => Remains::all(),
-    };
-    let checks: Vec<_> = remains.iter().filter_map(|remains| look(remains, fix)).collect();
+    let remains = only.map_or_else(Remains::all, |domain| vec![Remains::of(domain)]);
+    let foreign = |error: &BusError| Check::warning("leftovers", error.to_string(), "left alone; its owner can look");
+    let look = |remains: &Result<_, _>| remains.as_ref().map_or_else(|error| Some(foreign(error)), |it| look(it, fix));
+    let checks: Vec<_> = remains.iter().filter_map(look).collect();
     if checks.is_empty() { vec![Check::ok("leftovers", "none")] } else { checks }
 }
 
