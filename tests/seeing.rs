@@ -282,6 +282,27 @@ fn an_observation_ends_with_its_system() {
 }
 
 #[test]
+fn a_frozen_observer_of_a_killed_system_is_in_nobodys_way() {
+    let system = System::new("");
+    let killed = started(&system, &[]);
+    let observer = Observer::start(&system, &["topic", "hz", "imu"]);
+    observer.await_reading(&system, "imu");
+    signal(observer.pid(), Signal::STOP);
+    signal(killed.pid(), Signal::KILL);
+    drop(killed);
+    let running = started(&system, &[]);
+    signal(observer.pid(), Signal::CONT);
+    let output = observer.output();
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert!(said(&output).contains("has ended"), "{}", said(&output));
+    let hz = answer(&system, &["topic", "hz", "imu", "--count", "100"]);
+    assert_eq!((hz["messages"].as_u64(), hz["lost"].as_u64()), (Some(100), Some(0)), "{hz}");
+    running.interrupt();
+    running.wait().assert_whole();
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
 fn where_nothing_runs_that_is_said_and_the_machine_is_looked_at_all_the_same() {
     let system = System::new("");
     for verb in [&["topic", "list"][..], &["topic", "hz", "imu"], &["top", "--count", "1"]] {
