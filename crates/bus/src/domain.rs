@@ -217,6 +217,22 @@ impl Domain {
         own.map(|entry| entry.path()).chain(folder).collect()
     }
 
+    /// A segment whose maker was killed before it had a size: whoever opens it waits for ever.
+    pub(crate) fn half_made(&self) -> Option<PathBuf> {
+        let empty = |path: &PathBuf| {
+            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
+            made && fs::metadata(path).is_ok_and(|segment| segment.len() == 0)
+        };
+        let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
+        let deadline = Instant::now() + OWNER_LIMIT;
+        // One that is just being made has a size at the next look.
+        while !suspects.is_empty() && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+            suspects.retain(empty);
+        }
+        suspects.pop()
+    }
+
     /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.
     fn remove_remains(&self) {
         let kept = [self.page_path(), self.members_path(), self.root()];

@@ -59,6 +59,14 @@ pub enum BusError {
         /// How many there may be.
         observers: usize,
     },
+    /// A process was killed while it made a segment; nobody can open it.
+    #[error("observing the system {name:?}: a process was killed while it made {path}; start the system anew")]
+    HalfMade {
+        /// The system's name.
+        name: String,
+        /// The segment.
+        path: PathBuf,
+    },
     /// There is no such topic.
     #[error("opening the topic `{topic}`: there is none of that name; there are {}", messages::TOPICS.join(", "))]
     NoTopic {

@@ -46,6 +46,9 @@ impl Observer {
         let gone = || BusError::NotRunning { name: self.room.domain.name().into() };
         let node = self.node.as_ref().ok_or_else(gone)?;
         let _inside = self.room.step_in()?.ok_or_else(gone)?;
+        if let Some(path) = self.room.domain.half_made() {
+            return Err(BusError::HalfMade { name: self.room.domain.name().into(), path });
+        }
         Tap::open(node, topic, self.room.clone())
     }
 

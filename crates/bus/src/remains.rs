@@ -29,6 +29,8 @@ pub struct Remains {
     pub files: Vec<PathBuf>,
     /// Who has been killed and is still noted on its bus.
     pub dead: Vec<Port>,
+    /// A segment whose maker was killed: whoever opens its topic waits for ever.
+    pub half_made: Option<PathBuf>,
 }
 
 /// Whether a system lives.
@@ -74,7 +76,8 @@ impl Remains {
         set_log_level(LogLevel::Fatal);
         let mut dead = if files.is_empty() { Vec::new() } else { members(domain, &domain.config())? };
         dead.retain(|(_, port)| !port.alive);
-        Ok(Self { domain: domain.clone(), standing, files, dead: dead.into_iter().map(|(_, port)| port).collect() })
+        let dead = dead.into_iter().map(|(_, port)| port).collect();
+        Ok(Self { domain: domain.clone(), standing, files, dead, half_made: domain.half_made() })
     }
 
     /// Removes what nobody needs: of a dead system everything, of a living one what the killed left on its bus.

@@ -110,6 +110,19 @@ fn an_observer_opens_nothing_and_names_what_is_missing() {
 }
 
 #[test]
+fn what_nobody_can_open_is_not_waited_for() {
+    let System { bus, domain, claim: _claim } = &system();
+    let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    let observer = Observer::sit(domain, "test").unwrap();
+    observer.tap("imu").unwrap();
+    let killed = PathBuf::from(format!("/dev/shm/plumbline.{}.0_1.dynamic", domain.name()));
+    fs::write(&killed, "").unwrap();
+    let refused = observer.tap("imu").unwrap_err();
+    assert!(matches!(&refused, BusError::HalfMade { path, .. } if *path == killed), "{refused}");
+    assert_eq!(Remains::of(domain).unwrap().half_made, Some(killed));
+}
+
+#[test]
 fn an_observer_that_outlives_its_system_leaves_the_next_one_of_the_name_alone() {
     let System { bus, domain, claim } = system();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();

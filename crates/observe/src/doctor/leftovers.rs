@@ -24,6 +24,12 @@ fn look(remains: &Remains, fix: bool) -> Option<Check> {
             let found = format!("the supervisor of {name:?} has ended, processes of it have not: {pids}");
             return Some(Check::problem(check, found, format!("end them (kill -KILL {pids}), then {FIX}")));
         }
+        Standing::Runs { pid } if remains.half_made.is_some() => {
+            let path = remains.half_made.iter().map(|path| path.display().to_string()).collect::<String>();
+            let found =
+                format!("a process of {name:?} was killed while it made {path}; whoever opens it waits for ever");
+            return Some(Check::problem(check, found, format!("start the system anew: kill {pid}, then plumb up")));
+        }
         Standing::Runs { .. } if dead == 0 => return None,
         Standing::Runs { pid } => format!("{dead} killed processes on the bus of {name:?}, which runs (process {pid})"),
         Standing::Dead if remains.files.is_empty() => return None,
