@@ -2,9 +2,13 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod doctor;
 mod score;
+mod seeing;
 mod stage;
 mod swap;
+mod top;
+mod topic;
 mod up;
 
 use std::{
@@ -45,6 +49,15 @@ enum Command {
     Shadow(swap::Shadow),
     /// How the services of a running system are.
     Ps(swap::System),
+    /// How the services of a running system do, from moment to moment.
+    Top(top::TopCommand),
+    /// Look at what flows through a running system.
+    Topic {
+        #[command(subcommand)]
+        command: topic::TopicCommand,
+    },
+    /// Say what is wrong with the machine and the system, if anything is, and what to do about it.
+    Doctor(doctor::DoctorCommand),
     /// Measure what becomes of the output when services are killed or exchanged.
     Bench {
         #[command(subcommand)]
@@ -81,6 +94,9 @@ fn main() -> ExitCode {
         Command::Swap(exchange) => swap::swap(exchange),
         Command::Shadow(shadow) => swap::shadow(shadow),
         Command::Ps(system) => swap::ps(system),
+        Command::Top(command) => top::run(command),
+        Command::Topic { command } => topic::run(command),
+        Command::Doctor(command) => doctor::run(command),
         Command::Bench { command } => bench::run(&command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {

@@ -10,18 +10,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Domain};
+use bus::{BusError, Tap};
 use clap::Args;
 use launch::{Launch, Service, Stage};
-use messages::Difference;
+use messages::{Difference, Message};
 use supervisor::{Ask, Standing, SwapReport, Wish, ask};
 
-use crate::{fail, print};
+use crate::{fail, print, seeing::observer};
 
 /// How often the difference of a shadow is shown.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
-/// Differences read at once.
-const LOOK: usize = 64;
 
 /// Which system is asked.
 #[derive(Args)]
@@ -31,7 +29,7 @@ pub(crate) struct System {
     name: Option<String>,
     /// Print JSON.
     #[arg(long)]
-    json: bool,
+    pub(crate) json: bool,
 }
 
 /// What is to fill a slot.
@@ -126,16 +124,25 @@ pub(crate) fn ps(system: System) -> ExitCode {
 }
 
 /// Shows the difference of the slot's candidate until `ends`.
-fn watch(name: &str, service: Service, json: bool, ends: &dyn Fn(Instant) -> bool) -> Result<(), bus::BusError> {
-    let bus = Bus::join(&Domain::new(name)?, "shadow")?;
-    let differences = bus.subscriber::<Difference>(LOOK)?;
+fn watch(name: &str, service: Service, json: bool, ends: &dyn Fn(Instant) -> bool) -> Result<(), BusError> {
+    let observer = observer(name, "shadow")?;
+    let mut differences = None;
     let (since, mut shown) = (Instant::now(), Instant::now());
     while !ends(since) {
         std::thread::sleep(Duration::from_millis(20));
         let mut newest = None;
-        differences.drain(LOOK, |difference| {
-            newest = Some(difference).filter(|it: &Difference| it.service == service as u32).or(newest);
-        })?;
+        match &differences {
+            Some(tap) => drop(Tap::drain(tap, &mut |bytes| {
+                let difference = bytemuck::try_pod_read_unaligned(bytes).ok();
+                newest = difference.filter(|it: &Difference| it.service == service as u32).or(newest);
+            })?),
+            // The topic comes with the first candidate.
+            None => match observer.tap(Difference::TOPIC) {
+                Ok(tap) => differences = Some(tap),
+                Err(BusError::Unopened { .. }) => {}
+                Err(error) => return Err(error),
+            },
+        }
         if let Some(difference) = newest.filter(|_| shown.elapsed() > SHOW_INTERVAL) {
             shown = Instant::now();
             print(&line(&difference, json));
@@ -188,7 +195,12 @@ impl Exchange {
 }
 
 impl System {
-    fn name(&self) -> String {
+    /// It was named on the command line.
+    pub(crate) fn is_named(&self) -> bool {
+        self.name.is_some()
+    }
+
+    pub(crate) fn name(&self) -> String {
         let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
         self.name.clone().or_else(of_file).unwrap_or_else(|| Launch::default().name)
     }

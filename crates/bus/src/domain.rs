@@ -16,13 +16,20 @@ use crate::{
     wake::{PAGE_BYTES, Page},
 };
 
-const SHARED_MEMORY: &str = "/dev/shm";
+/// Where the segments and the folders of every system are.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+/// How the names of all of them begin; a system's own name and a point follow.
+pub(crate) const FAMILY: &str = "plumbline.";
 /// How long the services of an earlier owner may take to end.
 const MEMBERS_LIMIT: Duration = Duration::from_secs(5);
 /// How long an owner that was killed may take until it holds nothing any more.
 const DEATH_LIMIT: Duration = Duration::from_millis(500);
-/// How long an owner may take to write down who it is.
+/// How long an owner may take to write down who it is, and whoever looks for one may hold its lock.
 const OWNER_LIMIT: Duration = Duration::from_millis(100);
+/// How long an owner that ends waits for observers who are just coming or going.
+const OBSERVERS_LIMIT: Duration = Duration::from_millis(200);
+/// Between two looks at a lock.
+const LOOK: Duration = Duration::from_millis(2);
 
 /// The name of a system: prefix of its shared memory, name of its folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,6 +54,11 @@ impl Domain {
 
     /// Makes this process the owner of the name; what an earlier owner left behind is removed.
     pub fn claim(&self) -> Result<Claim, BusError> {
+        self.claim_within(MEMBERS_LIMIT)
+    }
+
+    /// The same, but services of an earlier owner may take only so long to end.
+    pub(crate) fn claim_within(&self, members_limit: Duration) -> Result<Claim, BusError> {
         let deadline = Instant::now() + DEATH_LIMIT;
         // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
         for _ in 0..1000 {
@@ -54,7 +66,7 @@ impl Domain {
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
                 Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < deadline => {
-                    std::thread::sleep(Duration::from_millis(5));
+                    std::thread::sleep(LOOK);
                     continue;
                 }
                 Err(rustix::io::Errno::WOULDBLOCK) => {
@@ -62,21 +74,32 @@ impl Domain {
                 }
                 Err(cause) => return Err(self.page_error("locking", cause.into())),
             }
-            let same = fs::metadata(self.page_path())
-                .is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()));
-            if !same {
+            if !is_at(&file, &self.page_path()) {
                 continue;
             }
             file.set_len(PAGE_BYTES as u64).map_err(|cause| self.page_error("sizing", cause))?;
             let page = Page::map(&file).map_err(|cause| self.page_error("mapping", cause))?;
             page.set_owner_pid(std::process::id());
-            let alone = self.await_members()?;
-            page.forget_ticks();
+            let alone = self.await_members(members_limit)?;
+            page.begin_run();
             self.remove_remains();
             drop(alone);
             return Ok(Claim { domain: self.clone(), _lock: file });
         }
         Err(self.page_error("locking", io::Error::other("it kept disappearing")))
+    }
+
+    /// The process that owns the name, if one does; 0 while it has not said who it is.
+    pub fn owner_pid(&self) -> Result<Option<u32>, BusError> {
+        let file = match self.open_page(false) {
+            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+            other => other?,
+        };
+        match flock(&file, FlockOperation::NonBlockingLockShared) {
+            Ok(()) => Ok(None),
+            Err(rustix::io::Errno::WOULDBLOCK) => Ok(Some(Page::map(&file).map_or(0, |page| page.owner_pid()))),
+            Err(cause) => Err(self.page_error("locking", cause.into())),
+        }
     }
 
     pub(crate) fn page(&self) -> Result<Page, BusError> {
@@ -98,15 +121,32 @@ impl Domain {
         }
     }
 
+    /// As a service does, but only while the system runs: nothing of its name is removed while the file is held.
+    pub(crate) fn step_in(&self) -> Result<File, BusError> {
+        let not_running = || BusError::NotRunning { name: self.name.clone() };
+        let file = match self.open_file(&self.members_path(), false) {
+            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Err(not_running()),
+            other => other?,
+        };
+        let deadline = Instant::now() + OBSERVERS_LIMIT;
+        while flock(&file, FlockOperation::NonBlockingLockShared).is_err() {
+            if Instant::now() > deadline {
+                return Err(not_running());
+            }
+            std::thread::sleep(LOOK);
+        }
+        Some(file).filter(|file| is_at(file, &self.members_path())).ok_or_else(not_running)
+    }
+
     /// Waits until the services of an earlier owner have ended: they would remove what is made anew under their names.
-    fn await_members(&self) -> Result<File, BusError> {
+    fn await_members(&self, limit: Duration) -> Result<File, BusError> {
         let file = self.open_file(&self.members_path(), true)?;
-        let deadline = Instant::now() + MEMBERS_LIMIT;
+        let deadline = Instant::now() + limit;
         while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             if Instant::now() > deadline {
                 return Err(BusError::Lingering { name: self.name.clone() });
             }
-            std::thread::sleep(Duration::from_millis(5));
+            std::thread::sleep(LOOK);
         }
         Ok(file)
     }
@@ -124,12 +164,12 @@ impl Domain {
     }
 
     pub(crate) fn prefix(&self) -> String {
-        format!("plumbline.{}.", self.name)
+        format!("{FAMILY}{}.", self.name)
     }
 
     /// In memory: iceoryx2 syncs each file that it makes, and a disk would hold up every start for tens of milliseconds.
     pub(crate) fn root(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("plumbline.{}", self.name))
+        Path::new(SHARED_MEMORY).join(format!("{FAMILY}{}", self.name))
     }
 
     /// The socket at which the owner of the name answers questions; it goes with the name.
@@ -153,6 +193,11 @@ impl Domain {
         self.open_file(&self.page_path(), create)
     }
 
+    /// The place of an observer, to be locked by whoever sits in it.
+    pub(crate) fn open_seat(&self, number: usize) -> Result<File, BusError> {
+        self.open_file(&Path::new(SHARED_MEMORY).join(format!("{}seat.{number}", self.prefix())), true)
+    }
+
     fn open_file(&self, path: &Path, create: bool) -> Result<File, BusError> {
         OpenOptions::new()
             .read(true)
@@ -164,14 +209,37 @@ impl Domain {
             .map_err(|cause| BusError::File { doing: "opening", path: path.into(), cause })
     }
 
+    /// Every file and folder that carries the name.
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
+        let prefix = self.prefix();
+        let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        let own = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+        let folder = Some(self.root()).filter(|root| root.exists());
+        own.map(|entry| entry.path()).chain(folder).collect()
+    }
+
+    /// A segment whose maker was killed before it had a size: whoever opens it waits for ever.
+    pub(crate) fn half_made(&self) -> Option<PathBuf> {
+        let empty = |path: &PathBuf| {
+            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
+            made && fs::metadata(path).is_ok_and(|segment| segment.len() == 0)
+        };
+        let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
+        let deadline = Instant::now() + OWNER_LIMIT;
+        // One that is just being made has a size at the next look.
+        while !suspects.is_empty() && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+            suspects.retain(empty);
+        }
+        suspects.pop()
+    }
+
     /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.
     fn remove_remains(&self) {
-        let (prefix, locks) = (self.prefix(), [self.page_path(), self.members_path()]);
-        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) && !locks.contains(&entry.path()) {
-                // What cannot be removed belongs to somebody else; creating it anew will say so.
-                let _ = fs::remove_file(entry.path());
-            }
+        let kept = [self.page_path(), self.members_path(), self.root()];
+        for path in self.files().iter().filter(|path| !kept.contains(path)) {
+            // What cannot be removed belongs to somebody else; creating it anew will say so.
+            let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());
     }
@@ -186,10 +254,16 @@ pub struct Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
+        let _alone = self.domain.await_members(OBSERVERS_LIMIT);
         self.domain.remove_remains();
         let _ = fs::remove_file(self.domain.members_path());
         let _ = fs::remove_file(self.domain.page_path());
     }
+}
+
+/// The open file is the one that is at the path.
+fn is_at(file: &File, path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
 }
 
 /// Who holds the page, as far as it has said so.

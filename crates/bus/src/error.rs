@@ -49,6 +49,36 @@ pub enum BusError {
         /// What iceoryx2 answered.
         cause: String,
     },
+    /// Every place of an observer is taken.
+    #[error(
+        "observing the system {name:?}: {observers} observers look at it already, more could crowd out its services; end one (`plumb top`, `plumb topic`)"
+    )]
+    Crowded {
+        /// The system's name.
+        name: String,
+        /// How many there may be.
+        observers: usize,
+    },
+    /// A process was killed while it made a segment; nobody can open it.
+    #[error("observing the system {name:?}: a process was killed while it made {path}; start the system anew")]
+    HalfMade {
+        /// The system's name.
+        name: String,
+        /// The segment.
+        path: PathBuf,
+    },
+    /// There is no such topic.
+    #[error("opening the topic `{topic}`: there is none of that name; there are {}", messages::TOPICS.join(", "))]
+    NoTopic {
+        /// The name asked for.
+        topic: String,
+    },
+    /// Nobody publishes or reads the topic.
+    #[error("opening the topic `{topic}`: no service of the system has opened it")]
+    Unopened {
+        /// The topic.
+        topic: &'static str,
+    },
     /// Both sides of a topic were built from different sources.
     #[error(
         "opening the topic `{topic}`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only"

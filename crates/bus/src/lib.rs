@@ -10,11 +10,17 @@
 mod domain;
 mod error;
 mod facts;
+mod observer;
+mod remains;
+mod tap;
 mod topic;
 mod wake;
 
 pub use domain::{Claim, Domain};
 pub use error::BusError;
 pub use facts::Facts;
+pub use observer::{OBSERVERS, Observer};
+pub use remains::{Remains, Standing};
+pub use tap::{Port, Ports, Tap};
 pub use topic::{Bus, Publisher, Subscriber};
 pub use wake::Woken;

@@ -18,19 +18,20 @@ use messages::Message;
 
 use crate::{
     BusError, Domain, Woken,
+    observer::OBSERVERS,
     wake::{Page, TopicWord},
 };
 
 /// Active, candidate and injector, and one that was killed and is not yet cleaned up.
 pub(crate) const PUBLISHERS: usize = 4;
-/// Services of the path, recorder, gateway, taps, and two that were killed.
-pub(crate) const SUBSCRIBERS: usize = 10;
+/// Services of the path, recorder, gateway, two that were killed; and the observers, each after one that was killed.
+pub(crate) const SUBSCRIBERS: usize = 10 + 2 * OBSERVERS;
 /// Every service says how it is and where.
 pub(crate) const EVERYBODY: usize = 24;
 /// The topics on which it does.
 pub(crate) const OF_EVERYBODY: [&str; 3] =
     [messages::Health::TOPIC, messages::Checkpoint::TOPIC, messages::Difference::TOPIC];
-pub(crate) const NODES: usize = 40;
+pub(crate) const NODES: usize = 40 + 2 * OBSERVERS;
 /// iceoryx2 holds eight attributes of 256 bytes.
 pub(crate) const LAYOUT_CHUNK: usize = 250;
 
@@ -46,18 +47,9 @@ pub struct Bus {
 impl Bus {
     /// Joins the system's bus as `who`.
     pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
-        set_log_level(LogLevel::Fatal);
         let page = Arc::new(domain.page()?);
         let member = domain.take_part()?;
-        let failed =
-            |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
-        let config = domain.config();
-        let node = NodeBuilder::new()
-            .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|cause| failed(&cause))?;
+        let (config, node) = (domain.config(), node(domain, who)?);
         Ok(Self { config, node, page, _member: member })
     }
 
@@ -112,14 +104,6 @@ impl Bus {
     fn topic<M: Message>(&self, buffer: usize) -> Result<PortFactory<ipc::Service, Sample<M>, ()>, BusError> {
         let failed = |cause: &dyn fmt::Debug| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") };
         let name = ServiceName::new(M::TOPIC).map_err(|cause| failed(&cause))?;
-        let layout = M::layout().to_string();
-        let mut attributes = AttributeVerifier::new();
-        for (key, chunk) in layout_chunks(&layout) {
-            let (Ok(key), Ok(value)) = (key.as_str().try_into(), chunk.try_into()) else {
-                return Err(failed(&"the layout's text is too long"));
-            };
-            attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
-        }
         let everybody = OF_EVERYBODY.contains(&M::TOPIC);
         let publishers = if everybody { EVERYBODY } else { PUBLISHERS };
         self.node
@@ -132,20 +116,52 @@ impl Bus {
             .max_publishers(publishers)
             .max_subscribers(SUBSCRIBERS)
             .max_nodes(NODES)
-            .open_or_create_with_attributes(&attributes)
-            .map_err(|cause| match self.layout_on_bus(&name) {
-                Some(there) if there != layout => BusError::Layout { topic: M::TOPIC, here: layout.clone(), there },
-                _ => failed(&cause),
-            })
+            .open_or_create_with_attributes(&layout_required::<M>()?)
+            .map_err(|cause| unopened::<M>(&self.config, &name, &cause))
     }
+}
 
-    /// The layout that the topic's creator wrote down.
-    fn layout_on_bus(&self, name: &ServiceName) -> Option<String> {
-        let details = ipc::Service::details(name, &self.config, MessagingPattern::PublishSubscribe).ok()??;
-        let attributes: &AttributeSet = details.static_details.attributes();
-        let text: String = attributes.iter().map(|attribute| attribute.value().to_string()).collect();
-        (!text.is_empty()).then_some(text)
+/// A process's node under the prefix of the system.
+pub(crate) fn node(domain: &Domain, who: &str) -> Result<Node<ipc::Service>, BusError> {
+    set_log_level(LogLevel::Fatal);
+    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
+    NodeBuilder::new()
+        .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
+        .config(&domain.config())
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<ipc::Service>()
+        .map_err(|cause| failed(&cause))
+}
+
+/// What a topic's creator must have written down for `M` to be read or published on it.
+pub(crate) fn layout_required<M: Message>() -> Result<AttributeVerifier, BusError> {
+    let failed = |cause: &dyn fmt::Debug| BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") };
+    let layout = M::layout().to_string();
+    let mut attributes = AttributeVerifier::new();
+    for (key, chunk) in layout_chunks(&layout) {
+        let (Ok(key), Ok(value)) = (key.as_str().try_into(), chunk.try_into()) else {
+            return Err(failed(&"the layout's text is too long"));
+        };
+        attributes = attributes.require(&key, &value).map_err(|cause| failed(&cause))?;
     }
+    Ok(attributes)
+}
+
+/// Why a topic could not be opened: another layout, or what iceoryx2 answered.
+pub(crate) fn unopened<M: Message>(config: &Config, name: &ServiceName, cause: &dyn fmt::Debug) -> BusError {
+    let here = M::layout().to_string();
+    match layout_on_bus(config, name) {
+        Some(there) if there != here => BusError::Layout { topic: M::TOPIC, here, there },
+        _ => BusError::Topic { topic: M::TOPIC, cause: format!("{cause:?}") },
+    }
+}
+
+/// The layout that the topic's creator wrote down.
+fn layout_on_bus(config: &Config, name: &ServiceName) -> Option<String> {
+    let details = ipc::Service::details(name, config, MessagingPattern::PublishSubscribe).ok()??;
+    let attributes: &AttributeSet = details.static_details.attributes();
+    let text: String = attributes.iter().map(|attribute| attribute.value().to_string()).collect();
+    (!text.is_empty()).then_some(text)
 }
 
 /// The layout's text in pieces that an attribute holds, with keys in their order.
@@ -157,7 +173,7 @@ fn layout_chunks(layout: &str) -> impl Iterator<Item = (String, &str)> {
 /// A message as iceoryx2 takes it.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
-struct Sample<M>(M);
+pub(crate) struct Sample<M>(pub(crate) M);
 
 #[allow(unsafe_code)]
 // SAFETY: `Message` requires `Pod`: `repr(C)`, no pointers, no padding, every bit pattern valid, so it means the same in every

@@ -40,6 +40,8 @@ struct Word {
 #[repr(C)]
 struct Layout {
     owner_pid: AtomicU32,
+    /// When the run began, CLOCK_MONOTONIC, ns: no other run has the same.
+    run: AtomicU64,
     words: [Word; WORDS],
 }
 
@@ -68,14 +70,21 @@ impl Page {
         self.layout().owner_pid.store(pid, SeqCst);
     }
 
+    /// The number of the run: another one is another system under the same name.
+    pub(crate) fn run(&self) -> u64 {
+        self.layout().run.load(SeqCst)
+    }
+
+    /// A new run begins: no topic has had a tick.
+    pub(crate) fn begin_run(&self) {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        self.layout().run.store(now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64, SeqCst);
+        self.layout().words.iter().for_each(|word| word.next_tick.store(0, SeqCst));
+    }
+
     /// Wakes whoever waits for any topic.
     pub(crate) fn wake_all(&self) {
         self.layout().words.iter().for_each(Word::wake);
-    }
-
-    /// No topic has had a tick.
-    pub(crate) fn forget_ticks(&self) {
-        self.layout().words.iter().for_each(|word| word.next_tick.store(0, SeqCst));
     }
 
     fn layout(&self) -> &Layout {

@@ -8,11 +8,13 @@ use core::{fmt, ops};
 pub struct Flags(pub u64);
 
 macro_rules! flags {
-    ($($(#[$meta:meta])* $name:ident = $bit:literal $text:literal,)*) => {
+    ($($(#[doc = $meaning:literal])+ $name:ident = $bit:literal $text:literal,)*) => {
         impl Flags {
-            $($(#[$meta])* pub const $name: Self = Self(1 << $bit);)*
+            $($(#[doc = $meaning])+ pub const $name: Self = Self(1 << $bit);)*
             /// Every flag with its name.
             pub const NAMES: &'static [(Self, &'static str)] = &[$((Self::$name, $text)),*];
+            /// What each of them means, in the same order.
+            pub const MEANINGS: &'static [&'static str] = &[$(concat!($($meaning),+).trim_ascii_start()),*];
         }
     };
 }
@@ -78,6 +80,10 @@ impl Flags {
     /// No flag.
     pub const NONE: Self = Self(0);
 
+    /// Flags that say nothing bad.
+    pub const USUAL: Self =
+        Self(Self::RATE_INSTANT.0 | Self::ALIGNED.0 | Self::AT_REST.0 | Self::FIELD.0 | Self::FIX.0);
+
     /// Any flag of `other` is set.
     pub fn any(self, other: Self) -> bool {
         self.0 & other.0 != 0
@@ -86,6 +92,12 @@ impl Flags {
     /// `self` when `condition` holds, else none.
     pub fn when(self, condition: bool) -> Self {
         if condition { self } else { Self::NONE }
+    }
+
+    /// The names of the flags set, each with what it means.
+    pub fn meanings(self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        let all = Self::NAMES.iter().zip(Self::MEANINGS);
+        all.filter(move |((flag, _), _)| self.any(*flag)).map(|((_, name), meaning)| (*name, *meaning))
     }
 
     /// The names of the flags set.

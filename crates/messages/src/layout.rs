@@ -11,8 +11,26 @@ pub struct Field {
     pub kind: &'static str,
     /// Bytes from the start of the payload.
     pub offset: usize,
-    /// What it means, with its unit.
+    /// What it means, with its unit; no part of the layout's text.
     pub about: &'static str,
+}
+
+/// How names end, and the units that they mean; a longer ending comes before a shorter one.
+const UNITS: [(&str, &str); 7] = [
+    ("_rad_s", "rad/s"),
+    ("_m_s2", "m/s²"),
+    ("_m_s", "m/s"),
+    ("_rad", "rad"),
+    ("_ns", "ns"),
+    ("_ut", "µT"),
+    ("_s", "s"),
+];
+
+impl Field {
+    /// The unit that its name ends with.
+    pub fn unit(&self) -> Option<&'static str> {
+        UNITS.iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, unit)| *unit)
+    }
 }
 
 /// The layout of a payload.

@@ -33,27 +33,45 @@ pub use layout::{Field, Layout};
 pub use topics::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
     FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading,
-    State, layouts,
+    State,
 };
 
-/// Every topic, in the order of the table above.
-pub const TOPICS: [&str; 15] = [
-    SensorReading::TOPIC,
-    ReceiverReading::TOPIC,
-    ImuSample::TOPIC,
-    MagSample::TOPIC,
-    GnssFix::TOPIC,
-    Reference::TOPIC,
-    GyroStep::TOPIC,
-    AccelPoint::TOPIC,
-    FusedState::TOPIC,
-    AttitudeOutput::TOPIC,
-    Credit::TOPIC,
-    Checkpoint::TOPIC,
-    Difference::TOPIC,
-    Control::TOPIC,
-    Health::TOPIC,
-];
+macro_rules! topics {
+    ($($name:ident)*) => {
+        /// Every topic, in the order of the table above.
+        pub const TOPICS: &[&str] = &[$($name::TOPIC),*];
+
+        /// The layout of every topic's payload.
+        pub fn layouts() -> Vec<Layout> {
+            vec![$($name::layout()),*]
+        }
+
+        /// Hands the payload's type of a topic to `visitor`; `None` where there is no such topic.
+        pub fn with_type<V: Visitor>(topic: &str, visitor: V) -> Option<V::Output> {
+            match topic {
+                $($name::TOPIC => Some(visitor.visit::<$name>()),)*
+                _ => None,
+            }
+        }
+    };
+}
+
+topics! {
+    SensorReading ReceiverReading ImuSample MagSample GnssFix Reference GyroStep AccelPoint FusedState AttitudeOutput
+    Credit Checkpoint Difference Control Health
+}
+
+/// Topics with one message of every tick.
+pub const EVERY_TICK: [&str; 5] =
+    [ImuSample::TOPIC, GyroStep::TOPIC, AccelPoint::TOPIC, FusedState::TOPIC, AttitudeOutput::TOPIC];
+
+/// What is to be done with the payload's type of a topic known by its name.
+pub trait Visitor {
+    /// What comes of it.
+    type Output;
+    /// Does it.
+    fn visit<M: Message>(self) -> Self::Output;
+}
 
 /// A payload of a topic.
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {

@@ -53,7 +53,7 @@ fn flags() -> impl Iterator<Item = (String, u32)> {
 
 /// The header, then every topic's payload.
 fn structs() -> Vec<Layout> {
-    [vec![Header::layout()], messages::layouts().into()].concat()
+    [vec![Header::layout()], messages::layouts()].concat()
 }
 
 /// `ImuSample` of `plumbline.ImuSample.1`.

@@ -104,8 +104,7 @@ fn what_python_sees_is_what_rust_sees() {
         return;
     };
     let said = String::from_utf8(output.stdout).unwrap();
-    let expected: Vec<String> =
-        [vec![Header::layout()], messages::layouts().into()].concat().iter().map(line).collect();
+    let expected: Vec<String> = [vec![Header::layout()], messages::layouts()].concat().iter().map(line).collect();
     assert_eq!(said.lines().collect::<Vec<_>>(), expected, "{}", String::from_utf8_lossy(&output.stderr));
 }
 

@@ -291,6 +291,11 @@ impl Crew {
         Ok(self.incarnations)
     }
 
+    /// What the next life of a service is told.
+    pub(crate) fn orders(&self) -> &Orders {
+        &self.orders
+    }
+
     /// How the services are.
     pub(crate) fn ps(&self) -> Vec<Standing> {
         let silence = Duration::from_secs_f64(self.orders.launch.restart.silence_s);

@@ -36,6 +36,8 @@ pub enum Ask {
     },
     /// How the services are.
     Ps,
+    /// What was to run, with the stages that fill the slots by now.
+    Orders,
 }
 
 /// Why a question was not answered.

@@ -211,6 +211,7 @@ impl System {
                     door.answer(caller, &());
                 }
                 Ask::Ps => door.answer(caller, &crew.ps()),
+                Ask::Orders => door.answer(caller, crew.orders()),
             }
         }
         waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {

@@ -1,0 +1,120 @@
+//! What systems leave behind on this machine, and what may be removed of it.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use iceoryx2::{
+    node::{Node, NodeState},
+    prelude::{CallbackProgression, LogLevel, ipc, set_log_level},
+};
+
+use crate::{
+    BusError, Domain, Port,
+    domain::{FAMILY, SHARED_MEMORY},
+    observer::members,
+};
+
+/// The files of one system.
+#[derive(Debug)]
+pub struct Remains {
+    /// The system.
+    pub domain: Domain,
+    /// Whether it lives.
+    pub standing: Standing,
+    /// Every file and folder that carries its name.
+    pub files: Vec<PathBuf>,
+    /// Who has been killed and is still noted on its bus.
+    pub dead: Vec<Port>,
+    /// A segment whose maker was killed: whoever opens its topic waits for ever.
+    pub half_made: Option<PathBuf>,
+}
+
+/// Whether a system lives.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Standing {
+    /// It runs under this supervisor.
+    Runs {
+        /// The supervisor's process; 0 while it has not said who it is.
+        pid: u32,
+    },
+    /// Its supervisor has ended, these processes of it have not.
+    Lingers {
+        /// The processes.
+        pids: Vec<u32>,
+    },
+    /// Nobody is left.
+    Dead,
+}
+
+impl Remains {
+    /// Every system of which there is anything on this machine; an error for each whose files are another user's.
+    pub fn all() -> Vec<Result<Self, BusError>> {
+        let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        let file_names = entries.map(|entry| entry.file_name());
+        let named = file_names.filter_map(|file| {
+            let file = file.to_str()?.strip_prefix(FAMILY)?;
+            Some(file.split_once('.').map_or(file, |(name, _)| name).to_owned())
+        });
+        let names: BTreeSet<String> = named.collect();
+        names.iter().filter_map(|name| Some(Self::of(&Domain::new(name).ok()?))).collect()
+    }
+
+    /// What there is of one system. Fails where its files are another user's.
+    pub fn of(domain: &Domain) -> Result<Self, BusError> {
+        let files = domain.files();
+        let standing = match domain.owner_pid()? {
+            Some(pid) => Standing::Runs { pid },
+            None => match holders(&domain.members_path()) {
+                pids if pids.is_empty() => Standing::Dead,
+                pids => Standing::Lingers { pids },
+            },
+        };
+        set_log_level(LogLevel::Fatal);
+        let mut dead = if files.is_empty() { Vec::new() } else { members(domain, &domain.config())? };
+        dead.retain(|(_, port)| !port.alive);
+        let dead = dead.into_iter().map(|(_, port)| port).collect();
+        Ok(Self { domain: domain.clone(), standing, files, dead, half_made: domain.half_made() })
+    }
+
+    /// Removes what nobody needs: of a dead system everything, of a living one what the killed left on its bus.
+    pub fn clear(&self) -> Result<(), BusError> {
+        match self.standing {
+            // Who owns the name for a moment removes everything of it at the end.
+            Standing::Dead => self.domain.claim_within(Duration::ZERO).map(drop),
+            Standing::Runs { .. } => {
+                let _inside = self.domain.step_in()?;
+                clean_dead_nodes(&self.domain)
+            }
+            Standing::Lingers { .. } => Err(BusError::Lingering { name: self.domain.name().into() }),
+        }
+    }
+}
+
+fn clean_dead_nodes(domain: &Domain) -> Result<(), BusError> {
+    let failed = |cause| BusError::Node { name: domain.name().into(), cause };
+    let mut left = None;
+    Node::<ipc::Service>::list(&domain.config(), |node| {
+        if let NodeState::Dead(view) = node {
+            left = view.try_remove_stale_resources().err().or(left);
+        }
+        CallbackProgression::Continue
+    })
+    .map_err(|cause| failed(format!("listing who is there: {cause:?}")))?;
+    left.map_or(Ok(()), |cause| Err(failed(format!("cleaning up after a killed process: {cause:?}"))))
+}
+
+/// The processes of this user that have a file open.
+fn holders(file: &Path) -> Vec<u32> {
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    let holds = |pid: &u32| {
+        let open = fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
+        *pid != std::process::id()
+            && open.filter_map(|entry| fs::read_link(entry.path()).ok()).any(|target| target == file)
+    };
+    pids.filter(holds).collect()
+}

@@ -1,0 +1,64 @@
+//! `plumb doctor`: whether the machine and the system are as they should be.
+
+use std::{process::ExitCode, time::Duration};
+
+use bus::{BusError, Domain};
+use clap::Args;
+use observe::doctor::{Check, Diagnosis, Outcome, leftovers, machine, running::Seen};
+use runtime::Orders;
+use supervisor::{Ask, DoorError, Standing, ask};
+
+use crate::{
+    fail, print,
+    seeing::{Until, duration, observer},
+    swap::System,
+};
+
+/// The command line of `plumb doctor`.
+#[derive(Args)]
+#[command(after_help = "Exit codes: 0 no problem (there may be warnings), 1 a problem remains.")]
+pub(crate) struct DoctorCommand {
+    #[command(flatten)]
+    system: System,
+    /// Remove what dead systems and killed processes have left behind; nothing of a living system is touched. With --system only of
+    /// that one.
+    #[arg(long)]
+    fix: bool,
+    /// How long a running system is watched.
+    #[arg(long, default_value = "2", value_parser = duration)]
+    seconds: Duration,
+}
+
+pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> ExitCode {
+    let name = system.name();
+    let domain = match Domain::new(&name) {
+        Ok(domain) => domain,
+        Err(error) => return fail(&error, 2),
+    };
+    let mut checks = machine::checks();
+    checks.extend(leftovers::checks(system.is_named().then_some(&domain), fix));
+    checks.extend(match domain.owner_pid() {
+        Ok(Some(_)) => examine(&name, seconds).unwrap_or_else(|check| vec![check]),
+        Ok(None) => vec![Check::ok("system", format!("{name:?} does not run"))],
+        Err(error) => vec![Check::warning("system", error.to_string(), "ask its owner")],
+    });
+    let diagnosis = Diagnosis { system: name, checks };
+    // Strings and lists always serialise.
+    let printed =
+        if system.json { print(&serde_json::to_string(&diagnosis).unwrap_or_default()) } else { print(&diagnosis) };
+    if diagnosis.count(Outcome::Problem) > 0 { ExitCode::FAILURE } else { printed }
+}
+
+/// What is to be said about the running system; if it cannot be looked at, that.
+fn examine(name: &str, seconds: Duration) -> Result<Vec<Check>, Check> {
+    let unseen = |error: BusError| Check::warning("system", error.to_string(), "try again");
+    let unanswered = |error: DoorError| {
+        Check::problem("system", error.to_string(), "look again; if it stays so, start the system anew")
+    };
+    let observer = observer(name, "doctor").map_err(unseen)?;
+    let mut until = Until::new(&observer, Some(seconds));
+    let seen = Seen::watch(&observer, &mut || until.is_over()).map_err(unseen)?;
+    let standings = ask::<Vec<Standing>>(name, &Ask::Ps).map_err(unanswered)?;
+    let orders = ask::<Orders>(name, &Ask::Orders).map_err(unanswered)?;
+    Ok(seen.checks(&standings, &orders))
+}

@@ -1,0 +1,96 @@
+//! `plumb top`: how the services of a running system do, from moment to moment.
+
+use std::{
+    io::{IsTerminal, stdout},
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use observe::top::{Moment, Top};
+use supervisor::{Ask, Standing, ask};
+
+use crate::{
+    fail, print,
+    seeing::{LOOK, Until, duration, observer},
+    swap::System,
+};
+
+/// The command line of `plumb top`.
+#[derive(Args)]
+pub(crate) struct TopCommand {
+    #[command(flatten)]
+    system: System,
+    /// Seconds between two looks.
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
+    interval: Duration,
+    /// End after so many looks, and print each below the one before.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// End after so long [default: Ctrl-C ends it].
+    #[arg(long, value_parser = duration)]
+    seconds: Option<Duration>,
+}
+
+pub(crate) fn run(command: TopCommand) -> ExitCode {
+    let TopCommand { system, interval, count, seconds } = command;
+    let name = system.name();
+    let standings = match ask::<Vec<Standing>>(&name, &Ask::Ps) {
+        Ok(standings) => standings,
+        Err(error) => return fail(&error, 1),
+    };
+    let observed = observer(&name, "top").and_then(|observer| Ok((Top::new(&observer, &standings)?, observer)));
+    let (mut top, observer) = match observed {
+        Ok(observed) => observed,
+        Err(error) => return fail(&error, 1),
+    };
+    let mut until = Until::new(&observer, seconds);
+    let screen = (stdout().is_terminal() && !system.json && count.is_none()).then(screen);
+    let mut left = count.unwrap_or(u64::MAX);
+    let mut last = Instant::now();
+    while left > 0 && !until.is_over() {
+        std::thread::sleep(LOOK.min(interval));
+        if let Err(error) = top.look() {
+            return fail(&error, 1);
+        }
+        if last.elapsed() < interval {
+            continue;
+        }
+        last = Instant::now();
+        left -= 1;
+        let moment = match ask::<Vec<Standing>>(&name, &Ask::Ps) {
+            Ok(standings) => top.moment(&name, &standings),
+            // It ended between two looks.
+            Err(_) if !observer.is_running() => continue,
+            Err(error) => return fail(&error, 1),
+        };
+        let shown = show(&moment, system.json, screen.as_ref());
+        if shown != ExitCode::SUCCESS {
+            return shown;
+        }
+    }
+    screen.iter().for_each(ProgressBar::abandon);
+    if until.system_ended() {
+        supervisor::tell(format_args!("the system {name:?} has ended"));
+    }
+    ExitCode::SUCCESS
+}
+
+fn show(moment: &Moment, json: bool, screen: Option<&ProgressBar>) -> ExitCode {
+    match screen {
+        Some(screen) => {
+            screen.set_message(moment.to_string());
+            ExitCode::SUCCESS
+        }
+        // Numbers, strings and lists always serialise.
+        None if json => print(&serde_json::to_string(moment).unwrap_or_default()),
+        None => print(moment),
+    }
+}
+
+/// A place on the terminal that is written again and again.
+fn screen() -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
+    ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout()).with_style(style)
+}

@@ -1,0 +1,183 @@
+//! `plumb topic`: what flows through a running system.
+
+use std::{
+    process::ExitCode,
+    time::{Duration, Instant},
+};
+
+use bus::BusError;
+use clap::{Args, Subcommand};
+use messages::Layout;
+use observe::{
+    flow::{Flow, FlowReport},
+    record::Record,
+    topics::Topic,
+};
+
+use crate::{
+    fail, print,
+    seeing::{LOOK, Until, Watched, duration, observer},
+    swap::System,
+};
+
+/// How long topics are watched for their rates.
+const RATES_LIMIT: Duration = Duration::from_secs(1);
+/// Between two lines of a rate.
+const LINE_INTERVAL: Duration = Duration::from_secs(1);
+
+#[derive(Subcommand)]
+pub(crate) enum TopicCommand {
+    /// Print every topic with its type, how many are at it, what it holds for each reader, and its rate.
+    List {
+        #[command(flatten)]
+        system: System,
+        /// How long the rates are watched [default: 1].
+        #[arg(long, value_parser = duration)]
+        seconds: Option<Duration>,
+    },
+    /// Print a topic's layout with units and meanings, its fingerprint, and who is at it.
+    Info(Watch),
+    /// Print messages as they come; with --json one object per line.
+    Echo {
+        #[command(flatten)]
+        watch: Watch,
+        /// Only each so-many-th message; the others do not count.
+        #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+        every: u64,
+    },
+    /// Print the rate, the intervals with their jitter, and what was lost where.
+    Hz(Watch),
+    /// Print bytes per second.
+    Bw(Watch),
+}
+
+/// Which topic, and for how long.
+#[derive(Args)]
+pub(crate) struct Watch {
+    /// The topic, as `plumb topic list` names it.
+    topic: String,
+    #[command(flatten)]
+    system: System,
+    /// End after so many messages.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// End after so long [default: Ctrl-C ends it].
+    #[arg(long, value_parser = duration)]
+    seconds: Option<Duration>,
+}
+
+pub(crate) fn run(command: TopicCommand) -> ExitCode {
+    let ran = match command {
+        TopicCommand::List { system, seconds } => list(&system, seconds),
+        TopicCommand::Info(watch) => info(&watch),
+        TopicCommand::Echo { watch, every } => echo(&watch, every),
+        TopicCommand::Hz(watch) => rate(&watch, FlowReport::hz),
+        TopicCommand::Bw(watch) => rate(&watch, FlowReport::bw),
+    };
+    ran.unwrap_or_else(|error| fail(&error, if matches!(error, BusError::NoTopic { .. }) { 2 } else { 1 }))
+}
+
+fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, BusError> {
+    let observer = observer(&system.name(), "topic list")?;
+    let mut watched = Vec::new();
+    for topic in messages::TOPICS {
+        match Watched::new(&observer, topic) {
+            Ok(topic) => watched.push(topic),
+            Err(BusError::Unopened { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let until = Until::new(&observer, Some(seconds.unwrap_or(RATES_LIMIT)));
+    let topics = watch(watched, until)?;
+    Ok(if system.json {
+        print(&serde_json::Value::from_iter(topics.iter().map(Topic::json)))
+    } else {
+        let lines: Vec<_> = [Topic::head()].into_iter().chain(topics.iter().map(Topic::line)).collect();
+        print(&lines.join("\n"))
+    })
+}
+
+fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, BusError> {
+    let observer = observer(&system.name(), "topic info")?;
+    let watched = Watched::new(&observer, topic)?;
+    let until = Until::new(&observer, Some(seconds.unwrap_or(RATES_LIMIT)));
+    Ok(match watch(vec![watched], until)?.first() {
+        Some(topic) if system.json => print(&topic.info_json()),
+        Some(topic) => print(topic),
+        None => ExitCode::FAILURE,
+    })
+}
+
+/// Lets topics flow for a while.
+fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, BusError> {
+    while !until.is_over() {
+        std::thread::sleep(LOOK);
+        watched.iter_mut().try_for_each(|topic| topic.look(&mut |_, _| true))?;
+    }
+    watched.into_iter().map(Watched::topic).collect()
+}
+
+fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
+    let (mut came, mut shown) = (0, ExitCode::SUCCESS);
+    let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
+    let report = follow(
+        watch,
+        messages,
+        "topic echo",
+        &mut |layout, bytes| {
+            came += 1;
+            if (came - 1u64).is_multiple_of(every) {
+                shown = match Record::new(layout, bytes) {
+                    Ok(record) if watch.system.json => print(&record.json()),
+                    Ok(record) => print(&format_args!("{}:{record}", watch.topic)),
+                    Err(error) => fail(&error, 1),
+                };
+            }
+            shown == ExitCode::SUCCESS
+        },
+        &mut |_| true,
+    )?;
+    supervisor::tell(format_args!("{}: {report}", watch.topic));
+    Ok(shown)
+}
+
+fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, BusError> {
+    let json = watch.system.json;
+    let mut told = Instant::now();
+    let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
+        if json || told.elapsed() < LINE_INTERVAL {
+            return true;
+        }
+        told = Instant::now();
+        print(&line(&flow.report())) == ExitCode::SUCCESS
+    })?;
+    // Numbers and strings always serialise.
+    Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
+}
+
+/// Follows a topic for so many messages, as long as both callers want more; what there is to be said about its flow then.
+fn follow(
+    Watch { topic, system, seconds, .. }: &Watch,
+    messages: Option<u64>,
+    who: &str,
+    take: &mut dyn FnMut(&Layout, &[u8]) -> bool,
+    round: &mut dyn FnMut(&Flow) -> bool,
+) -> Result<FlowReport, BusError> {
+    let observer = observer(&system.name(), who)?;
+    let mut watched = Watched::new(&observer, topic)?;
+    let mut until = Until::new(&observer, *seconds);
+    let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
+    while wanted && left > 0 && !until.is_over() {
+        std::thread::sleep(LOOK);
+        watched.look(&mut |layout, bytes| {
+            left -= 1;
+            wanted = take(layout, bytes);
+            wanted && left > 0
+        })?;
+        wanted &= round(&watched.flow);
+    }
+    if until.system_ended() {
+        supervisor::tell(format_args!("the system {:?} has ended", system.name()));
+    }
+    Ok(watched.flow.report())
+}
