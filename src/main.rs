@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod keys;
 mod score;
 mod stage;
 mod swap;
@@ -50,6 +51,11 @@ enum Command {
         #[command(subcommand)]
         command: bench::Bench,
     },
+    /// Make and look at the certificates of vehicles, operators and viewers.
+    Keys {
+        #[command(subcommand)]
+        command: keys::Command,
+    },
     /// Look at a launch file.
     Config {
         #[command(subcommand)]
@@ -82,6 +88,7 @@ fn main() -> ExitCode {
         Command::Shadow(shadow) => swap::shadow(shadow),
         Command::Ps(system) => swap::ps(system),
         Command::Bench { command } => bench::run(&command),
+        Command::Keys { command } => keys::run(command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
                 supervisor::tell(format_args!("{} is valid", file.display()));

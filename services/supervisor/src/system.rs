@@ -20,6 +20,7 @@ use crate::{
     door::{Ask, Door},
     exchange::Exchange,
     memory::Memory,
+    notify::Notifier,
     report::{Account, ServiceReport},
     view::View,
 };
@@ -55,6 +56,7 @@ struct System {
     /// Callers who wait for the answer to a request.
     waiting: Vec<Waiting>,
     view: View,
+    notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
     _claim: Claim,
 }
@@ -80,6 +82,7 @@ struct Ports {
 impl System {
     fn start(plan: &Plan) -> Result<Self, UpError> {
         let asked_to_end = crate::asked_to_end()?;
+        let notifier = Notifier::new()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;
@@ -88,7 +91,7 @@ impl System {
         let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
         let door = Door::open(&domain)?;
         let (memory, waiting) = (Memory::default(), Vec::new());
-        Ok(Self { crew, ports, memory, exchange, door, waiting, view, asked_to_end, _claim: claim })
+        Ok(Self { crew, ports, memory, exchange, door, waiting, view, notifier, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
@@ -122,6 +125,9 @@ impl System {
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         let begun = self.is_ready();
+        if begun {
+            self.notifier.ready();
+        }
         while begun {
             self.wait(lockstep);
             self.ports.credit.greet()?;
@@ -131,6 +137,7 @@ impl System {
             let next_tick = collector.sequence().next_tick;
             if next_tick != before {
                 progress = Instant::now();
+                self.notifier.flowing(next_tick);
             }
             if lockstep && next_tick + window >= granted + window / 4 {
                 granted = next_tick + window;
@@ -159,6 +166,7 @@ impl System {
                 self.view.show(&collector, Some(&self.crew));
             }
         }
+        self.notifier.stopping();
         let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
         collector.finish()?;
         let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
