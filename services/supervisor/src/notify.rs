@@ -19,6 +19,8 @@ use std::{
 
 use crate::UpError;
 
+/// How long a manager that does not listen is waited for.
+const WAIT: Duration = Duration::from_millis(10);
 /// The watchdog is fed so many times as often as it asks for.
 const FEEDS: u32 = 4;
 
@@ -64,7 +66,7 @@ impl Notifier {
 
     fn tell(&self, state: &str) {
         if let Some(manager) = &self.manager {
-            // A manager that cannot be told draws its own conclusions; the data path does not wait for it.
+            // A manager that cannot be told draws its own conclusions.
             let _ = manager.send(state.as_bytes());
         }
     }
@@ -72,7 +74,7 @@ impl Notifier {
 
 fn connect(address: &OsStr) -> io::Result<UnixDatagram> {
     let socket = UnixDatagram::unbound()?;
-    socket.set_nonblocking(true)?;
+    socket.set_write_timeout(Some(WAIT))?;
     match address.as_bytes() {
         [b'@', name @ ..] => socket.connect_addr(&SocketAddr::from_abstract_name(name)?)?,
         _ => socket.connect(address)?,
