@@ -29,7 +29,13 @@ pub(crate) enum Command {
         made: Made,
     },
     /// Make a certificate for a vehicle: it publishes and takes commands below its own name.
-    Vehicle(Named),
+    Vehicle {
+        #[command(flatten)]
+        named: Named,
+        /// An IP address or name at which it listens itself, without a router; several may be given.
+        #[arg(long = "host", value_name = "HOST")]
+        hosts: Vec<String>,
+    },
     /// Make a certificate for an operator: reads everything and commands.
     Operator(Named),
     /// Make a certificate for a viewer: reads everything.
@@ -92,12 +98,12 @@ pub(crate) fn run(command: Command) -> ExitCode {
     let done = match command {
         Command::Init { router, made } => init(&router, &made),
         Command::Router { router, made } => {
-            let written = |keys: Keys| keys.router(&router.parsed()?, made.days, made.force);
+            let written = |keys: Keys| keys.router(&parsed(&router.hosts)?, made.days, made.force);
             made.place.open().and_then(written).map(|written| show(&[written], &made.place))
         }
-        Command::Vehicle(named) => named.issue(Role::Vehicle),
-        Command::Operator(named) => named.issue(Role::Operator),
-        Command::Viewer(named) => named.issue(Role::Viewer),
+        Command::Vehicle { named, hosts } => parsed(&hosts).and_then(|hosts| named.issue(Role::Vehicle, &hosts)),
+        Command::Operator(named) => named.issue(Role::Operator, &[]),
+        Command::Viewer(named) => named.issue(Role::Viewer, &[]),
         Command::Revoke { party, place } => revoke(&party, &place),
         Command::List(place) => list(&place, false),
         Command::Check(place) => list(&place, true),
@@ -106,7 +112,7 @@ pub(crate) fn run(command: Command) -> ExitCode {
 }
 
 fn init(router: &Router, made: &Made) -> Result<ExitCode, KeysError> {
-    let (_, written) = Keys::init(&made.place.dir, &router.parsed()?, made.days, made.force)?;
+    let (_, written) = Keys::init(&made.place.dir, &parsed(&router.hosts)?, made.days, made.force)?;
     Ok(show(&written, &made.place))
 }
 
@@ -171,17 +177,15 @@ fn json(value: &impl Serialize) -> ExitCode {
     print(&serde_json::to_string(value).unwrap_or_default())
 }
 
-impl Router {
-    fn parsed(&self) -> Result<Vec<Host>, KeysError> {
-        self.hosts.iter().map(|host| host.parse()).collect()
-    }
+fn parsed(hosts: &[String]) -> Result<Vec<Host>, KeysError> {
+    hosts.iter().map(|host| host.parse()).collect()
 }
 
 impl Named {
-    fn issue(&self, role: Role) -> Result<ExitCode, KeysError> {
+    fn issue(&self, role: Role, hosts: &[Host]) -> Result<ExitCode, KeysError> {
         let Self { name, made } = self;
         let party = Party::new(role, name)?;
-        let written = made.place.open()?.issue(&party, made.days, made.force)?;
+        let written = made.place.open()?.issue(&party, hosts, made.days, made.force)?;
         Ok(show(&[written], &made.place))
     }
 }

@@ -1,7 +1,7 @@
 //! The authority, and what it signs.
 //!
-//! Keys are ECDSA on P-256. The router's certificate serves at the hosts it names and nowhere else; that of a party is for clients only,
-//! so nobody who holds one can pose as the router. Certificates begin a day early, for clocks that are behind.
+//! Keys are ECDSA on P-256. A certificate serves at the hosts it names and nowhere else; one that names none is for connecting only, so
+//! nobody who holds one can pose as the router. Certificates begin a day early, for clocks that are behind.
 
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
@@ -63,21 +63,33 @@ impl Authority {
         &self.certificate
     }
 
-    /// A certificate with which a party connects.
-    pub fn party(&self, party: &Party, days: u32) -> Result<Issued, KeysError> {
-        let mut params = valid_for(&party.to_string(), days_within(days)?);
-        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
-        self.sign(params).map_err(|cause| KeysError::Certificate { subject: party.to_string(), cause })
+    /// A certificate with which a party connects, and listens at `hosts` if there are any.
+    pub fn party(&self, party: &Party, hosts: &[Host], days: u32) -> Result<Issued, KeysError> {
+        self.issue(&party.to_string(), Some(ExtendedKeyUsagePurpose::ClientAuth), hosts, days)
     }
 
     /// The certificate with which the router is found at `hosts`.
     pub fn router(&self, hosts: &[Host], days: u32) -> Result<Issued, KeysError> {
-        let named = |cause| KeysError::Certificate { subject: "the router".into(), cause };
-        let mut params = valid_for("router", days_within(days)?);
-        let names = hosts.iter().map(|host| host.as_str().to_owned()).collect::<Vec<_>>();
-        params.subject_alt_names = CertificateParams::new(names).map_err(named)?.subject_alt_names;
-        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ServerAuth];
-        self.sign(params).map_err(named)
+        self.issue("router", None, hosts, days)
+    }
+
+    fn issue(
+        &self,
+        common_name: &str,
+        usage: Option<ExtendedKeyUsagePurpose>,
+        hosts: &[Host],
+        days: u32,
+    ) -> Result<Issued, KeysError> {
+        if !(1..=AUTHORITY_DAYS).contains(&days) {
+            return Err(KeysError::Validity { days, max: AUTHORITY_DAYS });
+        }
+        let failed = |cause| KeysError::Certificate { subject: common_name.into(), cause };
+        let mut params = valid_for(common_name, days);
+        let serves = Some(ExtendedKeyUsagePurpose::ServerAuth).filter(|_| !hosts.is_empty());
+        params.extended_key_usages = usage.into_iter().chain(serves).collect();
+        let names: Vec<String> = hosts.iter().map(|host| host.as_str().into()).collect();
+        params.subject_alt_names = CertificateParams::new(names).map_err(failed)?.subject_alt_names;
+        self.sign(params).map_err(failed)
     }
 
     fn sign(&self, mut params: CertificateParams) -> Result<Issued, rcgen::Error> {
@@ -138,13 +150,6 @@ fn valid_for(common_name: &str, days: u32) -> CertificateParams {
     params
 }
 
-fn days_within(days: u32) -> Result<u32, KeysError> {
-    match days {
-        1..=AUTHORITY_DAYS => Ok(days),
-        _ => Err(KeysError::Validity { days, max: AUTHORITY_DAYS }),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -154,7 +159,7 @@ mod tests {
     fn a_certificate_tells_whose_it_is_how_long_and_where() {
         let (authority, kept) = Authority::new().unwrap();
         let party = Party::new(Role::Vehicle, "alpha").unwrap();
-        let contents = Contents::read(&authority.party(&party, 10).unwrap().certificate).unwrap();
+        let contents = Contents::read(&authority.party(&party, &[], 10).unwrap().certificate).unwrap();
         assert_eq!(contents.common_name, "vehicle.alpha");
         assert_eq!((contents.until - OffsetDateTime::now_utc()).whole_hours(), 239);
         assert_eq!(contents.hosts, []);
@@ -170,7 +175,7 @@ mod tests {
         let (authority, _) = Authority::new().unwrap();
         let party = Party::new(Role::Viewer, "a").unwrap();
         for days in [0, AUTHORITY_DAYS + 1, u32::MAX] {
-            assert!(matches!(authority.party(&party, days), Err(KeysError::Validity { .. })), "{days}");
+            assert!(matches!(authority.party(&party, &[], days), Err(KeysError::Validity { .. })), "{days}");
         }
     }
 

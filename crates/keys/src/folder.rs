@@ -3,7 +3,7 @@
 //! ```text
 //! DIR/authority.pem, authority.key    the authority; its key stays here
 //! DIR/router/                         ca.pem, cert.pem, key.pem, router.json5
-//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5
+//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; one that listens itself: access.json5
 //! DIR/operator.NAME/, viewer.NAME/    ca.pem, cert.pem, key.pem, ground.json5
 //! DIR/revoked/                        folders of the parties that may do nothing any more
 //! ```
@@ -119,8 +119,8 @@ impl Keys {
         Ok(written)
     }
 
-    /// A certificate for a party, whom the router then knows.
-    pub fn issue(&self, party: &Party, days: u32, force: bool) -> Result<Written, KeysError> {
+    /// A certificate for a party, whom the router then knows; with `hosts` it is also good to listen there.
+    pub fn issue(&self, party: &Party, hosts: &[Host], days: u32, force: bool) -> Result<Written, KeysError> {
         let name = party.to_string();
         let revoked = self.folder.join(REVOKED).join(&name).join("cert.pem");
         if revoked.exists() {
@@ -128,11 +128,13 @@ impl Keys {
             return Err(KeysError::Revoked { party: party.clone(), until });
         }
         self.refuse_existing(&name, force)?;
-        let hosts = self.read(&self.folder.join(ROUTER).join("cert.pem"))?.hosts;
-        let issued = self.authority.party(party, days)?;
+        let router = self.read(&self.folder.join(ROUTER).join("cert.pem"))?.hosts;
+        let issued = self.authority.party(party, hosts, days)?;
         let written = match party.role() {
-            Role::Vehicle => self.write(&name, &issued, "vehicle.json5", &configuration::vehicle(&hosts)),
-            Role::Operator | Role::Viewer => self.write(&name, &issued, "ground.json5", &configuration::ground(&hosts)),
+            Role::Vehicle => self.write(&name, &issued, "vehicle.json5", &configuration::vehicle(&router)),
+            Role::Operator | Role::Viewer => {
+                self.write(&name, &issued, "ground.json5", &configuration::ground(&router))
+            }
         }?;
         self.write_list()?;
         Ok(written)
@@ -197,10 +199,16 @@ impl Keys {
         Ok(Written { name, until, folder, files, copy_to: Some(configuration::INSTALLED_AT) })
     }
 
-    /// Writes the access list into the router's configuration.
+    /// Writes the access list into the router's configuration, and beside the certificates of vehicles that listen themselves.
     fn write_list(&self) -> Result<(), KeysError> {
+        let parties = self.parties()?;
+        let list = AccessList::new(&parties);
+        for folder in parties.iter().map(|party| self.folder.join(party.to_string())) {
+            if !self.read(&folder.join("cert.pem"))?.hosts.is_empty() {
+                write(&folder.join("access.json5"), &list.text(), PUBLIC)?;
+            }
+        }
         let path = self.folder.join(ROUTER).join("router.json5");
-        let list = AccessList::new(&self.parties()?);
         match configuration::with_list(&read(&path)?, &list) {
             Some(text) => write(&path, &text, PUBLIC),
             None => Err(KeysError::NoPlaceForList { path }),

@@ -23,7 +23,8 @@ const ANSWER_LIMIT: Duration = Duration::from_secs(3);
 pub struct Site {
     folder: TempDir,
     pub keys: Keys,
-    port: u16,
+    pub port: u16,
+    vehicles_are_peers: bool,
 }
 
 impl Site {
@@ -31,13 +32,18 @@ impl Site {
     pub fn new(parties: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (keys, _) = Keys::init(folder.path(), &["127.0.0.1".parse().unwrap()], 30, false).unwrap();
-        let site = Self { folder, keys, port: free_port() };
+        let site = Self { folder, keys, port: free_port(), vehicles_are_peers: false };
         parties.iter().for_each(|party| site.issue(party));
         site
     }
 
+    /// One whose vehicles are clients of the router, as their configuration has it, and one where they are its peers.
+    pub fn both(parties: &[&str]) -> [Self; 2] {
+        [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
+    }
+
     pub fn issue(&self, party: &str) {
-        self.keys.issue(&party.parse().unwrap(), 30, false).unwrap();
+        self.keys.issue(&party.parse().unwrap(), &[], 30, false).unwrap();
     }
 
     pub fn revoke(&self, party: &str) {
@@ -62,6 +68,11 @@ impl Site {
     pub fn open(&self, folder: &Path) -> zenoh::Result<Session> {
         let mut config = self.configuration(folder);
         config.insert_json5("connect/timeout_ms", &CONNECT_LIMIT_MS.to_string()).unwrap();
+        if self.vehicles_are_peers && folder.join("vehicle.json5").exists() {
+            config.insert_json5("mode", "\"peer\"").unwrap();
+            config.insert_json5("listen/endpoints", "[]").unwrap();
+            config.insert_json5("connect/exit_on_failure", "true").unwrap();
+        }
         zenoh::open(config).wait()
     }
 
