@@ -104,6 +104,24 @@ fn a_vehicle_publishes_below_its_own_name_only() {
 }
 
 #[test]
+fn a_vehicle_hears_nothing_of_another() {
+    for site in Site::both(&["vehicle.alpha", "vehicle.beta", "viewer.wall"]) {
+        let _router = site.router();
+        let beta = site.session("vehicle.beta");
+        let overheard = Heard::of(&beta, "plumbline/v1/**");
+        let heard = Heard::of(&site.session("viewer.wall"), "plumbline/v1/**");
+        let alpha = Vehicle::new(site.session("vehicle.alpha"), "alpha");
+        until("ten attitudes", || {
+            alpha.publish();
+            heard.all().len() > 10
+        });
+        assert_eq!(ask(&beta, ATTITUDE), Vec::<String>::new());
+        assert_eq!(ask(&beta, SWAP), Vec::<String>::new());
+        assert_eq!((overheard.all(), alpha.commands.all()), (vec![], vec![]));
+    }
+}
+
+#[test]
 fn a_vehicle_neither_answers_nor_lives_nor_takes_commands_for_another() {
     for site in Site::both(&["vehicle.alpha", "vehicle.beta", "operator.ann"]) {
         let _router = site.router();
