@@ -3,6 +3,7 @@
 
 mod bench;
 mod doctor;
+mod keys;
 mod score;
 mod seeing;
 mod stage;
@@ -63,6 +64,11 @@ enum Command {
         #[command(subcommand)]
         command: bench::Bench,
     },
+    /// Make and look at the certificates of vehicles, operators and viewers.
+    Keys {
+        #[command(subcommand)]
+        command: keys::Command,
+    },
     /// Look at a launch file.
     Config {
         #[command(subcommand)]
@@ -98,6 +104,7 @@ fn main() -> ExitCode {
         Command::Topic { command } => topic::run(command),
         Command::Doctor(command) => doctor::run(command),
         Command::Bench { command } => bench::run(&command),
+        Command::Keys { command } => keys::run(command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
                 supervisor::tell(format_args!("{} is valid", file.display()));

@@ -15,6 +15,7 @@
 //! | `exchange` | who owns a slot, and how it changes hands |
 //! | `door` | the socket at which others ask |
 //! | `view` | the terminal |
+//! | `notify` | what the service manager is told |
 #![forbid(unsafe_code)]
 
 pub mod collector;
@@ -24,6 +25,7 @@ mod exchange;
 pub mod in_process;
 mod lives;
 mod memory;
+mod notify;
 pub mod plan;
 pub mod report;
 pub mod system;

@@ -20,6 +20,7 @@ use crate::{
     door::{Ask, Door},
     exchange::Exchange,
     memory::Memory,
+    notify::Notifier,
     report::{Account, ServiceReport},
     view::View,
     watch::Watches,
@@ -57,6 +58,7 @@ struct System {
     /// Callers who wait for the answer to a request.
     waiting: Vec<Waiting>,
     view: View,
+    notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
     _claim: Claim,
 }
@@ -82,6 +84,7 @@ struct Ports {
 impl System {
     fn start(plan: &Plan) -> Result<Self, UpError> {
         let asked_to_end = crate::asked_to_end()?;
+        let notifier = Notifier::new()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;
@@ -93,7 +96,7 @@ impl System {
         let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
         let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
-        Ok(Self { crew, ports, memory, exchange, watches, door, waiting, view, asked_to_end, _claim: claim })
+        Ok(Self { crew, ports, memory, exchange, watches, door, waiting, view, notifier, asked_to_end, _claim: claim })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
@@ -127,6 +130,9 @@ impl System {
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         let begun = self.is_ready();
+        if begun {
+            self.notifier.ready();
+        }
         while begun {
             self.wait(lockstep);
             self.ports.credit.greet()?;
@@ -136,6 +142,7 @@ impl System {
             let next_tick = collector.sequence().next_tick;
             if next_tick != before {
                 progress = Instant::now();
+                self.notifier.flowing(next_tick);
             }
             if lockstep && next_tick + window >= granted + window / 4 {
                 granted = next_tick + window;
@@ -164,6 +171,7 @@ impl System {
                 self.view.show(&collector, Some(&self.crew));
             }
         }
+        self.notifier.stopping();
         let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
         self.ports.finish(&mut collector)?;
         collector.finish()?;

@@ -1,0 +1,172 @@
+//! Who may do what on which keys: the access list of a Zenoh router.
+//!
+//! Everything is refused but what is named here. Zenoh looks whether a rule's key *includes* that of a message, and a query reaches
+//! whatever its key *intersects*: a query for `plumbline/v1/alpha/**` arrives at the commands of alpha. Queries are therefore allowed on
+//! keys only that cannot meet a command's, and commands on those of one vehicle each.
+
+use serde::Serialize;
+
+use crate::{Party, Role};
+
+/// What may be subscribed to: everything that vehicles put. Commands are queries, so none is heard.
+const TELEMETRY: &str = "plumbline/v1/**";
+/// What may be asked for: last values and schemas.
+const ANSWERS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
+/// Who is alive. `**` alone does not match a chunk that begins with `@`.
+const LIVE: &str = "plumbline/v1/*/@live/**";
+
+/// The access list, as Zenoh's configuration has it under `access_control`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct AccessList {
+    enabled: bool,
+    default_permission: &'static str,
+    rules: Vec<Rule>,
+    subjects: Vec<Subject>,
+    policies: Vec<Policy>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Rule {
+    id: String,
+    permission: &'static str,
+    /// Seen from the router: `ingress` is what the party sends.
+    flows: [&'static str; 1],
+    messages: Vec<&'static str>,
+    key_exprs: Vec<String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Subject {
+    id: String,
+    cert_common_names: Vec<String>,
+    /// Only TLS tells a common name that was proved.
+    link_protocols: [&'static str; 1],
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+struct Policy {
+    rules: Vec<String>,
+    subjects: Vec<String>,
+}
+
+impl AccessList {
+    /// The list for these parties and nobody else.
+    pub fn new(parties: &[Party]) -> Self {
+        let of = |role| parties.iter().filter(move |party| party.role() == role);
+        let mut list =
+            Self { enabled: true, default_permission: "deny", rules: vec![], subjects: vec![], policies: vec![] };
+
+        let mut commands = Vec::new();
+        for vehicle in of(Role::Vehicle) {
+            commands.push(format!("plumbline/v1/{}/command/*", vehicle.name()));
+            list.add(&vehicle.to_string(), [vehicle], vehicle_rules(vehicle));
+        }
+        list.add("viewers", of(Role::Viewer), reader_rules("viewers"));
+        list.add("operators", of(Role::Operator), [reader_rules("operators"), command_rules(&commands)].concat());
+        list
+    }
+
+    fn add<'a>(&mut self, id: &str, parties: impl IntoIterator<Item = &'a Party>, rules: Vec<Rule>) {
+        let cert_common_names: Vec<_> = parties.into_iter().map(Party::to_string).collect();
+        if cert_common_names.is_empty() {
+            return;
+        }
+        let ids = rules.iter().map(|rule| rule.id.clone()).collect();
+        self.rules.extend(rules);
+        self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: ["tls"] });
+        self.policies.push(Policy { rules: ids, subjects: vec![id.into()] });
+    }
+
+    /// As text for the configuration; JSON is JSON5.
+    pub fn text(&self) -> String {
+        // Strings and lists always have a JSON form.
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+}
+
+/// It publishes and answers below its own name, and is asked for what concerns it.
+fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
+    let own = format!("plumbline/v1/{}", vehicle.name());
+    let id = |what: &str| format!("{vehicle} {what}");
+    let (all, live, commands) = (format!("{own}/**"), format!("{own}/@live/**"), format!("{own}/command/*"));
+    vec![
+        allow(id("publishes"), "ingress", &["put", "declare_queryable", "reply"], [all]),
+        allow(id("is alive"), "ingress", &["liveliness_token"], [live]),
+        // Without it the vehicle does not know that anybody listens, and sends nothing.
+        allow(id("has listeners"), "egress", &["declare_subscriber"], [TELEMETRY]),
+        allow(id("is asked"), "egress", &["query"], ANSWERS),
+        allow(id("is commanded"), "egress", &["query"], [commands]),
+    ]
+}
+
+fn reader_rules(who: &str) -> Vec<Rule> {
+    let id = |what: &str| format!("{who} {what}");
+    vec![
+        allow(id("subscribe"), "ingress", &["declare_subscriber"], [TELEMETRY]),
+        allow(id("hear"), "egress", &["put"], [TELEMETRY]),
+        allow(id("ask"), "ingress", &["query"], ANSWERS),
+        allow(id("are answered"), "egress", &["reply"], ANSWERS),
+        allow(id("ask who is alive"), "ingress", &["liveliness_query", "declare_liveliness_subscriber"], [LIVE]),
+        allow(id("hear who is alive"), "egress", &["liveliness_token"], [LIVE]),
+    ]
+}
+
+/// A command names its vehicle: one query cannot command a fleet.
+fn command_rules(commands: &[String]) -> Vec<Rule> {
+    if commands.is_empty() {
+        return vec![];
+    }
+    vec![
+        allow("operators command".into(), "ingress", &["query"], commands),
+        allow("operators hear what came of it".into(), "egress", &["reply"], commands),
+    ]
+}
+
+fn allow<K: ToString>(
+    id: String,
+    flow: &'static str,
+    messages: &[&'static str],
+    keys: impl IntoIterator<Item = K>,
+) -> Rule {
+    let key_exprs = keys.into_iter().map(|key| key.to_string()).collect();
+    Rule { id, permission: "allow", flows: [flow], messages: messages.to_vec(), key_exprs }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn party(text: &str) -> Party {
+        text.parse().unwrap()
+    }
+
+    #[test]
+    fn nobody_on_the_list_means_nobody_may_do_anything() {
+        let list = AccessList::new(&[]);
+        assert_eq!((list.enabled, list.default_permission), (true, "deny"));
+        assert!(list.rules.is_empty() && list.subjects.is_empty() && list.policies.is_empty());
+    }
+
+    #[test]
+    fn every_policy_names_rules_and_subjects_that_are_there_and_only_allows() {
+        let list = AccessList::new(&["vehicle.a", "vehicle.b", "operator.o", "viewer.v"].map(party));
+        for policy in &list.policies {
+            assert!(!policy.rules.is_empty() && !policy.subjects.is_empty());
+            assert!(policy.rules.iter().all(|id| list.rules.iter().filter(|rule| rule.id == *id).count() == 1));
+            assert!(policy.subjects.iter().all(|id| list.subjects.iter().filter(|it| it.id == *id).count() == 1));
+        }
+        assert!(list.rules.iter().all(|rule| rule.permission == "allow" && !rule.key_exprs.is_empty()));
+    }
+
+    #[test]
+    fn only_operators_send_queries_to_commands() {
+        let list = AccessList::new(&["vehicle.a", "operator.o", "viewer.v"].map(party));
+        let commanding =
+            |rule: &&Rule| rule.flows == ["ingress"] && rule.key_exprs.iter().any(|key| key.contains("command"));
+        let ids: Vec<_> = list.rules.iter().filter(commanding).map(|rule| rule.id.as_str()).collect();
+        assert_eq!(ids, ["operators command"]);
+        let policies: Vec<_> = list.policies.iter().filter(|it| it.rules.iter().any(|id| id == ids[0])).collect();
+        assert_eq!(policies.len(), 1);
+        assert_eq!(policies[0].subjects, ["operators"]);
+    }
+}
