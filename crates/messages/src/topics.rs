@@ -1,7 +1,7 @@
 //! The payloads, topic by topic.
 
 use crate::{
-    Flags, Layout, Message, Ticked,
+    Flags, Layout, Ticked,
     layout::{laid_out, payload},
 };
 
