@@ -48,9 +48,13 @@ fn said(output: &Output) -> String {
 /// A system that publishes attitudes.
 fn started(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
+    let all_run = |ps: &Output| {
+        lines(ps).first().is_some_and(|all| all.as_array().unwrap().iter().all(|one| one["state"] == "running"))
+    };
+    let flows = |hz: &Output| lines(hz).iter().any(|hz| hz["messages"] == 2);
     until("attitudes", || {
-        ask(system, &["topic", "hz", "attitude", "--count", "2", "--seconds", "0.2"]).status.success()
-            && lines(&ask(system, &["ps"]))[0].as_array().unwrap().iter().all(|one| one["state"] == "running")
+        flows(&ask(system, &["topic", "hz", "attitude", "--count", "2", "--seconds", "0.2"]))
+            && all_run(&ask(system, &["ps"]))
     });
     running
 }
@@ -206,7 +210,8 @@ fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
     std::thread::sleep(Duration::from_millis(3000));
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
-    until("the fuser to go on", || running.service("fuser") != restarted);
+    let goes_on = |(service, pid): &(String, u32)| service == "fuser" && *pid != restarted;
+    until("the fuser to go on", || running.services().iter().any(goes_on));
     std::thread::sleep(Duration::from_millis(500));
     for observer in frozen {
         signal(observer.pid(), Signal::CONT);
@@ -368,8 +373,8 @@ fn the_doctor_finds_what_a_killed_system_left_and_removes_it() {
     kill_an_observer();
     assert_eq!(leftovers(&ask(&living, &["doctor", "--seconds", "0.1"]))["result"], "warning");
     kill_an_observer();
-    let fixed = ask(&living, &["doctor", "--fix", "--seconds", "0.1"]);
-    assert_eq!(fixed.status.code(), Some(0), "{}", said(&fixed));
+    let fixed = ask(&living, &["doctor", "--fix", "--seconds", "1"]);
+    assert_eq!(fixed.status.code(), Some(0), "{}", lines(&fixed)[0]);
     assert!(leftovers(&fixed)["found"].as_str().unwrap().ends_with("removed"), "{}", leftovers(&fixed));
     running.interrupt();
     running.wait().assert_whole();

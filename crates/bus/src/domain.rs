@@ -25,11 +25,11 @@ const MEMBERS_LIMIT: Duration = Duration::from_secs(5);
 /// How long an owner that was killed may take until it holds nothing any more.
 const DEATH_LIMIT: Duration = Duration::from_millis(500);
 /// How long an owner may take to write down who it is, and whoever looks for one may hold its lock.
-const OWNER_LIMIT: Duration = Duration::from_millis(100);
+pub(crate) const OWNER_LIMIT: Duration = Duration::from_millis(100);
 /// How long an owner that ends waits for observers who are just coming or going.
 const OBSERVERS_LIMIT: Duration = Duration::from_millis(200);
 /// Between two looks at a lock.
-const LOOK: Duration = Duration::from_millis(2);
+pub(crate) const LOOK: Duration = Duration::from_millis(2);
 
 /// The name of a system: prefix of its shared memory, name of its folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -207,31 +207,6 @@ impl Domain {
             .mode(0o600)
             .open(path)
             .map_err(|cause| BusError::File { doing: "opening", path: path.into(), cause })
-    }
-
-    /// Every file and folder that carries the name.
-    pub(crate) fn files(&self) -> Vec<PathBuf> {
-        let prefix = self.prefix();
-        let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-        let own = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
-        let folder = Some(self.root()).filter(|root| root.exists());
-        own.map(|entry| entry.path()).chain(folder).collect()
-    }
-
-    /// A segment whose maker was killed before it had a size: whoever opens it waits for ever.
-    pub(crate) fn half_made(&self) -> Option<PathBuf> {
-        let empty = |path: &PathBuf| {
-            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
-            made && fs::metadata(path).is_ok_and(|segment| segment.len() == 0)
-        };
-        let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
-        let deadline = Instant::now() + OWNER_LIMIT;
-        // One that is just being made has a size at the next look.
-        while !suspects.is_empty() && Instant::now() < deadline {
-            std::thread::sleep(LOOK);
-            suspects.retain(empty);
-        }
-        suspects.pop()
     }
 
     /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.

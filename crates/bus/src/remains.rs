@@ -4,7 +4,7 @@ use std::{
     collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use iceoryx2::{
@@ -14,7 +14,7 @@ use iceoryx2::{
 
 use crate::{
     BusError, Domain, Port,
-    domain::{FAMILY, SHARED_MEMORY},
+    domain::{FAMILY, LOOK, OWNER_LIMIT, SHARED_MEMORY},
     observer::members,
 };
 
@@ -91,6 +91,33 @@ impl Remains {
             }
             Standing::Lingers { .. } => Err(BusError::Lingering { name: self.domain.name().into() }),
         }
+    }
+}
+
+impl Domain {
+    /// Every file and folder that carries the name.
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
+        let prefix = self.prefix();
+        let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        let own = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+        let folder = Some(self.root()).filter(|root| root.exists());
+        own.map(|entry| entry.path()).chain(folder).collect()
+    }
+
+    /// A segment whose maker was killed before it had a size: whoever opens it waits for ever.
+    pub(crate) fn half_made(&self) -> Option<PathBuf> {
+        let empty = |path: &PathBuf| {
+            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
+            made && fs::metadata(path).is_ok_and(|segment| segment.len() == 0)
+        };
+        let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
+        let deadline = Instant::now() + OWNER_LIMIT;
+        // One that is just being made has a size at the next look.
+        while !suspects.is_empty() && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+            suspects.retain(empty);
+        }
+        suspects.pop()
     }
 }
 
