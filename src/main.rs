@@ -96,6 +96,7 @@ fn main() -> ExitCode {
                 Service::Accel => accel::run().map_err(|error| Box::new(error) as _),
                 Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
                 Service::Course => course::run().map_err(|error| Box::new(error) as _),
+                Service::Gateway => gateway::run().map_err(|error| Box::new(error) as _),
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }

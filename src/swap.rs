@@ -183,7 +183,7 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 impl Exchange {
     fn wish(&self, shadow: bool) -> Wish {
         let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        Wish { slot: self.slot.clone(), stage, shadow }
+        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None }
     }
 }
 

@@ -8,12 +8,14 @@
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
+//! | `gateway` | what goes beyond the board, and to where |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `walk` | reading a table key by key |
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
 
 mod fault;
+mod gateway;
 mod model;
 mod problem;
 mod schema;
@@ -21,6 +23,7 @@ mod sensors;
 mod walk;
 
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
+pub use gateway::{Gateway, Rate, Tls};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
     Sim, Source, Stage, TOPIC_MESSAGES_MAX,

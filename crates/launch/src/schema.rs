@@ -2,7 +2,8 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
-    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
+    gateway::{Gateway, Tls, gateway},
+    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
     sensors::{calibration, mounting},
     walk::{self, Section},
@@ -15,7 +16,7 @@ use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative file of `ingest.replay` is taken from the launch file's folder.
+    /// Reads a launch file. A relative file of `ingest.replay` or `gateway` is taken from the launch file's folder.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
@@ -28,6 +29,9 @@ impl Launch {
             if let Gnss::File(file) = gnss {
                 *file = folder.join(&*file);
             }
+            let Gateway { tls, access, .. } = &mut launch.gateway;
+            let certificates = tls.iter_mut().flat_map(|Tls { ca, cert, key }| [ca, cert, key]);
+            certificates.chain(access).for_each(|file| *file = folder.join(&*file));
         }
         Ok(launch)
     }
@@ -57,6 +61,7 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
+        section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
         section.section("ingest", |section| {
@@ -91,11 +96,6 @@ impl Launch {
     }
 }
 
-fn system_name(name: &str) -> Option<String> {
-    let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
-    ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())
-}
-
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
     let allowed = Service::ALL.map(|service| (service.name(), service));
     let Some(listed) = section.choices("services", allowed) else { return };
@@ -112,10 +112,10 @@ fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
     }
     *out = listed.into_iter().map(Spanned::into_inner).collect();
     let missing: Vec<_> =
-        Service::ALL.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
+        Service::PATH.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
     if let Some(span) = section.span("services").filter(|_| all_known && !missing.is_empty()) {
         section.report(Problem {
-            note: Some("every service runs exactly once".into()),
+            note: Some("every service of the data path runs exactly once".into()),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
         });
     }
@@ -315,7 +315,7 @@ mod tests {
         let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
             name: "wing-2_b".into(),
-            services: Service::ALL.into_iter().rev().collect(),
+            services: Service::PATH.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
             restart: Restart {
@@ -327,6 +327,7 @@ mod tests {
                 on_limit: OnLimit::Hold,
             },
             faults: true,
+            gateway: Gateway::default(),
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {
@@ -370,7 +371,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "gateway", "restart", "faults", "ingest", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
@@ -416,10 +417,10 @@ launch.toml: 2 problems"#;
                 "buffer_s = 1\nlateness_s = 1.0",
                 &["lateness_s = 1 must be less than buffer_s = 1", ":2:14\n", "- the topics hold", "^^^ expected less"],
             ),
-            ("buffer_s = 0.5", &["lateness_s = 0.5 must be less", ":1:12\n", "^^^ expected more than 0.5"]),
+            ("buffer_s = 0.5", &["lateness_s = 1 must be less", ":1:12\n", "^^^ expected more than 1"]),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
-                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service runs exactly once"],
+                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service of the data path runs"],
             ),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"gyro\", \"course\"]",

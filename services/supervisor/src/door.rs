@@ -36,6 +36,13 @@ pub enum Ask {
     },
     /// How the services are.
     Ps,
+    /// A service says where it can be reached.
+    At {
+        /// Which one.
+        service: String,
+        /// Its address.
+        at: String,
+    },
 }
 
 /// Why a question was not answered.

@@ -35,6 +35,8 @@ pub struct Wish {
     pub stage: Stage,
     /// It is to compute beside the active stage and no more.
     pub shadow: bool,
+    /// The last decision about the slot that whoever asks knows of; with another it is refused.
+    pub expected_epoch: Option<u32>,
 }
 
 /// How it went.
@@ -109,12 +111,13 @@ impl Exchange {
             lag_max_ticks: ((orders.rate_hz * 0.02) as u64).max(8),
             margin_ticks: margin_ticks.max(8),
         };
-        let slots = Service::ALL.into_iter().filter(|service| *service != Service::Ingest).map(|service| Slot {
-            service,
-            coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
-            candidate: None,
-            ready: false,
-        });
+        let slots =
+            Service::ALL.into_iter().filter(|service| orders.launch.slot(*service).is_some()).map(|service| Slot {
+                service,
+                coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
+                candidate: None,
+                ready: false,
+            });
         Ok(Self {
             slots: slots.collect(),
             control: bus.publisher(BUFFER_BESIDE)?,
@@ -136,7 +139,7 @@ impl Exchange {
     pub(crate) fn wish(&mut self, wish: Wish, collector: &mut Collector, crew: &mut Crew, memory: &Memory) -> u64 {
         self.requests += 1;
         let id = self.requests;
-        let Wish { slot, stage, shadow } = wish;
+        let Wish { slot, stage, shadow, expected_epoch } = wish;
         let from = Service::named(&slot).and_then(|service| self.orders.launch.slot(service));
         let (service, from) = match (Service::named(&slot), from) {
             (Some(service), Some(from)) => (service, from.stage.clone()),
@@ -147,6 +150,13 @@ impl Exchange {
             }
         };
         if let Err(reason) = check(&self.orders, service, &stage) {
+            self.refuse(id, slot, from, stage.stage, reason);
+            return id;
+        }
+        let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch());
+        if let Some(expected) = expected_epoch.filter(|expected| *expected != epoch) {
+            let reason =
+                format!("the last decision about `{slot}` is number {epoch}, not {expected}; ask how it is, and again");
             self.refuse(id, slot, from, stage.stage, reason);
             return id;
         }
@@ -413,6 +423,7 @@ fn published_tick(bus: &Bus, service: Service) -> u64 {
         Service::Accel => bus.next_tick::<AccelPoint>(),
         Service::Fuser => bus.next_tick::<FusedState>(),
         Service::Course => bus.next_tick::<AttitudeOutput>(),
+        Service::Gateway => 0,
     }
 }
 
@@ -424,7 +435,7 @@ fn check(orders: &Orders, service: Service, stage: &Stage) -> Result<(), String>
     }
     let orders = Orders { launch, ..orders.clone() };
     let checked = match service {
-        Service::Ingest => return Ok(()),
+        Service::Ingest | Service::Gateway => return Ok(()),
         Service::Gyro => gyro::slot(&orders).map(|_| ()),
         Service::Accel => accel::slot(&orders).map(|_| ()),
         Service::Fuser => fuser::slot(&orders).map(|_| ()),

@@ -96,7 +96,7 @@ impl System {
         let deadline = Instant::now() + READY_LIMIT;
         loop {
             self.hear()?;
-            let Some(late) = self.crew.posts().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
+            let Some(late) = self.crew.path().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
                 return Ok(());
             };
             self.tend(&[], collector)?;
@@ -182,7 +182,7 @@ impl System {
 
     /// Answers whoever asks.
     fn answer(&mut self, collector: &mut Collector) {
-        let Self { door, exchange, crew, memory, waiting, .. } = self;
+        let Self { door, exchange, crew, memory, waiting, view, .. } = self;
         for (caller, question) in door.questions() {
             match question {
                 Ask::Swap(wish) => {
@@ -195,6 +195,11 @@ impl System {
                     door.answer(caller, &());
                 }
                 Ask::Ps => door.answer(caller, &crew.ps()),
+                Ask::At { service, at } => {
+                    view.announce(&[format!("{service}: {at}")]);
+                    crew.found(&service, at);
+                    door.answer(caller, &());
+                }
             }
         }
         waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {
@@ -237,7 +242,7 @@ impl System {
     }
 
     fn is_ready(&self) -> bool {
-        self.crew.posts().all(|(_, post)| post.is_settled())
+        self.crew.path().all(|(_, post)| post.is_settled())
     }
 
     fn health_of(&self, service: Service) -> Option<&Health> {
