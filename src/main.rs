@@ -2,8 +2,10 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod remote;
 mod score;
 mod stage;
+mod station;
 mod swap;
 mod up;
 
@@ -45,6 +47,8 @@ enum Command {
     Shadow(swap::Shadow),
     /// How the services of a running system are.
     Ps(swap::System),
+    /// Look at vehicles from elsewhere, and check that all they send arrives.
+    Station(station::Station),
     /// Measure what becomes of the output when services are killed or exchanged.
     Bench {
         #[command(subcommand)]
@@ -81,6 +85,7 @@ fn main() -> ExitCode {
         Command::Swap(exchange) => swap::swap(exchange),
         Command::Shadow(shadow) => swap::shadow(shadow),
         Command::Ps(system) => swap::ps(system),
+        Command::Station(station) => station::run(&station),
         Command::Bench { command } => bench::run(&command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
             Ok(_) => {
