@@ -4,9 +4,11 @@
 mod bench;
 mod doctor;
 mod keys;
+mod remote;
 mod score;
 mod seeing;
 mod stage;
+mod station;
 mod swap;
 mod top;
 mod topic;
@@ -59,6 +61,8 @@ enum Command {
     },
     /// Say what is wrong with the machine and the system, if anything is, and what to do about it.
     Doctor(doctor::DoctorCommand),
+    /// Look at vehicles from elsewhere, and check that all they send arrives.
+    Station(station::Station),
     /// Measure what becomes of the output when services are killed or exchanged.
     Bench {
         #[command(subcommand)]
@@ -103,6 +107,7 @@ fn main() -> ExitCode {
         Command::Top(command) => top::run(command),
         Command::Topic { command } => topic::run(command),
         Command::Doctor(command) => doctor::run(command),
+        Command::Station(station) => station::run(&station),
         Command::Bench { command } => bench::run(&command),
         Command::Keys { command } => keys::run(command),
         Command::Config { command: ConfigCommand::Check { file } } => match Launch::read(&file) {
@@ -119,6 +124,7 @@ fn main() -> ExitCode {
                 Service::Accel => accel::run().map_err(|error| Box::new(error) as _),
                 Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
                 Service::Course => course::run().map_err(|error| Box::new(error) as _),
+                Service::Gateway => gateway::run().map_err(|error| Box::new(error) as _),
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }

@@ -16,7 +16,11 @@ use launch::{Launch, Service, Stage};
 use messages::{Difference, Message};
 use supervisor::{Ask, Standing, SwapReport, Wish, ask};
 
-use crate::{fail, print, seeing::observer};
+use crate::{
+    fail, print,
+    remote::{self, Way},
+    seeing::observer,
+};
 
 /// How often the difference of a shadow is shown.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
@@ -27,6 +31,11 @@ pub(crate) struct System {
     /// The system's name [default: that of ./launch.toml, else plumbline].
     #[arg(long = "system", value_name = "NAME")]
     name: Option<String>,
+    /// Another vehicle in its place, over the network.
+    #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
+    remote: Option<String>,
+    #[command(flatten)]
+    way: Way,
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
@@ -59,6 +68,12 @@ pub(crate) struct Shadow {
 /// Exchanges what fills a slot.
 pub(crate) fn swap(exchange: Exchange) -> ExitCode {
     let json = exchange.system.json;
+    if let Some(vehicle) = &exchange.system.remote {
+        return match remote::swap(vehicle, &exchange.system.way, &exchange.slot, exchange.wish(false).stage) {
+            Ok(report) => show(&report, json),
+            Err(error) => fail(&error, 1),
+        };
+    }
     match ask::<SwapReport>(&exchange.system.name(), &Ask::Swap(exchange.wish(false))) {
         Ok(report) => show(&report, json),
         Err(error) => fail(&error, 1),
@@ -68,6 +83,12 @@ pub(crate) fn swap(exchange: Exchange) -> ExitCode {
 /// Runs a stage beside the one that fills a slot and tells how far they are apart.
 pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     let Shadow { exchange, duration_s } = shadow;
+    if exchange.system.remote.is_some() {
+        return fail(
+            &"a shadow is asked for on board: leave --remote out; `plumb swap --remote` exchanges from elsewhere",
+            2,
+        );
+    }
     let (name, json) = (exchange.system.name(), exchange.system.json);
     let Some(service) = Service::named(&exchange.slot) else {
         return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", exchange.slot), 2);
@@ -105,13 +126,18 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 
 /// How the services of a running system are.
 pub(crate) fn ps(system: System) -> ExitCode {
-    match ask::<Vec<Standing>>(&system.name(), &Ask::Ps) {
+    let asked = match &system.remote {
+        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| error.to_string()),
+        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| error.to_string()),
+    };
+    match asked {
         Ok(services) if system.json => print(&serde_json::to_string(&services).unwrap_or_default()),
         Ok(services) => {
             let line = |one: &Standing| {
-                let Standing { service, stage, state, pid, restarts, epoch, ticks, lost, .. } = one;
+                let Standing { service, stage, state, pid, restarts, epoch, ticks, lost, at, .. } = one;
+                let at = at.as_ref().map_or(String::new(), |at| format!("  {at}"));
                 let stage = stage.as_deref().unwrap_or("-");
-                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}")
+                format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{at}")
             };
             let head = format!(
                 "{:<8}{:<24}{:<10}{:>8}{:>9}{:>6}{:>12}{:>6}",
@@ -190,7 +216,7 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 impl Exchange {
     fn wish(&self, shadow: bool) -> Wish {
         let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        Wish { slot: self.slot.clone(), stage, shadow }
+        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None }
     }
 }
 

@@ -44,7 +44,7 @@ impl Bench {
         let health: Subscriber<Health> = bus.subscriber(BUFFER_BESIDE).unwrap();
         let attitude = bus.subscriber(BUFFER).unwrap();
         let sensor = bus.publisher(BUFFER).unwrap();
-        let mut ready = [false; Service::ALL.len()];
+        let mut ready = [false; Service::PATH.len()];
         until("every service", || {
             while let Some(said) = health.receive().unwrap() {
                 ready[said.service as usize] = true;

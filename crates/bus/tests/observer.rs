@@ -156,7 +156,7 @@ fn what_a_dead_system_left_is_found_and_removed_and_a_living_one_is_not() {
     drop(claim);
 
     let page = PathBuf::from(format!("/dev/shm/plumbline.{}.wake", domain.name()));
-    let folder = PathBuf::from(format!("/tmp/plumbline.{}", domain.name()));
+    let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", domain.name()));
     fs::write(&page, [0]).unwrap();
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("door"), "").unwrap();

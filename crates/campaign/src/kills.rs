@@ -63,7 +63,7 @@ impl Kills {
             let mut kills = Vec::new();
             for pause_ms in pauses_ms {
                 patient.watch_until(monotonic_ns() + pause_ms * 1_000_000)?;
-                let service = Service::ALL[within(&mut random, 1..Service::ALL.len() as u64) as usize];
+                let service = Service::SLOTS[within(&mut random, 0..Service::SLOTS.len() as u64) as usize];
                 let next_tick = patient.next_tick();
                 kills.extend(patient.kill(service).map(|at_ns| (at_ns, next_tick)));
             }

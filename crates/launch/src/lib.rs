@@ -8,6 +8,7 @@
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
+//! | `gateway` | what goes beyond the board, and to where |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `program` | stages of the user's own |
 //! | `watch` | stages that take over by themselves |
@@ -16,6 +17,7 @@
 #![forbid(unsafe_code)]
 
 mod fault;
+mod gateway;
 mod model;
 mod problem;
 mod program;
@@ -25,6 +27,7 @@ mod walk;
 mod watch;
 
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
+pub use gateway::{Gateway, Rate, Tls};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
     Sim, Source, Stage, TOPIC_MESSAGES_MAX,

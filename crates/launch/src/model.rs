@@ -5,7 +5,7 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, fmt, path::PathBuf};
 
-use crate::{fault::Fault, program::Program, watch::Watch};
+use crate::{fault::Fault, gateway::Gateway, program::Program, watch::Watch};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -15,7 +15,7 @@ pub const TOPIC_MESSAGES_MAX: usize = 65_536;
 pub struct Launch {
     /// The system's name, 1 to 32 of a–z, 0–9, `_` and `-`; one running system per name.
     pub name: String,
-    /// Every service once, in the order they are started.
+    /// Every service of the data path once, and what is to run beside it, in the order they are started.
     pub services: Vec<Service>,
     /// How much every topic holds before its oldest sample is overwritten, s.
     pub buffer_s: f64,
@@ -25,6 +25,8 @@ pub struct Launch {
     pub restart: Restart,
     /// A script of faults is allowed.
     pub faults: bool,
+    /// What goes beyond the board, if the gateway is among the services.
+    pub gateway: Gateway,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
     /// Programs of the user's own that may fill a slot, by name.
@@ -215,6 +217,8 @@ pub enum Service {
     Fuser,
     /// Turns the attitude into angles.
     Course,
+    /// Carries messages beyond the board.
+    Gateway,
 }
 
 /// Where samples come from.
@@ -244,7 +248,7 @@ impl Default for Launch {
         let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         Self {
             name: "plumbline".into(),
-            services: Service::ALL.into(),
+            services: Service::PATH.into(),
             buffer_s: 2.0,
             lateness_s: 1.0,
             restart: Restart {
@@ -256,6 +260,7 @@ impl Default for Launch {
                 on_limit: OnLimit::Stop,
             },
             faults: false,
+            gateway: Gateway::default(),
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
@@ -286,7 +291,7 @@ impl Launch {
     /// What fills a slot; `None` for a service that has no stage.
     pub fn slot(&self, service: Service) -> Option<&Stage> {
         match service {
-            Service::Ingest => None,
+            Service::Ingest | Service::Gateway => None,
             Service::Gyro => Some(&self.gyro),
             Service::Accel => Some(&self.accel),
             Service::Fuser => Some(&self.fuser),
@@ -297,7 +302,7 @@ impl Launch {
     /// What fills a slot, to be exchanged.
     pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
         match service {
-            Service::Ingest => None,
+            Service::Ingest | Service::Gateway => None,
             Service::Gyro => Some(&mut self.gyro),
             Service::Accel => Some(&mut self.accel),
             Service::Fuser => Some(&mut self.fuser),
@@ -307,8 +312,17 @@ impl Launch {
 }
 
 impl Service {
-    /// Every service, in the order data passes through them.
-    pub const ALL: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
+    /// The services of the data path, in the order data passes through them.
+    pub const PATH: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
+    /// Those of the path that a stage fills.
+    pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
+    /// Every service: those of the path, and those beside it.
+    pub const ALL: [Self; 6] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway];
+
+    /// Nothing on the data path waits for it, and its end is no failure of the system.
+    pub fn is_beside(self) -> bool {
+        self == Self::Gateway
+    }
 
     /// The name it has in a launch file.
     pub fn name(self) -> &'static str {
@@ -318,6 +332,7 @@ impl Service {
             Self::Accel => "accel",
             Self::Fuser => "fuser",
             Self::Course => "course",
+            Self::Gateway => "gateway",
         }
     }
 
@@ -331,4 +346,10 @@ impl fmt::Display for Service {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(self.name())
     }
+}
+
+/// A name of 1 to 32 of a–z, 0–9, `_` and `-`.
+pub(crate) fn system_name(name: &str) -> Option<String> {
+    let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
+    ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())
 }

@@ -76,8 +76,7 @@ fn is_free(section: &mut Section<'_, '_>, name: &str, place: &Range<usize>) -> b
 }
 
 fn slot(section: &mut Section<'_, '_>, name: &str, place: &Range<usize>, program: &mut Program) -> bool {
-    let slots = Service::ALL.into_iter().filter(|service| *service != Service::Ingest);
-    let allowed: Vec<_> = slots.map(|service| (service.name(), service)).collect();
+    let allowed: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
     needs(section, name, place, "slot") && section.choice("slot", allowed, &mut program.slot)
 }
 

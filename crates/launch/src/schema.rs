@@ -2,7 +2,8 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
-    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX},
+    gateway::{Gateway, Tls, gateway},
+    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
     program::{Program, programs},
     sensors::{calibration, mounting},
@@ -17,7 +18,7 @@ use std::{collections::BTreeMap, fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative file of `ingest.replay` is taken from the launch file's folder.
+    /// Reads a launch file. A relative file of `ingest.replay` or `gateway` is taken from the launch file's folder.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
@@ -32,6 +33,9 @@ impl Launch {
             if let Gnss::File(file) = gnss {
                 *file = folder.join(&*file);
             }
+            let Gateway { tls, access, .. } = &mut launch.gateway;
+            let certificates = tls.iter_mut().flat_map(|Tls { ca, cert, key }| [ca, cert, key]);
+            certificates.chain(access).for_each(|file| *file = folder.join(&*file));
         }
         Ok(launch)
     }
@@ -65,6 +69,7 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
+        section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
         section.section("ingest", |section| {
@@ -76,10 +81,10 @@ impl Launch {
         }
         programs(section, folder, self);
         watches(section, self);
-        for slot in Service::ALL {
+        for slot in Service::SLOTS {
             let Self { stages, gyro, accel, fuser, course, .. } = &mut *self;
             let out = match slot {
-                Service::Ingest => continue,
+                Service::Ingest | Service::Gateway => continue,
                 Service::Gyro => gyro,
                 Service::Accel => accel,
                 Service::Fuser => fuser,
@@ -90,11 +95,6 @@ impl Launch {
             });
         }
     }
-}
-
-fn system_name(name: &str) -> Option<String> {
-    let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
-    ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())
 }
 
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
@@ -113,10 +113,10 @@ fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
     }
     *out = listed.into_iter().map(Spanned::into_inner).collect();
     let missing: Vec<_> =
-        Service::ALL.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
+        Service::PATH.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
     if let Some(span) = section.span("services").filter(|_| all_known && !missing.is_empty()) {
         section.report(Problem {
-            note: Some("every service runs exactly once".into()),
+            note: Some("every service of the data path runs exactly once".into()),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
         });
     }
@@ -237,7 +237,7 @@ pub(crate) fn filling(
 
 fn names(slot: Service) -> &'static [&'static str] {
     match slot {
-        Service::Ingest => &[],
+        Service::Ingest | Service::Gateway => &[],
         Service::Gyro => &Gyro::NAMES,
         Service::Accel => &Accelerometer::NAMES,
         Service::Fuser => &Fuser::NAMES,
@@ -247,7 +247,7 @@ fn names(slot: Service) -> &'static [&'static str] {
 
 fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
     match slot {
-        Service::Ingest => None,
+        Service::Ingest | Service::Gateway => None,
         Service::Gyro => Some(Gyro::named(stage)?.parameters()),
         Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
         Service::Fuser => Some(Fuser::named(stage)?.parameters()),
@@ -337,7 +337,7 @@ mod tests {
         let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
             name: "wing-2_b".into(),
-            services: Service::ALL.into_iter().rev().collect(),
+            services: Service::PATH.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
             restart: Restart {
@@ -349,6 +349,7 @@ mod tests {
                 on_limit: OnLimit::Hold,
             },
             faults: true,
+            gateway: Gateway::default(),
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {
@@ -394,7 +395,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
@@ -443,7 +444,7 @@ launch.toml: 2 problems"#;
             ("buffer_s = 0.5", &["lateness_s = 1 must be less", ":1:12\n", "^^^ expected more than 1"]),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
-                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service runs exactly once"],
+                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service of the data path runs"],
             ),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"gyro\", \"course\"]",

@@ -228,6 +228,29 @@ impl<'t> Section<'t, '_> {
         Some(values.iter().map(chosen).collect())
     }
 
+    /// An array of strings, at most `max`, each with its place.
+    pub(crate) fn texts(&mut self, key: &'static str, max: usize) -> Option<Vec<Spanned<String>>> {
+        let array = self.get(key)?;
+        let texts = array.get_ref().as_array().filter(|values| values.len() <= max).and_then(|values| {
+            values.iter().map(|value| Some(Spanned::new(value.span(), value.get_ref().as_str()?.to_owned()))).collect()
+        });
+        if texts.is_none() {
+            self.refuse_type(key, array, &format!("an array of strings, {max} at most"));
+        }
+        texts
+    }
+
+    /// The key is there and says a number.
+    pub(crate) fn is_number(&self, key: &str) -> bool {
+        self.table.get(key).is_some_and(|value| matches!(value.get_ref(), DeValue::Integer(_) | DeValue::Float(_)))
+    }
+
+    /// Adds a problem of the table as a whole; it is shown at its first key.
+    pub(crate) fn report_table(&mut self, title: &str, label: &str) {
+        let span = self.table.keys().map(Spanned::span).min_by_key(|span| span.start).unwrap_or_default();
+        self.problems.push(Problem::new(span, title, label));
+    }
+
     /// Where the key's value stands, if the key is present.
     pub(crate) fn span(&self, key: &str) -> Option<Range<usize>> {
         self.table.get(key).map(Spanned::span)

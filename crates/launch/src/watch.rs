@@ -74,8 +74,7 @@ fn watch(section: &mut Section<'_, '_>, place: &Range<usize>, launch: &Launch) -
     };
     let Watch { slot, stage, measure, promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, limit } =
         &mut watch;
-    let slots = Service::ALL.into_iter().filter(|service| *service != Service::Ingest);
-    let slots: Vec<_> = slots.map(|service| (service.name(), service)).collect();
+    let slots: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
     let mut taken = section.choice("slot", slots, slot) & filling(section, *slot, &launch.stages, stage);
     taken &= section.choice("measure", MEASURES, measure);
     let bounds_taken = section.number("promote_below_deg", 0.0..=180.0, promote_below_deg)

@@ -13,8 +13,8 @@ const TICKS: usize = 4096;
 /// What takes longer is counted as this long, ns.
 const LATENCY_MAX_NS: u64 = 60_000_000_000;
 
-/// What each service publishes, and whose outputs it waits for; in the order of [`Service::ALL`].
-const PATH: [(&str, &[Service]); Service::ALL.len()] = [
+/// What each service publishes, and whose outputs it waits for; in the order of [`Service::PATH`].
+const PATH: [(&str, &[Service]); Service::PATH.len()] = [
     (ImuSample::TOPIC, &[]),
     (GyroStep::TOPIC, &[Service::Ingest]),
     (AccelPoint::TOPIC, &[Service::Ingest]),
@@ -34,14 +34,14 @@ pub struct Hops {
     fresh: Vec<(Service, Header)>,
     each: Vec<Histogram<u64>>,
     whole: Histogram<u64>,
-    newest: [Option<Header>; Service::ALL.len()],
+    newest: [Option<Header>; Service::PATH.len()],
 }
 
 /// When each service published a tick, ns; 0 where that was not seen.
 #[derive(Debug, Clone, Copy, Default)]
 struct Seen {
     tick: u64,
-    sent_ns: [u64; Service::ALL.len()],
+    sent_ns: [u64; Service::PATH.len()],
 }
 
 /// A latency, µs.
@@ -62,9 +62,9 @@ impl Default for Hops {
         Self {
             seen: vec![Seen { tick: u64::MAX, ..Seen::default() }; TICKS],
             fresh: Vec::new(),
-            each: vec![histogram(); Service::ALL.len()],
+            each: vec![histogram(); Service::PATH.len()],
             whole: histogram(),
-            newest: [None; Service::ALL.len()],
+            newest: [None; Service::PATH.len()],
         }
     }
 }
@@ -107,8 +107,8 @@ impl Hops {
     }
 
     /// What was measured since the last time: of each service, and from birth to attitude.
-    pub fn report(&mut self) -> ([Option<LatencyUs>; Service::ALL.len()], Option<LatencyUs>) {
-        let each = Service::ALL.map(|service| LatencyUs::take(&mut self.each[service as usize]));
+    pub fn report(&mut self) -> ([Option<LatencyUs>; Service::PATH.len()], Option<LatencyUs>) {
+        let each = Service::PATH.map(|service| LatencyUs::take(&mut self.each[service as usize]));
         (each, LatencyUs::take(&mut self.whole))
     }
 }

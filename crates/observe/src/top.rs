@@ -22,7 +22,7 @@ pub struct Top {
     hops: Hops,
     processes: Processes,
     /// The newest of each service at the last moment; at first, the first that came.
-    before: [Option<Header>; Service::ALL.len()],
+    before: [Option<Header>; Service::PATH.len()],
     owner_pid: u32,
 }
 
@@ -73,12 +73,12 @@ impl Top {
         for pid in standings.iter().map(|standing| standing.pid).chain([owner_pid]) {
             processes.look(pid, monotonic_ns());
         }
-        let taps = Service::ALL.into_iter().rev().map(|service| Ok((service, observer.tap(output(service))?)));
+        let taps = Service::PATH.into_iter().rev().map(|service| Ok((service, observer.tap(output(service))?)));
         Ok(Self {
             taps: taps.collect::<Result<_, BusError>>()?,
             hops: Hops::default(),
             processes,
-            before: [None; Service::ALL.len()],
+            before: [None; Service::PATH.len()],
             owner_pid,
         })
     }
@@ -106,7 +106,7 @@ impl Top {
         let mut services: Vec<_> = standings
             .iter()
             .map(|standing| {
-                let service = Service::named(&standing.service);
+                let service = Service::named(&standing.service).filter(|service| !service.is_beside());
                 let cost = self.processes.look(standing.pid, now_ns);
                 Row {
                     service: standing.service.clone(),
@@ -125,7 +125,7 @@ impl Top {
             })
             .collect();
         services.push(self.supervisor(now_ns));
-        self.before = Service::ALL.map(|service| self.hops.newest(service));
+        self.before = Service::PATH.map(|service| self.hops.newest(service));
         let tick = self.hops.newest(Service::Course).map(|header| header.tick);
         Moment { system: system.into(), tick, latency_us: whole, services }
     }

@@ -42,7 +42,7 @@ impl Stages {
             Service::Accel => self.accel.set(key, value),
             Service::Fuser => self.fuser.set(key, value),
             Service::Course => self.course.set(key, value),
-            Service::Ingest => Ok(()),
+            Service::Ingest | Service::Gateway => Ok(()),
         }
     }
 

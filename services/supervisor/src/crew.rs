@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use launch::{Restart, Service};
+use launch::{OnLimit, Restart, Service};
 use messages::{Health, State};
 use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
 use rustix::{
@@ -25,6 +25,8 @@ use crate::{
 
 /// From the first request to end until a process is killed.
 const GRACE: Duration = Duration::from_millis(400);
+/// A service beside the data path that says nothing for so long is killed: it may have to wait for the machine.
+const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 /// From a start until the service must be ready.
 pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
 /// What a service says last is kept up to this, bytes.
@@ -56,6 +58,8 @@ pub(crate) struct Post {
     ending: bool,
     /// The decision that its next life begins under, and the first tick that it publishes.
     term: Option<(u32, u64)>,
+    /// Where it can be reached.
+    at: Option<String>,
 }
 
 /// How a service is, for whoever asks.
@@ -79,6 +83,8 @@ pub struct Standing {
     pub ticks: u64,
     /// Ticks that never came.
     pub lost: u64,
+    /// Where it can be reached.
+    pub at: Option<String>,
 }
 
 /// What has happened to the services.
@@ -137,8 +143,22 @@ impl Crew {
         &self.posts[service as usize]
     }
 
+    /// Those that are to run.
     pub(crate) fn posts(&self) -> impl Iterator<Item = (Service, &Post)> {
-        Service::ALL.into_iter().zip(&self.posts)
+        let runs = |(service, _): &(Service, &Post)| self.orders.launch.services.contains(service);
+        Service::ALL.into_iter().zip(&self.posts).filter(runs)
+    }
+
+    /// Those of the data path.
+    pub(crate) fn path(&self) -> impl Iterator<Item = (Service, &Post)> {
+        self.posts().filter(|(service, _)| !service.is_beside())
+    }
+
+    /// A service has said where it can be reached.
+    pub(crate) fn found(&mut self, service: &str, at: String) {
+        if let Some(service) = Service::named(service) {
+            self.posts[service as usize].at = Some(at);
+        }
     }
 
     /// Takes what a service says of itself; the last words of the dead are left out.
@@ -239,7 +259,15 @@ impl Crew {
         for service in Service::ALL {
             let post = &self.posts[service as usize];
             if !post.ending && post.due.is_some_and(|due| Instant::now() >= due) {
-                let incarnation = self.begin(service, Some(memory.resume(service)))?;
+                let incarnation = match self.begin(service, Some(memory.resume(service))) {
+                    Err(error) if service.is_beside() => {
+                        let longest = Duration::from_secs_f64(self.orders.launch.restart.backoff_max_s);
+                        self.posts[service as usize].due = Some(Instant::now() + longest);
+                        news.lines.push(format!("{service}: {error}; again in {} s", longest.as_secs()));
+                        continue;
+                    }
+                    begun => begun?,
+                };
                 news.births.push((service, incarnation));
                 let post = &self.posts[service as usize];
                 news.lines.push(format!("{service}: process {} goes on, restart {}", post.pid(), post.lives.restarts));
@@ -260,7 +288,10 @@ impl Crew {
         let said = process.said();
         news.deaths.push(Death { service, incarnation: process.incarnation, said: said.clone() });
         let said = if said.is_empty() { said } else { format!(":\n{said}") };
-        match post.lives.ended(lived, &self.orders.launch.restart) {
+        post.at = None;
+        let rule = self.orders.launch.restart;
+        let on_limit = if service.is_beside() { OnLimit::Hold } else { rule.on_limit };
+        match post.lives.ended(lived, &Restart { on_limit, ..rule }) {
             Verdict::Stop => return Err(UpError::ServiceEnded { service, pid: process.pid, how, said }),
             Verdict::Away => {
                 post.away = true;
@@ -309,6 +340,7 @@ impl Crew {
             epoch: post.heard().map_or(0, |heard| heard.health.epoch),
             ticks: post.heard().map_or(0, |heard| heard.health.ticks),
             lost: post.heard().map_or(0, |heard| heard.health.lost),
+            at: post.at.clone(),
         };
         self.posts().map(standing).collect()
     }
@@ -405,7 +437,10 @@ impl Post {
     fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut News) {
         for process in [&self.process, &self.candidate].into_iter().flatten() {
             let (silent, limit) = match &process.heard {
-                Some(heard) => (heard.at.elapsed(), Duration::from_secs_f64(rule.silence_s)),
+                Some(heard) => {
+                    let limit = Duration::from_secs_f64(rule.silence_s);
+                    (heard.at.elapsed(), if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit })
+                }
                 None => (process.since.elapsed(), READY_LIMIT),
             };
             if silent > limit && process.ended.is_none() {
@@ -491,8 +526,12 @@ pub(crate) fn own_cpu_s() -> f64 {
     cpu_s("self")
 }
 
-/// CPU time of a process of one thread, s; 0 when it is no more.
+/// CPU time of the threads of a process, s; 0 when it is no more.
 fn cpu_s(process: &str) -> f64 {
-    let text = std::fs::read_to_string(format!("/proc/{process}/schedstat")).unwrap_or_default();
-    text.split_whitespace().next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+    let threads = std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
+    let ns = threads.filter_map(|thread| {
+        let text = std::fs::read_to_string(thread.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<f64>().ok()
+    });
+    ns.sum::<f64>() * 1e-9
 }

@@ -38,6 +38,13 @@ pub enum Ask {
     Ps,
     /// What was to run, with the stages that fill the slots by now.
     Orders,
+    /// A service says where it can be reached.
+    At {
+        /// Which one.
+        service: String,
+        /// Its address.
+        at: String,
+    },
 }
 
 /// Why a question was not answered.

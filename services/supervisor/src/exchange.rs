@@ -35,6 +35,8 @@ pub struct Wish {
     pub stage: Stage,
     /// It is to compute beside the active stage and no more.
     pub shadow: bool,
+    /// The last decision about the slot that whoever asks knows of; with another it is refused.
+    pub expected_epoch: Option<u32>,
 }
 
 /// How it went.
@@ -119,13 +121,14 @@ impl Exchange {
             lag_max_ticks: ((orders.rate_hz * 0.02) as u64).max(8),
             margin_ticks: margin_ticks.max(8),
         };
-        let slots = Service::ALL.into_iter().filter(|service| *service != Service::Ingest).map(|service| Slot {
-            service,
-            coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
-            candidate: None,
-            ready: false,
-            last_words: String::new(),
-        });
+        let slots =
+            Service::ALL.into_iter().filter(|service| orders.launch.slot(*service).is_some()).map(|service| Slot {
+                service,
+                coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
+                candidate: None,
+                ready: false,
+                last_words: String::new(),
+            });
         Ok(Self {
             slots: slots.collect(),
             control: bus.publisher(BUFFER_BESIDE)?,
@@ -148,7 +151,7 @@ impl Exchange {
         self.requests += 1;
         let id = self.requests;
         let checked = self.checked(&wish);
-        let Wish { slot, stage, shadow } = wish;
+        let Wish { slot, stage, shadow, expected_epoch } = wish;
         let (service, from) = match checked {
             Ok((service, from)) => (service, from),
             Err((from, reason)) => {
@@ -156,6 +159,13 @@ impl Exchange {
                 return id;
             }
         };
+        let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch());
+        if let Some(expected) = expected_epoch.filter(|expected| *expected != epoch) {
+            let reason =
+                format!("the last decision about `{slot}` is number {epoch}, not {expected}; ask how it is, and again");
+            self.refuse(id, slot, from, stage.stage, reason);
+            return id;
+        }
         collector.take_gap_ns();
         let sequence = collector.sequence();
         self.waiting.push(Waiting {
@@ -447,6 +457,7 @@ fn published_tick(bus: &Bus, service: Service) -> u64 {
         Service::Accel => bus.next_tick::<AccelPoint>(),
         Service::Fuser => bus.next_tick::<FusedState>(),
         Service::Course => bus.next_tick::<AttitudeOutput>(),
+        Service::Gateway => 0,
     }
 }
 
@@ -462,7 +473,7 @@ fn check(orders: &Orders, service: Service, stage: &Stage) -> Result<(), String>
     }
     let orders = Orders { launch, ..orders.clone() };
     let checked = match service {
-        Service::Ingest => return Ok(()),
+        Service::Ingest | Service::Gateway => return Ok(()),
         Service::Gyro => gyro::slot(&orders).map(|_| ()),
         Service::Accel => accel::slot(&orders).map(|_| ()),
         Service::Fuser => fuser::slot(&orders).map(|_| ()),

@@ -116,7 +116,7 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         ticks_in: conditioner.ticks(),
         refused: conditioner.refused(),
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
-        services: Service::ALL
+        services: Service::PATH
             .map(|service| ServiceReport { name: service.name(), pid: std::process::id(), restarts: 0 })
             .into(),
     };

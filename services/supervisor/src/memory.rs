@@ -95,7 +95,7 @@ pub(crate) fn readers(service: Service) -> &'static [Service] {
         Service::Ingest => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course],
         Service::Gyro | Service::Accel => &[Service::Fuser],
         Service::Fuser => &[Service::Course],
-        Service::Course => &[],
+        Service::Course | Service::Gateway => &[],
     }
 }
 

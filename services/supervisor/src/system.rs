@@ -104,7 +104,7 @@ impl System {
         let deadline = Instant::now() + READY_LIMIT;
         loop {
             self.hear()?;
-            let Some(late) = self.crew.posts().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
+            let Some(late) = self.crew.path().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
                 return Ok(());
             };
             self.tend(collector)?;
@@ -203,7 +203,7 @@ impl System {
 
     /// Answers whoever asks.
     fn answer(&mut self, collector: &mut Collector) {
-        let Self { door, exchange, crew, memory, waiting, watches, .. } = self;
+        let Self { door, exchange, crew, memory, waiting, watches, view, .. } = self;
         for (caller, question) in door.questions() {
             match question {
                 Ask::Swap(wish) => {
@@ -220,6 +220,11 @@ impl System {
                 }
                 Ask::Ps => door.answer(caller, &crew.ps()),
                 Ask::Orders => door.answer(caller, crew.orders()),
+                Ask::At { service, at } => {
+                    view.announce(&[format!("{service}: {at}")]);
+                    crew.found(&service, at);
+                    door.answer(caller, &());
+                }
             }
         }
         waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {
@@ -268,7 +273,7 @@ impl System {
     }
 
     fn is_ready(&self) -> bool {
-        self.crew.posts().all(|(_, post)| post.is_settled())
+        self.crew.path().all(|(_, post)| post.is_settled())
     }
 
     fn health_of(&self, service: Service) -> Option<&Health> {

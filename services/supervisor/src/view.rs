@@ -130,7 +130,7 @@ impl Lines {
     fn new(plan: &Plan) -> Self {
         let all = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(FRAMES_HZ));
         let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-        let text: Vec<_> = (0..HEAD_LINES + Service::ALL.len())
+        let text: Vec<_> = (0..HEAD_LINES + plan.orders.launch.services.len())
             .map(|_| all.add(ProgressBar::new_spinner().with_style(style.clone())))
             .collect();
         text[0].set_message(head(plan));

@@ -89,7 +89,7 @@ impl Watches {
         for Attended { rule, shadow, takeover, attempts, due } in all {
             let slot = rule.watch.slot;
             let mut wish = |stage: &Stage, shadow| {
-                let wish = Wish { slot: slot.name().into(), stage: stage.clone(), shadow };
+                let wish = Wish { slot: slot.name().into(), stage: stage.clone(), shadow, expected_epoch: None };
                 exchange.wish(wish, collector, crew, memory)
             };
             for difference in heard.iter().filter(|it| it.service == slot as u32 && shadow.is_some()) {

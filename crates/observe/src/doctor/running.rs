@@ -31,7 +31,7 @@ impl Seen {
     /// Looks at a system until `ends`.
     pub fn watch(observer: &Observer, ends: &mut dyn FnMut() -> bool) -> Result<Self, BusError> {
         let mut taps = Vec::new();
-        for service in Service::ALL {
+        for service in Service::PATH {
             let layout = messages::with_type(output(service), LayoutOf).unwrap_or_else(ImuSample::layout);
             taps.push((service, observer.tap(output(service))?, Flow::new(output(service), &layout)));
         }

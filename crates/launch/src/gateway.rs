@@ -1,0 +1,251 @@
+//! What goes beyond the board, and to where: `[gateway]`.
+
+use std::{collections::BTreeMap, net::IpAddr, path::PathBuf};
+
+use serde::{Deserialize, Serialize};
+use toml::Spanned;
+
+use crate::{model::system_name, problem::Problem, walk::Section};
+
+/// Endpoints of each kind at most.
+const ENDPOINTS_MAX: usize = 16;
+
+/// What goes beyond the board, and to where.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Gateway {
+    /// The vehicle's name beyond the board; the system's name where there is none.
+    pub vehicle: Option<String>,
+    /// Where others may connect, as `tcp/127.0.0.1:7447`; a port of the loopback that is taken is passed over for the next free one.
+    pub listen: Vec<String>,
+    /// Whom it connects to: routers and stations.
+    pub connect: Vec<String>,
+    /// Messages per second of a topic at most, Hz: a topic that is faster goes several samples to a message.
+    pub messages_hz: f64,
+    /// How much of each topic goes out, by its name; nothing of a topic that is not there.
+    pub rates: BTreeMap<String, Rate>,
+    /// The certificates of mutual TLS.
+    pub tls: Option<Tls>,
+    /// A file with Zenoh's `access_control`: who may do what.
+    pub access: Option<PathBuf>,
+}
+
+/// How much of a topic goes out.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Rate {
+    /// Every sample.
+    All,
+    /// So many samples a second of the source's time, Hz.
+    Hz(f64),
+}
+
+/// The certificates of mutual TLS, PEM.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Tls {
+    /// Of the authority that has signed everybody's.
+    pub ca: PathBuf,
+    /// This vehicle's.
+    pub cert: PathBuf,
+    /// The key to it.
+    pub key: PathBuf,
+}
+
+impl Default for Gateway {
+    fn default() -> Self {
+        let rates = [
+            ("attitude", Rate::Hz(50.0)),
+            ("fused", Rate::Hz(10.0)),
+            ("gnss", Rate::All),
+            ("difference", Rate::All),
+            ("control", Rate::All),
+            ("health", Rate::All),
+        ];
+        Self {
+            vehicle: None,
+            listen: vec!["tcp/127.0.0.1:7447".into()],
+            connect: Vec::new(),
+            messages_hz: 200.0,
+            rates: rates.map(|(topic, rate)| (topic.into(), rate)).into(),
+            tls: None,
+            access: None,
+        }
+    }
+}
+
+/// Topics whose messages have no place in the source's time: they go out whole or not at all.
+const UNTIMED: [&str; 5] = ["credit", "checkpoint", "difference", "control", "health"];
+
+/// Reads `[gateway]`.
+pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
+    let name = |name: &str| system_name(name).map(Some);
+    section.text("vehicle", r#"1 to 32 of a-z, 0-9, "_" and "-""#, name, &mut out.vehicle);
+    section.number("messages_hz", 20.0..=1000.0, &mut out.messages_hz);
+    section.text("access", "a path", |path| Some(Some(path.into())), &mut out.access);
+    section.section("tls", |section| {
+        let mut tls = Tls::default();
+        let files = [("ca", &mut tls.ca), ("cert", &mut tls.cert), ("key", &mut tls.key)];
+        let taken = files.map(|(key, file)| section.text(key, "a path", |path| Some(path.into()), file));
+        let missing = ["ca", "cert", "key"].into_iter().find(|key| !section.has(key));
+        match missing {
+            Some(key) => {
+                section.report_table(&format!("gateway.tls: {key:?} is missing"), "TLS is mutual or not at all")
+            }
+            None if taken.iter().all(|taken| *taken) => out.tls = Some(tls),
+            None => {}
+        }
+    });
+    section.section("rates", |section| {
+        for topic in messages::TOPICS {
+            rate(section, topic, &mut out.rates);
+        }
+    });
+    let has_tls = section.has("tls");
+    endpoints(section, "listen", has_tls, &mut out.listen);
+    endpoints(section, "connect", has_tls, &mut out.connect);
+}
+
+fn rate(section: &mut Section<'_, '_>, topic: &'static str, rates: &mut BTreeMap<String, Rate>) {
+    let mut hz = 0.0;
+    let mut word = None;
+    let untimed = UNTIMED.contains(&topic);
+    if section.is_number(topic) && !untimed {
+        if section.number(topic, 0.1..=10_000.0, &mut hz) {
+            rates.insert(topic.into(), Rate::Hz(hz));
+        }
+        return;
+    }
+    let expected = if untimed { r#""all" or "off""# } else { r#""all", "off" or a number of Hz"# };
+    let accept = |text: &str| ["all", "off"].contains(&text).then(|| Some(text.to_owned()));
+    if section.text(topic, expected, accept, &mut word) {
+        match word.as_deref() {
+            Some("all") => drop(rates.insert(topic.into(), Rate::All)),
+            Some(_) => drop(rates.remove(topic)),
+            None => {}
+        }
+    }
+}
+
+/// Where everybody could listen, or pretend to be somebody, only mutual TLS is allowed.
+fn endpoints(section: &mut Section<'_, '_>, key: &'static str, has_tls: bool, out: &mut Vec<String>) {
+    let Some(listed) = section.texts(key, ENDPOINTS_MAX) else { return };
+    for endpoint in &listed {
+        let text = endpoint.get_ref();
+        let problem = match Endpoint::of(text) {
+            Some(Endpoint::Loopback) => continue,
+            Some(Endpoint::Tls) if has_tls => continue,
+            Some(Endpoint::Tls) => Problem {
+                help: Some(CERTIFICATES.into()),
+                ..at(endpoint, key, "has no certificates", "needs [gateway.tls]")
+            },
+            Some(Endpoint::Open) => {
+                let help =
+                    Some(format!("use \"tls/…\" with certificates, or the loopback: {LOOPBACK}; {CERTIFICATES}"));
+                Problem { help, ..at(endpoint, key, "is open to everybody", "beyond the loopback only mutual TLS") }
+            }
+            None => {
+                let note = Some(format!("as {LOOPBACK} or \"tls/station.example:7447\""));
+                Problem { note, ..at(endpoint, key, "is no endpoint", "expected tcp/HOST:PORT or tls/HOST:PORT") }
+            }
+        };
+        section.report(problem);
+    }
+    *out = listed.into_iter().map(Spanned::into_inner).collect();
+}
+
+const LOOPBACK: &str = "\"tcp/127.0.0.1:7447\"";
+const CERTIFICATES: &str = "[gateway.tls] names the files ca, cert and key";
+
+fn at(endpoint: &Spanned<String>, key: &str, what: &str, label: &str) -> Problem {
+    Problem::new(endpoint.span(), format!("gateway.{key}: {:?} {what}", endpoint.get_ref()), label)
+}
+
+/// How far an endpoint reaches.
+enum Endpoint {
+    Loopback,
+    Tls,
+    Open,
+}
+
+impl Endpoint {
+    fn of(text: &str) -> Option<Self> {
+        let (protocol, address) = text.split_once('/')?;
+        let (host, port) = address.rsplit_once(':')?;
+        let plain = |letter: char| letter.is_ascii_alphanumeric() || ".-:[]".contains(letter);
+        if host.is_empty() || !host.chars().all(plain) || port.parse::<u16>().is_err() {
+            return None;
+        }
+        match protocol {
+            "tls" => Some(Self::Tls),
+            "tcp" if is_loopback(host) => Some(Self::Loopback),
+            "tcp" => Some(Self::Open),
+            _ => None,
+        }
+    }
+}
+
+/// This machine and nobody else.
+pub(crate) fn is_loopback(host: &str) -> bool {
+    let address = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+    host == "localhost" || address.is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Launch;
+
+    fn refused(text: &str) -> String {
+        Launch::parse("launch.toml", text)
+            .map(|launch| panic!("{:?} was taken", launch.gateway))
+            .unwrap_or_else(|problems| problems.to_string())
+    }
+
+    #[test]
+    fn what_it_says_is_taken() {
+        let text = r#"
+            [gateway]
+            vehicle = "drone-7"
+            listen = ["tcp/localhost:7447", "tcp/[::1]:1", "tls/0.0.0.0:7447"]
+            connect = ["tls/station.example:7447"]
+            messages_hz = 50
+            access = "access.json5"
+            tls = { ca = "ca.pem", cert = "me.pem", key = "me.key" }
+            [gateway.rates]
+            attitude = "all"
+            fused = "off"
+            imu = 100
+        "#;
+        let gateway = Launch::parse("launch.toml", text).unwrap().gateway;
+        assert_eq!(gateway.vehicle.as_deref(), Some("drone-7"));
+        assert_eq!((gateway.listen.len(), gateway.connect.len(), gateway.messages_hz), (3, 1, 50.0));
+        assert_eq!(gateway.tls, Some(Tls { ca: "ca.pem".into(), cert: "me.pem".into(), key: "me.key".into() }));
+        let rate = |topic: &str| gateway.rates.get(topic).copied();
+        assert_eq!((rate("attitude"), rate("fused"), rate("imu")), (Some(Rate::All), None, Some(Rate::Hz(100.0))));
+        assert_eq!(rate("health"), Some(Rate::All), "what is not said keeps its default");
+    }
+
+    #[test]
+    fn an_open_door_is_refused_with_the_remedy() {
+        for (text, said) in [
+            ("listen = [\"tcp/0.0.0.0:7447\"]", "beyond the loopback only mutual TLS"),
+            (
+                "listen = [\"tcp/127.0.0.1:7447\", \"tcp/192.168.1.4:7447\"]",
+                "\"tcp/192.168.1.4:7447\" is open to everybody",
+            ),
+            ("connect = [\"tcp/station.example:7447\"]", "[gateway.tls] names the files ca, cert and key"),
+            ("listen = [\"tls/0.0.0.0:7447\"]", "needs [gateway.tls]"),
+            ("listen = [\"udp/127.0.0.1:7447\"]", "expected tcp/HOST:PORT or tls/HOST:PORT"),
+            ("listen = [\"tcp/127.0.0.1\"]", "is no endpoint"),
+            ("listen = [\"tcp/127.0.0.1:7447#iface=eth0\"]", "is no endpoint"),
+            ("listen = \"tcp/127.0.0.1:7447\"", "expected an array of strings"),
+            ("tls = { ca = \"ca.pem\", cert = \"me.pem\" }", "\"key\" is missing"),
+            ("rates = { health = 5 }", "gateway.rates.health: expected a string, found an integer"),
+            ("rates = { health = \"some\" }", "expected \"all\" or \"off\""),
+            ("rates = { attitude = 0 }", "expected 0.1 to 10000"),
+            ("rates = { atitude = 5 }", "did you mean \"attitude\"?"),
+            ("vehicle = \"Drone/7\"", "1 to 32"),
+        ] {
+            let problems = refused(&format!("[gateway]\n{text}\n"));
+            assert!(problems.contains(said), "{text}: {problems}");
+        }
+    }
+}

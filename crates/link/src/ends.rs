@@ -1,0 +1,121 @@
+//! The endpoints, and what secures them.
+
+use std::{
+    fmt,
+    net::TcpListener,
+    path::{Path, PathBuf},
+};
+
+use zenoh::Config;
+
+use crate::LinkError;
+
+/// Ports tried after the one named.
+const PORTS_TRIED: u16 = 64;
+
+/// The endpoints, and what secures them.
+#[derive(Debug, Clone, Default)]
+pub struct Ends {
+    /// Where others may connect.
+    pub listen: Vec<String>,
+    /// Whom to connect to.
+    pub connect: Vec<String>,
+    /// The certificates of mutual TLS.
+    pub tls: Option<Tls>,
+    /// A file with Zenoh's `access_control`.
+    pub access: Option<PathBuf>,
+}
+
+/// The certificates of mutual TLS, PEM.
+#[derive(Debug, Clone)]
+pub struct Tls {
+    /// Of the authority.
+    pub ca: PathBuf,
+    /// One's own.
+    pub cert: PathBuf,
+    /// The key to it.
+    pub key: PathBuf,
+}
+
+impl Ends {
+    /// Those whom somebody elsewhere connects to.
+    pub fn connecting(endpoints: &[String]) -> Self {
+        Self { connect: endpoints.to_vec(), ..Self::default() }
+    }
+
+    /// The same with the next free port where one of the loopback is taken.
+    pub fn with_free_ports(mut self) -> Result<Self, LinkError> {
+        for endpoint in &mut self.listen {
+            if let Some(address) = endpoint.strip_prefix("tcp/") {
+                *endpoint = format!("tcp/{}", free(address)?);
+            }
+        }
+        Ok(self)
+    }
+
+    pub(crate) fn config(&self) -> Result<Config, LinkError> {
+        let mut config = Config::default();
+        let mut set = |key: &'static str, value: String| {
+            let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
+            config.insert_json5(key, &value).map_err(failed)
+        };
+        set("mode", quoted("peer"))?;
+        set("listen/endpoints", list(&self.listen))?;
+        set("connect/endpoints", list(&self.connect))?;
+        set("connect/timeout_ms", "-1".into())?;
+        set("connect/exit_on_failure", "false".into())?;
+        set("scouting/multicast/enabled", "false".into())?;
+        set("scouting/gossip/enabled", "false".into())?;
+        if let Some(Tls { ca, cert, key }) = &self.tls {
+            set("transport/link/tls/enable_mtls", "true".into())?;
+            set("transport/link/tls/root_ca_certificate", path(ca))?;
+            for side in ["listen", "connect"] {
+                let [certificate, private_key] = match side {
+                    "listen" => ["transport/link/tls/listen_certificate", "transport/link/tls/listen_private_key"],
+                    _ => ["transport/link/tls/connect_certificate", "transport/link/tls/connect_private_key"],
+                };
+                set(certificate, path(cert))?;
+                set(private_key, path(key))?;
+            }
+        }
+        if let Some(file) = &self.access {
+            let text = std::fs::read_to_string(file).map_err(|cause| LinkError::Config {
+                what: "access_control",
+                cause: format!("reading {}: {cause}", file.display()),
+            })?;
+            set("access_control", text)?;
+        }
+        Ok(config)
+    }
+}
+
+impl fmt::Display for Ends {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ends: Vec<_> = self.listen.iter().chain(&self.connect).map(String::as_str).collect();
+        f.write_str(&ends.join(", "))
+    }
+}
+
+/// The address with the first port from the one named on that nobody has.
+fn free(address: &str) -> Result<String, LinkError> {
+    let none = || LinkError::NoPort { endpoint: format!("tcp/{address}"), tried: PORTS_TRIED };
+    let (host, port) = address.rsplit_once(':').ok_or_else(none)?;
+    let port: u16 = port.parse().map_err(|_| none())?;
+    let is_free = |port: &u16| TcpListener::bind(format!("{host}:{port}")).is_ok();
+    let port = (port..=port.saturating_add(PORTS_TRIED)).find(is_free).ok_or_else(none)?;
+    Ok(format!("{host}:{port}"))
+}
+
+fn quoted(text: &str) -> String {
+    // Paths and endpoints as a JSON string.
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+fn path(path: &Path) -> String {
+    quoted(&path.to_string_lossy())
+}
+
+fn list(endpoints: &[String]) -> String {
+    let quoted: Vec<_> = endpoints.iter().map(|endpoint| quoted(endpoint)).collect();
+    format!("[{}]", quoted.join(", "))
+}

@@ -1,0 +1,184 @@
+//! The gateway: what goes beyond the board, and what comes from there.
+//!
+//! Input: the topics of the bus, and questions from the network. Output: protobuf under the keys of [`wire::keys`], and answers. Time:
+//! the clock, to look at the bus some 200 times a second; it waits for nobody and nobody waits for it. Failure: what the network does not
+//! take is dropped, oldest first, and counted; a network that is dead, slow or blocked is not noticed on board.
+//!
+//! Two threads: one looks at the bus and puts what is to go out into a queue that has an end; the other takes it to the network. Each
+//! question that takes time has a thread of its own, up to a limit.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | `tap` | a topic of the bus, thinned out to its rate |
+//! | `queue` | between bus and network; newest wins |
+//! | `sender` | to the network, each message in its envelope |
+//! | `answers` | last values, schema, services |
+//! | `desk` | requests for a swap, each carried out once |
+#![forbid(unsafe_code)]
+
+mod answers;
+pub mod desk;
+pub mod queue;
+mod sender;
+mod tap;
+pub mod thinning;
+
+use std::{
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use bus::BusError;
+use launch::{Launch, Service};
+use link::LinkError;
+use messages::{Health, State};
+use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
+use supervisor::Ask;
+use wire::Refusals;
+
+use crate::{desk::Desk, queue::Queue, sender::Sender, tap::Taps};
+
+/// Messages between bus and network: a second and more of every topic.
+const QUEUE_MAX: usize = 512;
+/// How much more than the services of the path the gateway lets others have the machine.
+const NICENESS: i32 = 5;
+/// Longest time between two words about its health.
+const LOOK_LIMIT: Duration = Duration::from_millis(50);
+/// How long the supervisor is sought for, to be told where the gateway listens.
+const DOOR_LIMIT: Duration = Duration::from_secs(30);
+/// A service that has said nothing for so long does not live.
+const ALIVE_LIMIT: Duration = Duration::from_millis(1000);
+
+/// Why the gateway ended.
+#[derive(Debug, thiserror::Error)]
+pub enum GatewayError {
+    /// The system could not be joined.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The network could not be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A thread ended that was not to.
+    #[error("sending to the network: the thread ended by itself")]
+    Sender,
+}
+
+/// What both threads know.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) vehicle: String,
+    pub(crate) queue: Queue,
+    pub(crate) desk: Arc<Desk>,
+    /// Messages from outside that were none.
+    pub(crate) refusals: Mutex<Refusals>,
+    /// When each service was heard last.
+    heard: Mutex<[Option<Instant>; Service::ALL.len()]>,
+    /// Samples dropped in all, for the health.
+    pub(crate) dropped: AtomicU64,
+    ends: AtomicBool,
+}
+
+impl Shared {
+    pub(crate) fn ends(&self) -> bool {
+        self.ends.load(Ordering::SeqCst)
+    }
+
+    /// The services that live.
+    pub(crate) fn living(&self) -> Vec<Service> {
+        let heard = locked(&self.heard);
+        let lives = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < ALIVE_LIMIT);
+        Service::ALL.into_iter().zip(heard.iter()).filter(|(_, at)| lives(at)).map(|(service, _)| service).collect()
+    }
+
+    fn hear(&self, health: &Health) {
+        if let Some(at) = locked(&self.heard).get_mut(health.service as usize) {
+            *at = Some(Instant::now());
+        }
+    }
+}
+
+/// What another thread left, even if it panicked: there are only counts and queues in it.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The service.
+pub fn run() -> Result<(), GatewayError> {
+    let mut member = Member::join(Service::Gateway)?;
+    // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
+    let _ = rustix::process::nice(NICENESS);
+    let launch = member.orders.launch.clone();
+    let mut taps = Taps::open(&member)?;
+    let health = member.bus.subscriber::<Health>(BUFFER_BESIDE)?;
+    let shared = Arc::new(Shared {
+        vehicle: launch.gateway.vehicle.clone().unwrap_or_else(|| launch.name.clone()),
+        queue: Queue::new(QUEUE_MAX, messages::TOPICS.len()),
+        desk: Arc::new(Desk::new(ask_for_swap(launch.name.clone()))),
+        refusals: Mutex::default(),
+        heard: Mutex::default(),
+        dropped: AtomicU64::new(0),
+        ends: AtomicBool::new(false),
+    });
+    let network = thread::spawn({
+        let (shared, life) = (shared.clone(), runtime::clock::monotonic_ns());
+        move || send(&shared, &launch, life)
+    });
+    let pause = Duration::from_secs_f64(member.orders.launch.gateway.messages_hz.recip()).min(LOOK_LIMIT);
+    while !member.ends() && !network.is_finished() {
+        taps.look(&shared.queue)?;
+        health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.hear(&health))?;
+        let (sent, lost) = (taps.samples(), shared.dropped.load(Ordering::Relaxed));
+        let refused = locked(&shared.refusals).total();
+        member.say(State::RUNNING, |health| (health.ticks, health.lost, health.refused) = (sent, lost, refused))?;
+        thread::sleep(pause);
+    }
+    shared.ends.store(true, Ordering::SeqCst);
+    network.join().unwrap_or(Err(GatewayError::Sender))
+}
+
+/// The network's side, to the end.
+fn send(shared: &Arc<Shared>, launch: &Launch, life: u64) -> Result<(), GatewayError> {
+    let gateway = &launch.gateway;
+    let tls = gateway.tls.clone().map(|tls| link::ends::Tls { ca: tls.ca, cert: tls.cert, key: tls.key });
+    let ends = link::Ends {
+        listen: gateway.listen.clone(),
+        connect: gateway.connect.clone(),
+        tls,
+        access: gateway.access.clone(),
+    };
+    let ends = ends.with_free_ports()?;
+    let link = link::Link::open(&ends)?;
+    tell_where(shared.clone(), launch.name.clone(), ends.listen.join(" "));
+    let mut sender = Sender::open(&link, shared.clone(), launch, life)?;
+    let _answering = answers::open(&link, shared, &launch.name, sender.last())?;
+    while !shared.ends() {
+        sender.turn()?;
+    }
+    link.close();
+    Ok(())
+}
+
+/// Tells the supervisor where the gateway listens, once it answers.
+fn tell_where(shared: Arc<Shared>, system: String, at: String) {
+    thread::spawn(move || {
+        let deadline = Instant::now() + DOOR_LIMIT;
+        let news = Ask::At { service: Service::Gateway.name().into(), at };
+        while supervisor::ask::<()>(&system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
+            thread::sleep(Duration::from_millis(100));
+        }
+    });
+}
+
+/// How the supervisor is asked for a swap.
+fn ask_for_swap(system: String) -> desk::Asking {
+    Box::new(move |wish| {
+        supervisor::ask::<supervisor::SwapReport>(&system, &Ask::Swap(wish)).map_err(|error| error.to_string())
+    })
+}

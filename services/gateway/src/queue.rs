@@ -1,0 +1,99 @@
+//! Between bus and network: a queue with an end. When it is full the oldest goes, for the newest is what counts.
+
+use std::{
+    collections::VecDeque,
+    sync::{Condvar, Mutex, PoisonError},
+    time::Duration,
+};
+
+use crate::locked;
+
+/// Samples of a topic on their way out.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parcel {
+    /// The topic's place among [`messages::TOPICS`].
+    pub topic: usize,
+    /// The samples as they stand in a batch.
+    pub bytes: Vec<u8>,
+    /// How many there are.
+    pub samples: u64,
+    /// Samples of the topic left out by its rate so far.
+    pub left_out: u64,
+    /// Samples of the topic overwritten on the bus so far.
+    pub overwritten: u64,
+}
+
+/// The queue.
+#[derive(Debug)]
+pub struct Queue {
+    inner: Mutex<Inner>,
+    filled: Condvar,
+    max: usize,
+}
+
+#[derive(Debug)]
+struct Inner {
+    parcels: VecDeque<Parcel>,
+    dropped: Vec<u64>,
+}
+
+impl Queue {
+    /// An empty queue for `max` parcels of so many topics.
+    pub fn new(max: usize, topics: usize) -> Self {
+        let inner = Inner { parcels: VecDeque::with_capacity(max), dropped: vec![0; topics] };
+        Self { inner: Mutex::new(inner), filled: Condvar::new(), max }
+    }
+
+    /// Puts a parcel in; never waits for whoever takes it.
+    pub fn push(&self, parcel: Parcel) {
+        let mut inner = locked(&self.inner);
+        if inner.parcels.len() >= self.max
+            && let Some(oldest) = inner.parcels.pop_front()
+            && let Some(dropped) = inner.dropped.get_mut(oldest.topic)
+        {
+            *dropped += oldest.samples;
+        }
+        inner.parcels.push_back(parcel);
+        self.filled.notify_one();
+    }
+
+    /// The oldest parcel, and how many samples of its topic were dropped so far; waits for one no longer than `limit`.
+    pub fn take(&self, limit: Duration) -> Option<(Parcel, u64)> {
+        let inner = locked(&self.inner);
+        let filled = self.filled.wait_timeout_while(inner, limit, |inner| inner.parcels.is_empty());
+        let (mut inner, _) = filled.unwrap_or_else(PoisonError::into_inner);
+        let parcel = inner.parcels.pop_front()?;
+        let dropped = inner.dropped.get(parcel.topic).copied().unwrap_or(0);
+        Some((parcel, dropped))
+    }
+
+    /// How many parcels wait, and how many may.
+    pub fn depth(&self) -> (usize, usize) {
+        (locked(&self.inner).parcels.len(), self.max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parcel(topic: usize, samples: u64) -> Parcel {
+        Parcel { topic, bytes: Vec::new(), samples, left_out: 0, overwritten: 0 }
+    }
+
+    #[test]
+    fn the_newest_win_and_what_they_drove_out_is_counted_by_topic() {
+        let queue = Queue::new(3, 2);
+        (1..=5).for_each(|samples| queue.push(parcel(samples as usize % 2, samples)));
+        assert_eq!(queue.depth(), (3, 3));
+        let take = || queue.take(Duration::ZERO).map(|(parcel, dropped)| (parcel.samples, dropped));
+        assert_eq!([take(), take(), take(), take()], [Some((3, 1)), Some((4, 2)), Some((5, 1)), None]);
+    }
+
+    #[test]
+    fn whoever_puts_in_does_not_wait_for_whoever_takes_out() {
+        let queue = Queue::new(8, 1);
+        (0..100_000).for_each(|_| queue.push(parcel(0, 1)));
+        assert_eq!(queue.take(Duration::ZERO).map(|(_, dropped)| dropped), Some(100_000 - 8));
+    }
+}

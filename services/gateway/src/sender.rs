@@ -1,0 +1,181 @@
+//! To the network: each message in its envelope, the signs of life, and the gateway's own report.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, atomic::Ordering},
+    time::{Duration, Instant},
+};
+
+use launch::{Launch, Service};
+use link::{Link, LinkError, Outlet, Sign};
+use messages::{
+    AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, GnssFix, GyroStep, Health,
+    ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading, TOPICS,
+};
+use runtime::clock::monotonic_ns;
+use wire::{
+    batch::batch_name,
+    command::Letter,
+    keys,
+    v1::{Envelope, GatewayReport, TopicReport},
+};
+
+use crate::{Shared, locked, queue::Parcel};
+
+/// Longest wait for something to send.
+const TURN_LIMIT: Duration = Duration::from_millis(100);
+/// Between two reports.
+const REPORT_INTERVAL: Duration = Duration::from_secs(1);
+
+/// The last message of each key, with its type.
+pub(crate) type Last = Arc<Mutex<BTreeMap<String, (String, Vec<u8>)>>>;
+
+/// The network's end of the queue.
+pub(crate) struct Sender {
+    link: Link,
+    shared: Arc<Shared>,
+    outlets: Vec<Option<Channel>>,
+    report: Channel,
+    life: u64,
+    last: Last,
+    signs: Vec<(Service, Sign)>,
+    _vehicle: Sign,
+    looked: Instant,
+    reported: Instant,
+}
+
+/// A key and what was sent under it.
+struct Channel {
+    key: String,
+    message: String,
+    outlet: Outlet,
+    messages: u64,
+    samples: u64,
+    left_out: u64,
+    dropped: u64,
+}
+
+impl Sender {
+    pub(crate) fn open(link: &Link, shared: Arc<Shared>, launch: &Launch, life: u64) -> Result<Self, LinkError> {
+        let vehicle = shared.vehicle.clone();
+        let channel = |topic: &str, message: String| Channel::open(link, keys::key(&vehicle, topic), message);
+        let rates = &launch.gateway.rates;
+        let outlets =
+            TOPICS.iter().map(|topic| rates.contains_key(*topic).then(|| channel(topic, batch_of(topic))).transpose());
+        Ok(Self {
+            outlets: outlets.collect::<Result<_, _>>()?,
+            report: channel(keys::GATEWAY, format!("plumbline.v1.{}", GatewayReport::NAME))?,
+            life,
+            last: Last::default(),
+            signs: Vec::new(),
+            _vehicle: link.sign(&keys::key(&vehicle, keys::LIVE))?,
+            link: link.clone(),
+            shared,
+            looked: Instant::now(),
+            reported: Instant::now(),
+        })
+    }
+
+    /// The last message of each key.
+    pub(crate) fn last(&self) -> Last {
+        self.last.clone()
+    }
+
+    /// Sends what there is, or waits a moment for something.
+    pub(crate) fn turn(&mut self) -> Result<(), LinkError> {
+        if let Some((parcel, dropped)) = self.shared.queue.take(TURN_LIMIT) {
+            self.send(&parcel, dropped);
+        }
+        if self.looked.elapsed() > TURN_LIMIT {
+            self.looked = Instant::now();
+            self.see_who_lives()?;
+        }
+        if self.reported.elapsed() > REPORT_INTERVAL {
+            self.reported = Instant::now();
+            self.tell();
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, parcel: &Parcel, dropped: u64) {
+        let Some(Some(channel)) = self.outlets.get_mut(parcel.topic) else { return };
+        (channel.left_out, channel.dropped) = (parcel.left_out, parcel.overwritten + dropped);
+        let bytes = wire::seal(&channel.envelope(self.life), &parcel.bytes);
+        channel.send(bytes, parcel.samples, &self.last);
+        let dropped = self.outlets.iter().flatten().map(|channel| channel.dropped).sum();
+        self.shared.dropped.store(dropped, Ordering::Relaxed);
+    }
+
+    /// Takes away the signs of those who live no more, and gives one to those who do.
+    fn see_who_lives(&mut self) -> Result<(), LinkError> {
+        let living = self.shared.living();
+        self.signs.retain(|(service, _)| living.contains(service));
+        for service in living {
+            if !self.signs.iter().any(|(one, _)| *one == service) {
+                self.signs.push((service, self.link.sign(&keys::live(&self.shared.vehicle, service.name()))?));
+            }
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self) {
+        let (queued, queue_max) = self.shared.queue.depth();
+        let [swaps_asked, swaps_answered_here] = self.shared.desk.counts();
+        let topic = |(topic, channel): (&&str, &Option<Channel>)| {
+            let Channel { messages, samples, left_out, dropped, .. } = *channel.as_ref()?;
+            Some(TopicReport { topic: (*topic).into(), messages, samples, left_out, dropped })
+        };
+        let report = GatewayReport {
+            envelope: Some(self.report.envelope(self.life)),
+            queued: queued as u32,
+            queue_max: queue_max as u32,
+            refused: Some(*locked(&self.shared.refusals)),
+            swaps_asked,
+            swaps_answered_here,
+            topics: TOPICS.iter().zip(&self.outlets).filter_map(topic).collect(),
+        };
+        self.report.send(report.encoded(), 1, &self.last);
+    }
+}
+
+impl Channel {
+    fn open(link: &Link, key: String, message: String) -> Result<Self, LinkError> {
+        let outlet = link.outlet(&key, &message)?;
+        Ok(Self { key, message, outlet, messages: 0, samples: 0, left_out: 0, dropped: 0 })
+    }
+
+    fn envelope(&self, life: u64) -> Envelope {
+        let Self { messages, samples, left_out, dropped, .. } = *self;
+        let t_sent_ns = monotonic_ns();
+        Envelope { sequence: messages, life, samples_before: samples, left_out, dropped, t_sent_ns }
+    }
+
+    fn send(&mut self, bytes: Vec<u8>, samples: u64, last: &Last) {
+        // A message that is not taken is missed by its number.
+        let _ = self.outlet.send(&bytes);
+        self.messages += 1;
+        self.samples += samples;
+        locked(last).insert(self.key.clone(), (self.message.clone(), bytes));
+    }
+}
+
+/// The type of the messages under a topic's key.
+fn batch_of(topic: &str) -> String {
+    match topic {
+        SensorReading::TOPIC => batch_name::<SensorReading>(),
+        ReceiverReading::TOPIC => batch_name::<ReceiverReading>(),
+        ImuSample::TOPIC => batch_name::<ImuSample>(),
+        MagSample::TOPIC => batch_name::<MagSample>(),
+        GnssFix::TOPIC => batch_name::<GnssFix>(),
+        Reference::TOPIC => batch_name::<Reference>(),
+        GyroStep::TOPIC => batch_name::<GyroStep>(),
+        AccelPoint::TOPIC => batch_name::<AccelPoint>(),
+        FusedState::TOPIC => batch_name::<FusedState>(),
+        AttitudeOutput::TOPIC => batch_name::<AttitudeOutput>(),
+        Credit::TOPIC => batch_name::<Credit>(),
+        Checkpoint::TOPIC => batch_name::<Checkpoint>(),
+        Difference::TOPIC => batch_name::<Difference>(),
+        Control::TOPIC => batch_name::<Control>(),
+        _ => batch_name::<Health>(),
+    }
+}

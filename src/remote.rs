@@ -1,0 +1,122 @@
+//! A vehicle that is asked from elsewhere: `--remote VEHICLE --connect ENDPOINT`.
+
+use std::{
+    path::PathBuf,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use clap::Args;
+use link::{Ends, Link, LinkError, ends::Tls};
+use supervisor::{Outcome, Standing, SwapReport};
+use wire::{
+    command::Letter,
+    keys,
+    v1::{self, Services, SwapAnswer, SwapRequest, swap_answer},
+};
+
+/// How long somebody who is to be connected to is waited for.
+const CONNECT_LIMIT: Duration = Duration::from_secs(5);
+/// The same for an answer that takes no time.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// For how long a swap may be under way.
+const SWAP_LIMIT: Duration = Duration::from_secs(30);
+/// Where a gateway listens when nothing else is said.
+const USUAL: &str = "tcp/127.0.0.1:7447";
+
+/// How vehicles are reached.
+#[derive(Args, Clone)]
+pub(crate) struct Way {
+    /// An endpoint of a gateway or a router; may be given several times [default: tcp/127.0.0.1:7447].
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
+    /// The certificate of the authority, for tls endpoints.
+    #[arg(long, value_name = "FILE", requires = "cert")]
+    ca: Option<PathBuf>,
+    /// One's own certificate.
+    #[arg(long, value_name = "FILE", requires = "key")]
+    cert: Option<PathBuf>,
+    /// The key to it.
+    #[arg(long, value_name = "FILE", requires = "ca")]
+    key: Option<PathBuf>,
+}
+
+impl Way {
+    fn ends(&self) -> Ends {
+        let tls = match (&self.ca, &self.cert, &self.key) {
+            (Some(ca), Some(cert), Some(key)) => Some(Tls { ca: ca.clone(), cert: cert.clone(), key: key.clone() }),
+            _ => None,
+        };
+        let usual = [USUAL.to_owned()];
+        Ends { tls, ..Ends::connecting(if self.connect.is_empty() { &usual } else { &self.connect }) }
+    }
+
+    /// The way, gone.
+    pub(crate) fn open(&self) -> Result<Link, LinkError> {
+        let ends = self.ends();
+        let link = Link::open(&ends)?;
+        if link.await_somebody(CONNECT_LIMIT) { Ok(link) } else { Err(LinkError::Nobody { ends: ends.to_string() }) }
+    }
+}
+
+/// The services of a vehicle.
+pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<Standing>, LinkError> {
+    Ok(services(&way.open()?, vehicle)?.services.into_iter().map(standing).collect())
+}
+
+/// Exchanges what fills a slot of a vehicle.
+pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, LinkError> {
+    let link = way.open()?;
+    let Services { t_now_ns, services } = services(&link, vehicle)?;
+    let standing = services.into_iter().find(|one| one.service == slot);
+    // A slot that is not there has no decision; the answer says so.
+    let expected_epoch = standing.map_or(1, |one| one.epoch).max(1);
+    let request = SwapRequest {
+        request_id: request_id(),
+        slot: slot.into(),
+        stage: stage.stage,
+        set: stage.set,
+        expected_epoch,
+        t_deadline_ns: t_now_ns + SWAP_LIMIT.as_nanos() as u64,
+    };
+    let answer: SwapAnswer =
+        link.ask_one(&keys::key(vehicle, keys::SWAP), request.encoded(), SWAP_LIMIT + ANSWER_LIMIT)?;
+    Ok(report(answer))
+}
+
+fn services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
+    link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), ANSWER_LIMIT)
+}
+
+/// Another for every request: this process and the time.
+fn request_id() -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    format!("{}-{:x}", std::process::id(), since.as_nanos())
+}
+
+fn standing(of: v1::Standing) -> Standing {
+    let v1::Standing { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
+    let said = |text: String| Some(text).filter(|text| !text.is_empty());
+    Standing { service, stage: said(stage), state, pid, restarts, incarnation, epoch, ticks, lost, at: said(at) }
+}
+
+fn report(answer: SwapAnswer) -> SwapReport {
+    let outcome = match answer.outcome() {
+        swap_answer::Outcome::Committed => Outcome::Committed,
+        swap_answer::Outcome::Aborted => Outcome::Aborted,
+        // Of one that is not known by its deadline the reason says so.
+        _ => Outcome::Refused,
+    };
+    let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;
+    SwapReport {
+        slot,
+        from,
+        to,
+        commit_tick,
+        lost,
+        duplicated,
+        gap_us: gap_s * 1e6,
+        jump_deg: jump_rad.to_degrees(),
+        outcome,
+        reason: Some(reason).filter(|reason| !reason.is_empty()),
+    }
+}

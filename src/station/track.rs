@@ -1,0 +1,98 @@
+//! Whether all that was sent under a key has arrived.
+
+use std::fmt;
+
+use serde_json::{Value, json};
+use wire::v1::Envelope;
+
+/// The messages of a key.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Track {
+    /// Messages that came.
+    pub(super) messages: u64,
+    /// The samples in them.
+    pub(super) samples: u64,
+    /// Messages lost on the way.
+    pub(super) lost_messages: u64,
+    /// The samples in them.
+    pub(super) lost_samples: u64,
+    /// Messages that came again, or too late.
+    pub(super) repeated: u64,
+    /// Lives of the gateway after the first.
+    pub(super) restarts: u64,
+    left_out: u64,
+    dropped: u64,
+    /// The life, the number and the samples before it that the next message is to have.
+    next: Option<(u64, u64, u64)>,
+}
+
+impl Track {
+    pub(super) fn take(&mut self, envelope: &Envelope, samples: u64) {
+        let Envelope { sequence, life, samples_before, left_out, dropped, .. } = *envelope;
+        if let Some((known_life, next, samples_next)) = self.next {
+            if life < known_life || (life == known_life && sequence < next) {
+                self.repeated += 1;
+                return;
+            }
+            if life == known_life {
+                self.lost_messages = self.lost_messages.saturating_add(sequence - next);
+                let lost = samples_before.saturating_sub(samples_next);
+                self.lost_samples = self.lost_samples.saturating_add(lost);
+            } else {
+                self.restarts += 1;
+            }
+        }
+        self.messages += 1;
+        self.samples += samples;
+        (self.left_out, self.dropped) = (left_out, dropped);
+        self.next = Some((life, sequence.saturating_add(1), samples_before.saturating_add(samples)));
+    }
+
+    pub(super) fn json(&self, topic: &str) -> Value {
+        let Self { messages, samples, lost_messages, lost_samples, repeated, restarts, left_out, dropped, .. } = self;
+        json!({
+            "topic": topic, "messages": messages, "samples": samples, "lost_messages": lost_messages,
+            "lost_samples": lost_samples, "repeated": repeated, "restarts": restarts, "left_out": left_out,
+            "dropped": dropped,
+        })
+    }
+}
+
+impl fmt::Display for Track {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { messages, samples, lost_messages, lost_samples, left_out, dropped, .. } = self;
+        write!(
+            f,
+            "{messages:>8} messages, {samples:>8} samples; lost {lost_messages} with {lost_samples}; on board left out {left_out}, dropped {dropped}"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(life: u64, sequence: u64, samples_before: u64) -> Envelope {
+        Envelope { life, sequence, samples_before, ..Envelope::default() }
+    }
+
+    #[test]
+    fn what_is_missing_is_counted_in_messages_and_samples() {
+        let mut track = Track::default();
+        // It joins a stream under way, misses two messages of five samples each, and hears one again.
+        for (sequence, before) in [(7, 35), (8, 40), (11, 55), (11, 55), (12, 60)] {
+            track.take(&message(1, sequence, before), 5);
+        }
+        assert_eq!((track.messages, track.samples), (4, 20));
+        assert_eq!((track.lost_messages, track.lost_samples, track.repeated), (2, 10, 1));
+    }
+
+    #[test]
+    fn a_gateway_that_was_restarted_counts_anew() {
+        let mut track = Track::default();
+        [message(1, 100, 100), message(2, 0, 0), message(1, 101, 101), message(2, 1, 1)]
+            .iter()
+            .for_each(|envelope| track.take(envelope, 1));
+        assert_eq!((track.messages, track.lost_messages, track.restarts, track.repeated), (3, 0, 1, 1));
+    }
+}

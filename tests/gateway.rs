@@ -1,0 +1,290 @@
+//! Beyond the board: what goes out arrives, what comes in has one effect, and nothing out there is felt on board.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+
+use std::{
+    fs,
+    net::TcpListener,
+    process::{Child, Command, Stdio},
+    thread,
+    time::Duration,
+};
+
+use common::{Running, System, plumb, signal, until};
+use link::{Ends, Link};
+use rustix::process::Signal;
+use serde_json::Value;
+use wire::{
+    command::Letter,
+    keys,
+    v1::{Services, SwapAnswer, SwapRequest, swap_answer::Outcome},
+};
+
+const LIMIT: Duration = Duration::from_secs(40);
+
+/// A port that nobody has.
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+/// A system with a gateway; `more` follows in its table.
+fn with_gateway(port: u16, more: &str) -> System {
+    System::new(&format!(
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nlisten = [\"tcp/127.0.0.1:{port}\"]\n{more}"
+    ))
+}
+
+fn ps(system: &System) -> Vec<Value> {
+    let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
+    serde_json::from_slice(&output.stdout).unwrap_or_default()
+}
+
+fn gateway(system: &System) -> Option<Value> {
+    ps(system).into_iter().find(|one| one["service"] == "gateway")
+}
+
+/// Where the gateway listens, once it does.
+fn endpoint(system: &System) -> String {
+    let at = || Some(gateway(system)?["at"].as_str()?.to_owned());
+    until("the gateway to listen", || at().is_some());
+    at().unwrap()
+}
+
+fn station(endpoints: &[&str], more: &[&str]) -> Command {
+    let mut command = plumb(&["station", "--json"]);
+    endpoints.iter().for_each(|endpoint| drop(command.args(["--connect", endpoint])));
+    command.args(more);
+    command
+}
+
+fn seen(mut command: Command) -> Value {
+    let output = command.output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    let last = text.lines().last().unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    serde_json::from_str(last).unwrap()
+}
+
+fn topic<'v>(vehicle: &'v Value, name: &str) -> &'v Value {
+    let topics = vehicle["topics"].as_array().unwrap();
+    topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("no {name}: {vehicle}"))
+}
+
+fn number(value: &Value, name: &str) -> u64 {
+    value[name].as_u64().unwrap_or_else(|| panic!("no {name}: {value}"))
+}
+
+/// Nothing was lost on the way or on board, and nothing was refused.
+fn assert_all_arrived(vehicle: &Value) {
+    for topic in vehicle["topics"].as_array().unwrap() {
+        for count in ["lost_messages", "lost_samples", "dropped", "repeated"] {
+            assert_eq!(number(topic, count), 0, "{topic}");
+        }
+    }
+    assert_eq!(number(vehicle, "refused"), 0, "{vehicle}");
+}
+
+fn end(running: Running) {
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn a_station_sees_a_vehicle_and_misses_nothing() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    let tables = system.path("tables");
+    let endpoint = endpoint(&system);
+    let report = seen(station(&[&endpoint], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    println!("{report}");
+    let vehicle = &report["vehicles"][0];
+    assert_eq!((vehicle["vehicle"].as_str(), vehicle["lives"].as_bool()), (Some(system.name.as_str()), Some(true)));
+    assert_eq!(vehicle["services"].as_array().unwrap().len(), 6, "{vehicle}");
+    assert_all_arrived(vehicle);
+    let attitude = topic(vehicle, "attitude");
+    assert_eq!(number(attitude, "messages"), number(attitude, "samples"), "50 Hz goes one by one");
+    let table = fs::read_to_string(tables.join(&system.name).join("attitude.csv")).unwrap();
+    assert_eq!(table.lines().count() as u64, number(attitude, "samples") + 1);
+    let ticks: Vec<u64> = table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+    assert!(ticks.len() > 50 && ticks.windows(2).all(|pair| pair[1] - pair[0] == 20), "50 of 1000 Hz: {ticks:?}");
+    assert!(number(topic(vehicle, "health"), "samples") > 10 && number(topic(vehicle, "gateway"), "messages") > 1);
+    end(running);
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn every_sample_of_a_fast_topic_comes_down_several_to_a_message() {
+    let system = with_gateway(
+        free_port(),
+        "messages_hz = 100\nrates = { attitude = \"all\", imu = \"all\", health = \"off\" }\n",
+    );
+    let running = system.start(&[]);
+    let tables = system.path("tables");
+    let report = seen(station(&[&endpoint(&system)], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    let vehicle = &report["vehicles"][0];
+    println!("{vehicle}");
+    assert_all_arrived(vehicle);
+    for name in ["imu", "attitude"] {
+        let topic = topic(vehicle, name);
+        assert!(number(topic, "samples") > 5 * number(topic, "messages"), "{topic}");
+        let table = fs::read_to_string(tables.join(&system.name).join(format!("{name}.csv"))).unwrap();
+        let ticks: Vec<u64> =
+            table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+        assert!(ticks.len() > 1000 && ticks.windows(2).all(|pair| pair[1] == pair[0] + 1), "{name}: a tick is missing");
+    }
+    assert!(vehicle["topics"].as_array().unwrap().iter().all(|topic| topic["topic"] != "health"));
+    end(running);
+}
+
+#[test]
+fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
+    let port = free_port();
+    let systems = [with_gateway(port, "vehicle = \"boat\""), with_gateway(port, "vehicle = \"buoy\"")];
+    let running = systems.each_ref().map(|system| {
+        let running = system.start(&[]);
+        endpoint(system);
+        running
+    });
+    let [one, other] = systems.each_ref().map(endpoint);
+    assert_ne!(one, other);
+    let report = seen(station(&[&one, &other], &["--seconds", "3"]));
+    let names: Vec<_> =
+        report["vehicles"].as_array().unwrap().iter().map(|one| one["vehicle"].as_str().unwrap()).collect();
+    assert_eq!(names, ["boat", "buoy"], "{report}");
+    report["vehicles"].as_array().unwrap().iter().for_each(assert_all_arrived);
+    running.map(end);
+}
+
+fn open(endpoint: &str) -> Link {
+    let link = Link::open(&Ends::connecting(&[endpoint.to_owned()])).unwrap();
+    assert!(link.await_somebody(LIMIT));
+    link
+}
+
+fn services(link: &Link, vehicle: &str) -> Services {
+    link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), LIMIT).unwrap()
+}
+
+fn epoch(services: &Services) -> u32 {
+    services.services.iter().find(|one| one.service == "fuser").unwrap().epoch
+}
+
+#[test]
+fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_comes() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    let endpoint = endpoint(&system);
+    until("the fuser to run", || ps(&system).iter().filter(|one| one["state"] == "running").count() == 6);
+
+    let remote = ["--remote", &system.name, "--connect", &endpoint, "--json"];
+    let output = plumb(&["swap", "fuser", "vqf"]).args(remote).output().unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
+    assert_eq!((report["outcome"].as_str(), report["lost"].as_u64()), (Some("committed"), Some(0)), "{report}");
+    let output = plumb(&["ps"]).args(remote).output().unwrap();
+    let standings: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(standings[3]["stage"], "vqf", "{standings}");
+
+    let link = open(&endpoint);
+    let before = services(&link, &system.name);
+    let request = |id: &str, stage: &str| SwapRequest {
+        request_id: id.into(),
+        slot: "fuser".into(),
+        stage: stage.into(),
+        expected_epoch: epoch(&before),
+        t_deadline_ns: before.t_now_ns + 30_000_000_000,
+        ..SwapRequest::default()
+    };
+    let ask = |request: &SwapRequest| -> SwapAnswer {
+        link.ask_one(&keys::key(&system.name, keys::SWAP), request.encoded(), LIMIT).unwrap()
+    };
+    // The same one many times at once, as a network does that is not sure.
+    let answers: Vec<SwapAnswer> = thread::scope(|scope| {
+        let asking: Vec<_> = (0..4).map(|_| scope.spawn(|| ask(&request("one", "wz")))).collect();
+        asking.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert_eq!(answers[0].outcome(), Outcome::Committed, "{answers:?}");
+    assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
+    let after = services(&link, &system.name);
+    assert_eq!(epoch(&after), epoch(&before) + 1, "one decision");
+    // One that was sent before that decision, and one that comes after its time.
+    let overtaken = ask(&request("two", "vqf"));
+    assert_eq!(overtaken.outcome(), Outcome::Refused);
+    assert!(overtaken.reason.contains("the last decision about `fuser`"), "{overtaken:?}");
+    let late = SwapRequest { t_deadline_ns: after.t_now_ns, expected_epoch: epoch(&after), ..request("three", "vqf") };
+    assert!(ask(&late).reason.contains("after its deadline"));
+    let wrong = SwapRequest { expected_epoch: epoch(&after), ..request("four", "kalman") };
+    assert!(ask(&wrong).reason.contains("there is no stage `kalman`"));
+    // What is no request is refused and counted.
+    assert!(link.ask(&keys::key(&system.name, keys::SWAP), vec![0xff; 100], LIMIT).unwrap().is_empty());
+    until("the refusal in its health", || {
+        let report =
+            link.ask_one::<wire::v1::GatewayReport>(&keys::key(&system.name, keys::GATEWAY), Vec::new(), LIMIT);
+        report.unwrap().refused.unwrap().malformed == 1
+    });
+    assert_eq!(epoch(&services(&link, &system.name)), epoch(&after));
+    end(running);
+}
+
+#[test]
+fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
+    let system = with_gateway(free_port(), "");
+    let out = system.path("out.csv");
+    let running = system.start(&["--for", "9s", "--out", out.to_str().unwrap()]);
+    endpoint(&system);
+    for kill in 1..=3 {
+        signal(gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32, Signal::KILL);
+        until("the next gateway", || {
+            gateway(&system).is_some_and(|one| one["restarts"] == kill && one["at"].is_string())
+        });
+    }
+    let run = running.wait();
+    run.assert_whole();
+    assert!(fs::read(out).unwrap() == undisturbed("9s"), "the bytes differ: {}", run.people);
+}
+
+fn undisturbed(duration: &str) -> Vec<u8> {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    system.run(&["--in-process", "--speed", "max", "--for", duration, "--out", out.to_str().unwrap()]).assert_whole();
+    fs::read(out).unwrap()
+}
+
+/// A station that stops reading, and goes when the test does.
+struct Blocked(Child);
+
+impl Drop for Blocked {
+    fn drop(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+}
+
+#[test]
+fn readers_that_do_not_read_and_ends_that_do_not_answer_are_not_felt_on_board() {
+    let rates = "rates = { imu = \"all\", gyro = \"all\", accel = \"all\", fused = \"all\", attitude = \"all\", checkpoint = \"all\" }";
+    let nobody = free_port();
+    let system = with_gateway(free_port(), &format!("connect = [\"tcp/127.0.0.1:{nobody}\"]\n{rates}\n"));
+    let out = system.path("out.csv");
+    let running = system.start(&["--for", "12s", "--out", out.to_str().unwrap()]);
+    let endpoint = endpoint(&system);
+    let blocked = Blocked(station(&[&endpoint], &[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
+    thread::sleep(Duration::from_secs(2));
+    signal(blocked.0.id(), Signal::STOP);
+    // Another one sees all the while what there is.
+    let report = seen(station(&[&endpoint], &["--seconds", "5"]));
+    println!("{report}");
+    assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0);
+    let run = running.wait();
+    run.assert_whole();
+    println!("{}", run.json);
+    assert!(fs::read(out).unwrap() == undisturbed("12s"), "the bytes differ: {}", run.people);
+}
+
+#[test]
+fn a_station_that_finds_nobody_says_where_it_looked() {
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let output = plumb(&["ps", "--remote", "boat", "--connect", &endpoint]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains(&endpoint) && said.contains("nobody is there"), "{said}");
+}
