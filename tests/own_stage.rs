@@ -69,6 +69,20 @@ fn ask(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
+/// Exchanges the fuser. Where the machine is too slow for the change of hands it is taken back with nothing lost, and asked for again.
+fn swapped(system: &System, to: &str) -> Value {
+    for _ in 0..20 {
+        let report = ask(system, &["swap", "fuser", to]);
+        println!("{report}");
+        assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
+        if report["outcome"] == "committed" {
+            assert_eq!(fuser(system)["stage"], to);
+            return report;
+        }
+    }
+    panic!("{to} never took over");
+}
+
 fn fuser(system: &System) -> Value {
     let services = ask(system, &["ps"]);
     services.as_array().and_then(|all| all.iter().find(|one| one["service"] == "fuser").cloned()).unwrap_or_default()
@@ -104,12 +118,9 @@ fn a_stage_in_python_is_swapped_in_and_out_and_nothing_is_lost() {
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     for (from, to) in [("wz", "my-fuser"), ("my-fuser", "vqf"), ("vqf", "my-fuser"), ("my-fuser", "wz")] {
-        let report = ask(&system, &["swap", "fuser", to]);
-        println!("{report}");
-        assert_eq!((&report["outcome"], &report["from"]), (&"committed".into(), &from.into()), "{report}");
-        assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
+        let report = swapped(&system, to);
+        assert_eq!(report["from"], from, "{report}");
         assert!((0.0..5.0).contains(&report["jump_deg"].as_f64().unwrap()), "{report}");
-        assert_eq!(fuser(&system)["stage"], to);
     }
     let wrong = ask(&system, &["swap", "fuser", "my-fuser", "--set", "gain=3"]);
     assert_eq!(wrong["outcome"], "aborted", "{wrong}");
@@ -145,8 +156,7 @@ fn a_stage_in_python_that_is_killed_frozen_or_exchanged_for_itself_changes_no_by
             until("another life", || fuser(system)["state"] == "running" && fuser_pid(system) != pid);
         }
         assert_eq!(fuser(system)["restarts"], 2);
-        let report = ask(system, &["swap", "fuser", "my-fuser"]);
-        assert_eq!((&report["outcome"], report["jump_deg"].as_f64()), (&"committed".into(), Some(0.0)), "{report}");
+        assert_eq!(swapped(system, "my-fuser")["jump_deg"], 0.0);
     });
     assert!(people.contains("was ended by signal 9") && people.contains("has said nothing for"), "{people}");
     assert!(disturbed == undisturbed, "the bytes differ: {people}");
@@ -285,8 +295,7 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out() {
     assert_eq!(judged("my-fuser", &system.path("launch.toml")), (true, Vec::new()));
     let running = started(&system, &[]);
     for to in ["my-fuser", "wz"] {
-        let report = ask(&system, &["swap", "fuser", to]);
-        assert_eq!((&report["outcome"], report["lost"].as_u64()), (&"committed".into(), Some(0)), "{report}");
+        swapped(&system, to);
     }
     running.interrupt();
     running.wait().assert_whole();
