@@ -102,7 +102,6 @@ fn a_station_sees_a_vehicle_and_misses_nothing() {
     assert_eq!(vehicle["services"].as_array().unwrap().len(), 6, "{vehicle}");
     assert_all_arrived(vehicle);
     let attitude = topic(vehicle, "attitude");
-    assert_eq!(number(attitude, "messages"), number(attitude, "samples"), "50 Hz goes one by one");
     let table = fs::read_to_string(tables.join(&system.name).join("attitude.csv")).unwrap();
     assert_eq!(table.lines().count() as u64, number(attitude, "samples") + 1);
     let ticks: Vec<u64> = table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
