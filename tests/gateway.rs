@@ -53,7 +53,7 @@ fn endpoint(system: &System) -> String {
 
 fn station(endpoints: &[&str], more: &[&str]) -> Command {
     let mut command = plumb(&["station", "--json"]);
-    endpoints.iter().for_each(|endpoint| drop(command.args(["--connect", endpoint])));
+    command.args(endpoints.iter().flat_map(|endpoint| ["--connect", endpoint]));
     command.args(more);
     command
 }
@@ -151,7 +151,7 @@ fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
         report["vehicles"].as_array().unwrap().iter().map(|one| one["vehicle"].as_str().unwrap()).collect();
     assert_eq!(names, ["boat", "buoy"], "{report}");
     report["vehicles"].as_array().unwrap().iter().for_each(assert_all_arrived);
-    running.map(end);
+    running.into_iter().for_each(end);
 }
 
 fn open(endpoint: &str) -> Link {
