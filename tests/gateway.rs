@@ -218,7 +218,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     until("the refusal in its health", || {
         let report =
             link.ask_one::<wire::v1::GatewayReport>(&keys::key(&system.name, keys::GATEWAY), Vec::new(), LIMIT);
-        report.unwrap().refused.unwrap().malformed == 1
+        report.is_ok_and(|report| report.refused.unwrap().malformed == 1)
     });
     assert_eq!(epoch(&services(&link, &system.name)), epoch(&after));
     end(running);
