@@ -133,7 +133,10 @@ impl System {
         if begun {
             self.notifier.ready();
         }
-        while begun {
+        loop {
+            if !begun {
+                break;
+            }
             self.wait(lockstep);
             self.ports.credit.greet()?;
             let before = collector.sequence().next_tick;

@@ -153,9 +153,9 @@ pub(super) fn ticks<P: Place>(script: &Script) -> Result<Vec<Tick>, String> {
             .iter()
             .for_each(|feed| FuserPlace::offer(&mut fuser, feed, &mut |state| fused.push(Feed::Fused(state))));
         let feeds = match P::SERVICE {
-            Service::Ingest | Service::Gyro | Service::Accel => vec![Feed::Imu(sample.imu)],
             Service::Fuser => to_fuser,
             Service::Course => sample.gnss.map(Feed::Gnss).into_iter().chain(fused).collect(),
+            _ => vec![Feed::Imu(sample.imu)],
         };
         ticks.push(Tick { imu: sample.imu, feeds, truth: tick.truth.quaternion() });
     }
