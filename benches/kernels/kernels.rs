@@ -20,7 +20,7 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     fuser::{Fuser, FuserInput},
-    gyro::{Gyro, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
 };

@@ -5,7 +5,7 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     course::Reference,
-    fuser::{Fused, Fuser, FuserInput},
+    fuser::{Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     parameters::ParameterError,

@@ -8,7 +8,7 @@ use attitude::{
     accel::Projector,
     course::Reference,
     fuser::{Estimate, Fuser, FuserInput},
-    gyro::{Gyro, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
 };

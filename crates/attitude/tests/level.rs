@@ -6,7 +6,7 @@ use attitude::{
     accel::Projector,
     angles::Angles,
     fuser::{Fused, Fuser, FuserInput},
-    gyro::{Gyro, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
 };

@@ -7,7 +7,7 @@ use attitude::{
     Vector3,
     accel::Projector,
     course::{Course, CourseInput, Reading, Reference},
-    fuser::{Estimate, Fused, Fuser, FuserInput},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
     gyro::{self, Gyro, RateKind, RateSample},
     stage::Stage,

@@ -5,7 +5,7 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     fuser::{Fused, Fuser, FuserInput},
-    gyro::{Gyro, RateKind, RateSample},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
     kinematics,
     point::Chart,
     stage::{RestoreError, Stage},

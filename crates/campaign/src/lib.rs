@@ -31,7 +31,7 @@ pub enum CampaignError {
     Door(#[from] DoorError),
     /// The undisturbed run failed.
     #[error("running the same without a disturbance: {0}")]
-    Undisturbed(#[from] UpError),
+    Undisturbed(Box<UpError>),
     /// A process or a file failed.
     #[error("{doing}: {cause}")]
     System {
@@ -54,6 +54,12 @@ pub enum CampaignError {
         /// Its log.
         log: PathBuf,
     },
+}
+
+impl From<UpError> for CampaignError {
+    fn from(error: UpError) -> Self {
+        Self::Undisturbed(Box::new(error))
+    }
 }
 
 /// The distribution of times, ms.

@@ -161,7 +161,10 @@ fn any(random: &mut ChaCha8Rng, same: bool) -> Wish {
 fn exchange(patient: &mut Patient, name: &str, wish: Wish) -> Result<SwapReport, CampaignError> {
     let (answer, answered) = mpsc::channel::<Result<SwapReport, DoorError>>();
     std::thread::scope(|scope| {
-        scope.spawn(move || answer.send(ask(name, &Ask::Swap(wish))));
+        scope.spawn(move || {
+            // Whoever waits for the answer is there until it comes, or has failed and does not need it.
+            let _ = answer.send(ask(name, &Ask::Swap(wish)));
+        });
         loop {
             match answered.recv_timeout(LOOK_INTERVAL) {
                 Ok(report) => return Ok(report?),

@@ -50,7 +50,7 @@ impl Topic {
     /// The same with the layout.
     pub fn info_json(&self) -> Value {
         let mut info = self.json();
-        let field = |Field { name, kind, offset, meaning, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": meaning });
+        let field = |Field { name, kind, offset, about, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": about });
         info["size"] = self.layout.size.into();
         info["fingerprint"] = format!("{:016x}", self.layout.fingerprint()).into();
         info["fields"] = self.layout.fields.iter().map(|it| field(it, it.unit())).collect();
@@ -75,9 +75,9 @@ impl fmt::Display for Topic {
         writeln!(f, "each reader holds {buffer} messages; {rate} Hz")?;
         write!(f, "{:>8}  {:<20}{:<26}{:<8}meaning", "offset", "field", "type", "unit")?;
         for field in &layout.fields {
-            let Field { name, kind, offset, meaning } = field;
+            let Field { name, kind, offset, about } = field;
             let unit = field.unit().unwrap_or("-");
-            write!(f, "\n{offset:>8}  {name:<20}{kind:<26}{unit:<8}{meaning}")?;
+            write!(f, "\n{offset:>8}  {name:<20}{kind:<26}{unit:<8}{about}")?;
         }
         Ok(())
     }

@@ -45,7 +45,7 @@ pub fn messages() -> String {
     line(&mut text, format_args!("CHECKPOINT_WORDS = {}", messages::CHECKPOINT_WORDS));
     line(
         &mut text,
-        format_args!("# In the order of their wake words.\nTOPICS = ({})", names(quoted(&messages::TOPICS))),
+        format_args!("# In the order of their wake words.\nTOPICS = ({})", names(quoted(messages::TOPICS))),
     );
     let services = launch::Service::ALL.map(launch::Service::name);
     line(&mut text, format_args!("# In the order of the field `service`.\nSLOTS = ({})", names(quoted(&services))));
