@@ -45,16 +45,18 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Every service of the system works.
+fn all_run(system: &System) -> bool {
+    let ps = ask(system, &["ps"]);
+    lines(&ps).first().is_some_and(|all| all.as_array().unwrap().iter().all(|one| one["state"] == "running"))
+}
+
 /// A system that publishes attitudes.
 fn started(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    let all_run = |ps: &Output| {
-        lines(ps).first().is_some_and(|all| all.as_array().unwrap().iter().all(|one| one["state"] == "running"))
-    };
     let flows = |hz: &Output| lines(hz).iter().any(|hz| hz["messages"] == 2);
     until("attitudes", || {
-        flows(&ask(system, &["topic", "hz", "attitude", "--count", "2", "--seconds", "0.2"]))
-            && all_run(&ask(system, &["ps"]))
+        flows(&ask(system, &["topic", "hz", "attitude", "--count", "2", "--seconds", "0.2"])) && all_run(system)
     });
     running
 }
@@ -211,7 +213,7 @@ fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
     let goes_on = |(service, pid): &(String, u32)| service == "fuser" && *pid != restarted;
-    until("the fuser to go on", || running.services().iter().any(goes_on));
+    until("the fuser to go on", || running.services().iter().any(goes_on) && all_run(&system));
     std::thread::sleep(Duration::from_millis(500));
     for observer in frozen {
         signal(observer.pid(), Signal::CONT);
