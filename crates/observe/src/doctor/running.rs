@@ -176,6 +176,7 @@ mod tests {
             epoch: 1,
             ticks: 10,
             lost,
+            at: None,
         }
     }
 
