@@ -98,9 +98,10 @@ pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
             rate(section, topic, &mut out.rates);
         }
     });
-    let has_tls = section.has("tls");
-    endpoints(section, "listen", has_tls, &mut out.listen);
-    endpoints(section, "connect", has_tls, &mut out.connect);
+    let (has_tls, has_access) = (section.has("tls"), section.has("access"));
+    endpoints(section, "listen", has_tls, has_access, &mut out.listen);
+    // Whoever listens holds the list.
+    endpoints(section, "connect", has_tls, true, &mut out.connect);
 }
 
 fn rate(section: &mut Section<'_, '_>, topic: &'static str, rates: &mut BTreeMap<String, Rate>) {
@@ -125,13 +126,19 @@ fn rate(section: &mut Section<'_, '_>, topic: &'static str, rates: &mut BTreeMap
 }
 
 /// Where everybody could listen, or pretend to be somebody, only mutual TLS is allowed.
-fn endpoints(section: &mut Section<'_, '_>, key: &'static str, has_tls: bool, out: &mut Vec<String>) {
+fn endpoints(section: &mut Section<'_, '_>, key: &'static str, has_tls: bool, has_access: bool, out: &mut Vec<String>) {
     let Some(listed) = section.texts(key, ENDPOINTS_MAX) else { return };
     for endpoint in &listed {
         let text = endpoint.get_ref();
         let problem = match Endpoint::of(text) {
             Some(Endpoint::Loopback) => continue,
-            Some(Endpoint::Tls) if has_tls => continue,
+            Some(Endpoint::Tls) if has_tls && has_access => continue,
+            Some(Endpoint::Tls) if has_tls => Problem {
+                help: Some(
+                    "access names the list of who may do what; `plumb keys vehicle NAME --host HOST` writes it".into(),
+                ),
+                ..at(endpoint, key, "has no access list", "needs access")
+            },
             Some(Endpoint::Tls) => Problem {
                 help: Some(CERTIFICATES.into()),
                 ..at(endpoint, key, "has no certificates", "needs [gateway.tls]")
@@ -233,6 +240,7 @@ mod tests {
             ),
             ("connect = [\"tcp/station.example:7447\"]", "[gateway.tls] names the files ca, cert and key"),
             ("listen = [\"tls/0.0.0.0:7447\"]", "needs [gateway.tls]"),
+            ("listen = [\"tls/0.0.0.0:7447\"]\ntls = { ca = \"a\", cert = \"b\", key = \"c\" }", "has no access list"),
             ("listen = [\"udp/127.0.0.1:7447\"]", "expected tcp/HOST:PORT or tls/HOST:PORT"),
             ("listen = [\"tcp/127.0.0.1\"]", "is no endpoint"),
             ("listen = [\"tcp/127.0.0.1:7447#iface=eth0\"]", "is no endpoint"),

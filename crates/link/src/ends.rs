@@ -59,7 +59,9 @@ impl Ends {
             let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
             config.insert_json5(key, &value).map_err(failed)
         };
-        set("mode", quoted("peer"))?;
+        // A router hands nothing from one peer to another; a client of it, or of a vehicle that listens, sees whom it is for.
+        let alone = self.listen.is_empty() && self.connect.len() == 1;
+        set("mode", quoted(if alone { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
         set("connect/timeout_ms", "-1".into())?;
