@@ -47,7 +47,7 @@ pub fn messages() -> String {
         &mut text,
         format_args!("# In the order of their wake words.\nTOPICS = ({})", names(quoted(messages::TOPICS))),
     );
-    let services = launch::Service::ALL.map(launch::Service::name);
+    let services = launch::Service::PATH.map(launch::Service::name);
     line(&mut text, format_args!("# In the order of the field `service`.\nSLOTS = ({})", names(quoted(&services))));
     for (about, names) in constants().into_iter().filter(|(about, _)| *about != "SERVICE") {
         for (name, value) in names {
