@@ -13,6 +13,9 @@ use crate::LinkError;
 /// Ports tried after the one named.
 const PORTS_TRIED: u16 = 64;
 
+/// How long a client tries to reach its router, ms.
+const CLIENT_LIMIT_MS: &str = "10000";
+
 /// The endpoints, and what secures them.
 #[derive(Debug, Clone, Default)]
 pub struct Ends {
@@ -59,13 +62,14 @@ impl Ends {
             let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
             config.insert_json5(key, &value).map_err(failed)
         };
-        // A router hands nothing from one peer to another; a client of it, or of a vehicle that listens, sees whom it is for.
-        let alone = self.listen.is_empty() && self.connect.len() == 1;
-        set("mode", quoted(if alone { "client" } else { "peer" }))?;
+        // A router hands nothing from one peer to another; its client sees whom it is for. A client that finds nobody does not open, so
+        // on the board itself it stays a peer.
+        let client = self.listen.is_empty() && matches!(self.connect.as_slice(), [one] if one.starts_with("tls/"));
+        set("mode", quoted(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
-        set("connect/timeout_ms", "-1".into())?;
-        set("connect/exit_on_failure", "false".into())?;
+        set("connect/timeout_ms", if client { CLIENT_LIMIT_MS } else { "-1" }.into())?;
+        set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
         set("scouting/gossip/enabled", "false".into())?;
         if let Some(Tls { ca, cert, key }) = &self.tls {
