@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `gateway` | what goes beyond the board, and to where |
+//! | `split` | one system on several hosts |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `walk` | reading a table key by key |
 //! | `problem` | what is wrong with a file, and how it is shown |
@@ -20,6 +21,7 @@ mod model;
 mod problem;
 mod schema;
 mod sensors;
+mod split;
 mod walk;
 
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
@@ -29,3 +31,4 @@ pub use model::{
     Sim, Source, Stage, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems};
+pub use split::{CACHE_TICKS_MAX, CARRIED, DENSE, Import};

@@ -36,6 +36,13 @@ pub enum Ask {
     },
     /// How the services are.
     Ps,
+    /// A service has something to say to people.
+    Tell {
+        /// Which one.
+        service: String,
+        /// A line.
+        what: String,
+    },
     /// A service says where it can be reached.
     At {
         /// Which one.

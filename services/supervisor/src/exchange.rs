@@ -112,12 +112,14 @@ impl Exchange {
             margin_ticks: margin_ticks.max(8),
         };
         let slots =
-            Service::ALL.into_iter().filter(|service| orders.launch.slot(*service).is_some()).map(|service| Slot {
-                service,
-                coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
-                candidate: None,
-                ready: false,
-            });
+            crew.posts().map(|(service, _)| service).filter(|service| orders.launch.slot(*service).is_some()).map(
+                |service| Slot {
+                    service,
+                    coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
+                    candidate: None,
+                    ready: false,
+                },
+            );
         Ok(Self {
             slots: slots.collect(),
             control: bus.publisher(BUFFER_BESIDE)?,
@@ -140,11 +142,13 @@ impl Exchange {
         self.requests += 1;
         let id = self.requests;
         let Wish { slot, stage, shadow, expected_epoch } = wish;
-        let from = Service::named(&slot).and_then(|service| self.orders.launch.slot(service));
-        let (service, from) = match (Service::named(&slot), from) {
+        let here = Service::named(&slot).filter(|service| self.slots.iter().any(|slot| slot.service == *service));
+        let from = here.and_then(|service| self.orders.launch.slot(service));
+        let (service, from) = match (here, from) {
             (Some(service), Some(from)) => (service, from.stage.clone()),
             _ => {
-                let reason = format!("there is no slot `{slot}`; there are gyro, accel, fuser and course");
+                let slots: Vec<_> = self.slots.iter().map(|slot| slot.service.name()).collect();
+                let reason = format!("there is no slot `{slot}` here; there are: {}", slots.join(", "));
                 self.refuse(id, slot, String::new(), stage.stage, reason);
                 return id;
             }
@@ -244,7 +248,8 @@ impl Exchange {
             let (id, service, stage, shadow) = self.queued.swap_remove(place);
             self.request(id, service, stage, shadow, crew, memory);
         }
-        let newest_tick = bus.next_tick::<ImuSample>().saturating_sub(1);
+        // Where the samples are on another host, what was made of them tells it.
+        let newest_tick = bus.next_tick::<ImuSample>().max(bus.next_tick::<GyroStep>()).saturating_sub(1);
         for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
             let kept = readers(service).iter().filter_map(|reader| memory.newest_tick(*reader)).min();
@@ -416,7 +421,7 @@ fn health(heard: &Heard, published_tick: u64) -> Event {
 }
 
 /// The tick after the newest one that a slot has published.
-fn published_tick(bus: &Bus, service: Service) -> u64 {
+pub fn published_tick(bus: &Bus, service: Service) -> u64 {
     match service {
         Service::Ingest => bus.next_tick::<ImuSample>(),
         Service::Gyro => bus.next_tick::<GyroStep>(),

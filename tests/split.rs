@@ -1,0 +1,2 @@
+//! One system on two hosts.
+mod common;
