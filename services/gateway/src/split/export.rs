@@ -181,11 +181,11 @@ fn source(member: &Member, place: usize, topic: &str) -> Result<Box<dyn Source>,
 /// A topic with every tick: each once, in order, whoever fills the slot.
 fn in_order<M: Ticked>(member: &Member, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
     let lateness_ticks = member.orders.lateness_ticks() / 2;
-    let inlet = match member.orders.resume {
+    let inlet: Inlet<M> = match member.orders.resume {
         None => Inlet::starting(0, FIRST_EPOCH, lateness_ticks),
         Some(_) => Inlet::joining(FIRST_EPOCH, lateness_ticks),
     };
-    Tap::open(member, place, Some(inlet))
+    Tap::<M>::open(member, place, Some(inlet))
 }
 
 /// A topic with some ticks, from one publisher.
