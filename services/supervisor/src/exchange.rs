@@ -421,7 +421,7 @@ fn health(heard: &Heard, published_tick: u64) -> Event {
 }
 
 /// The tick after the newest one that a slot has published.
-pub fn published_tick(bus: &Bus, service: Service) -> u64 {
+pub(crate) fn published_tick(bus: &Bus, service: Service) -> u64 {
     match service {
         Service::Ingest => bus.next_tick::<ImuSample>(),
         Service::Gyro => bus.next_tick::<GyroStep>(),

@@ -43,7 +43,7 @@ use runtime::RuntimeError;
 
 pub use crew::Standing;
 pub use door::{Ask, DoorError, ask};
-pub use exchange::{SwapReport, Wish, published_tick};
+pub use exchange::{SwapReport, Wish};
 pub use plan::{Plan, Request};
 pub use report::Report;
 pub use swap::Outcome;

@@ -111,7 +111,9 @@ impl System {
     }
 
     fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
-        let lockstep = plan.orders.lockstep();
+        let origin = plan.orders.launch.origin();
+        // After a cut an import has more to give than a topic holds.
+        let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
         let window = plan.orders.window_ticks();
         let start = Instant::now();
         let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
@@ -122,7 +124,6 @@ impl System {
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         let begun = self.is_ready();
-        let origin = plan.orders.launch.origin();
         while begun {
             self.wait(lockstep);
             self.ports.credit.greet()?;

@@ -8,7 +8,7 @@ use std::{
 };
 
 use bus::{BusError, Publisher, Subscriber};
-use launch::{Launch, Service};
+use launch::Service;
 use link::{Link, LinkError, Stream};
 use messages::{AccelPoint, Credit, FusedState, GnssFix, GyroStep, ImuSample, MagSample, Message, Ticked};
 use runtime::{
@@ -36,7 +36,7 @@ const ASK_INTERVAL: Duration = Duration::from_millis(100);
 const ANSWER_LIMIT: Duration = Duration::from_secs(2);
 /// Frames taken before one looks whether something is missing.
 const FRAMES_MAX: usize = 256;
-/// A slot here that stands still holds up the others for so long.
+/// Slots here that stand still hold up the others for so long.
 const HOLD_LIMIT: Duration = Duration::from_secs(5);
 /// Between two lines for people.
 const TELL_INTERVAL: Duration = Duration::from_secs(1);
@@ -47,13 +47,13 @@ const SPANS_MAX: usize = 8;
 pub(crate) struct Import {
     outlets: Vec<Option<Box<dyn Outlet>>>,
     credit: Subscriber<Credit>,
-    /// Every slot here has opened its topics.
-    begun: bool,
-    slots: Vec<Service>,
+    /// How far the slots here can take ticks; `None` until each has opened its topics.
+    granted_tick: Option<u64>,
     window_ticks: u64,
-    /// Ticks from here on are not held up by slots that have not published them.
+    /// A window from here on needs no leave: nothing before it is to come.
     floor_tick: u64,
-    slowest: (u64, Instant),
+    /// Since when nothing could be published for want of leave.
+    held_since: Instant,
     notes: Notes,
     pub(crate) next_tick: u64,
     pub(crate) lost: u64,
@@ -89,16 +89,13 @@ impl Import {
         let arrivals = Arrivals::new(mask, orders.rate_hz, run, next_tick, end_tick);
         let outlets = CARRIED_TOPICS.iter().enumerate();
         let outlets = outlets.map(|(place, topic)| (mask & (1 << place) != 0).then(|| outlet(member, topic.name)));
-        let Launch { services, .. } = &orders.launch;
         Ok(Self {
             outlets: outlets.map(Option::transpose).collect::<Result<_, _>>()?,
             credit: member.bus.late_subscriber(BUFFER_BESIDE)?,
-            begun: false,
-            slots: services.iter().copied().filter(|service| !service.is_beside()).collect(),
-            // More than a join waits for, less than a topic holds.
-            window_ticks: (orders.buffer_ticks() as u64 + orders.lateness_ticks()) / 2,
+            granted_tick: None,
+            window_ticks: orders.window_ticks(),
             floor_tick: next_tick,
-            slowest: (0, Instant::now()),
+            held_since: Instant::now(),
             notes: Notes::open(member)?,
             next_tick,
             lost: 0,
@@ -117,15 +114,20 @@ impl Import {
         for outlet in self.outlets.iter().flatten() {
             outlet.greet()?;
         }
-        self.credit.drain(BUFFER_BESIDE, |_| self.begun = true)?;
-        let limit_tick = self.limit_tick(member);
+        let granted_tick = &mut self.granted_tick;
+        self.credit.drain(BUFFER_BESIDE, |credit| *granted_tick = (*granted_tick).max(Some(credit.ticks)))?;
         let before = self.next_tick;
-        while self.begun && self.next_tick < limit_tick {
+        while self.next_tick < self.limit_tick() {
             let Some(turn) = locked(&self.intake.arrivals).take() else { break };
             match turn {
                 Turn::Record(record) => self.publish(&record)?,
                 Turn::Lost(span) => self.lose(span),
             }
+        }
+        if self.next_tick < self.limit_tick() || self.next_tick != before {
+            self.held_since = Instant::now();
+        } else if self.held_since.elapsed() > HOLD_LIMIT {
+            self.floor_tick = self.next_tick;
         }
         if self.next_tick != before {
             self.outlets.iter().flatten().for_each(|outlet| outlet.wake());
@@ -153,17 +155,10 @@ impl Import {
         self.losses.add(span);
     }
 
-    /// After a cut more comes at once than a topic holds: it waits for the slowest slot here, unless that stands still.
-    fn limit_tick(&mut self, member: &Member) -> u64 {
-        let published = self.slots.iter().map(|slot| supervisor::published_tick(&member.bus, *slot)).min();
-        let slowest_tick = published.unwrap_or(u64::MAX).max(self.floor_tick);
-        let limit_tick = slowest_tick.saturating_add(self.window_ticks);
-        if self.slowest.0 != slowest_tick || self.next_tick < limit_tick {
-            self.slowest = (slowest_tick, Instant::now());
-        } else if self.slowest.1.elapsed() > HOLD_LIMIT {
-            self.floor_tick = self.next_tick;
-        }
-        limit_tick
+    /// After a cut more comes at once than a topic holds: the slots here give leave, unless they stand still.
+    fn limit_tick(&self) -> u64 {
+        let granted = |granted_tick: u64| granted_tick.max(self.floor_tick.saturating_add(self.window_ticks));
+        self.granted_tick.map_or(0, granted)
     }
 }
 
