@@ -6,6 +6,7 @@ mod common;
 use std::{
     fs,
     net::TcpListener,
+    path::Path,
     process::{Child, Command, Stdio},
     thread,
     time::Duration,
@@ -53,7 +54,7 @@ fn endpoint(system: &System) -> String {
 
 fn station(endpoints: &[&str], more: &[&str]) -> Command {
     let mut command = plumb(&["station", "--json"]);
-    endpoints.iter().for_each(|endpoint| drop(command.args(["--connect", endpoint])));
+    command.args(endpoints.iter().flat_map(|endpoint| ["--connect", endpoint]));
     command.args(more);
     command
 }
@@ -72,6 +73,12 @@ fn topic<'v>(vehicle: &'v Value, name: &str) -> &'v Value {
 
 fn number(value: &Value, name: &str) -> u64 {
     value[name].as_u64().unwrap_or_else(|| panic!("no {name}: {value}"))
+}
+
+/// The first column of a station's table.
+fn ticks(table: &Path) -> Vec<u64> {
+    let text = fs::read_to_string(table).unwrap();
+    text.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()
 }
 
 /// Nothing was lost on the way or on board, and nothing was refused.
@@ -102,10 +109,8 @@ fn a_station_sees_a_vehicle_and_misses_nothing() {
     assert_eq!(vehicle["services"].as_array().unwrap().len(), 6, "{vehicle}");
     assert_all_arrived(vehicle);
     let attitude = topic(vehicle, "attitude");
-    assert_eq!(number(attitude, "messages"), number(attitude, "samples"), "50 Hz goes one by one");
-    let table = fs::read_to_string(tables.join(&system.name).join("attitude.csv")).unwrap();
-    assert_eq!(table.lines().count() as u64, number(attitude, "samples") + 1);
-    let ticks: Vec<u64> = table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+    let ticks = ticks(&tables.join(&system.name).join("attitude.csv"));
+    assert_eq!(ticks.len() as u64, number(attitude, "samples"));
     assert!(ticks.len() > 50 && ticks.windows(2).all(|pair| pair[1] - pair[0] == 20), "50 of 1000 Hz: {ticks:?}");
     assert!(number(topic(vehicle, "health"), "samples") > 10 && number(topic(vehicle, "gateway"), "messages") > 1);
     end(running);
@@ -127,9 +132,7 @@ fn every_sample_of_a_fast_topic_comes_down_several_to_a_message() {
     for name in ["imu", "attitude"] {
         let topic = topic(vehicle, name);
         assert!(number(topic, "samples") > 5 * number(topic, "messages"), "{topic}");
-        let table = fs::read_to_string(tables.join(&system.name).join(format!("{name}.csv"))).unwrap();
-        let ticks: Vec<u64> =
-            table.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+        let ticks = ticks(&tables.join(&system.name).join(format!("{name}.csv")));
         assert!(ticks.len() > 1000 && ticks.windows(2).all(|pair| pair[1] == pair[0] + 1), "{name}: a tick is missing");
     }
     assert!(vehicle["topics"].as_array().unwrap().iter().all(|topic| topic["topic"] != "health"));
@@ -152,7 +155,7 @@ fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
         report["vehicles"].as_array().unwrap().iter().map(|one| one["vehicle"].as_str().unwrap()).collect();
     assert_eq!(names, ["boat", "buoy"], "{report}");
     report["vehicles"].as_array().unwrap().iter().for_each(assert_all_arrived);
-    running.map(end);
+    running.into_iter().for_each(end);
 }
 
 fn open(endpoint: &str) -> Link {
@@ -219,7 +222,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     until("the refusal in its health", || {
         let report =
             link.ask_one::<wire::v1::GatewayReport>(&keys::key(&system.name, keys::GATEWAY), Vec::new(), LIMIT);
-        report.unwrap().refused.unwrap().malformed == 1
+        report.is_ok_and(|report| report.refused.unwrap().malformed == 1)
     });
     assert_eq!(epoch(&services(&link, &system.name)), epoch(&after));
     end(running);
@@ -249,13 +252,28 @@ fn undisturbed(duration: &str) -> Vec<u8> {
     fs::read(out).unwrap()
 }
 
-/// A station that stops reading, and goes when the test does.
-struct Blocked(Child);
+/// A station of the test, which goes when the test does.
+struct Watching(Option<Child>);
 
-impl Drop for Blocked {
+impl Watching {
+    fn signal(&self, how: Signal) {
+        signal(self.0.as_ref().unwrap().id(), how);
+    }
+
+    /// Ends it as Ctrl-C does; what it has seen.
+    fn end(mut self) -> Value {
+        self.signal(Signal::INT);
+        let output = self.0.take().unwrap().wait_with_output().unwrap();
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+}
+
+impl Drop for Watching {
     fn drop(&mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
+        if let Some(child) = &mut self.0 {
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
     }
 }
 
@@ -264,20 +282,30 @@ fn readers_that_do_not_read_and_ends_that_do_not_answer_are_not_felt_on_board() 
     let rates = "rates = { imu = \"all\", gyro = \"all\", accel = \"all\", fused = \"all\", attitude = \"all\", checkpoint = \"all\" }";
     let nobody = free_port();
     let system = with_gateway(free_port(), &format!("connect = [\"tcp/127.0.0.1:{nobody}\"]\n{rates}\n"));
-    let out = system.path("out.csv");
-    let running = system.start(&["--for", "12s", "--out", out.to_str().unwrap()]);
+    let (out, tables) = (system.path("out.csv"), system.path("tables"));
+    let running = system.start(&["--for", "14s", "--out", out.to_str().unwrap()]);
     let endpoint = endpoint(&system);
-    let blocked = Blocked(station(&[&endpoint], &[]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
+    let mut command = station(&[&endpoint], &["--csv", tables.to_str().unwrap()]);
+    let blocked = Watching(Some(command.stdout(Stdio::piped()).spawn().unwrap()));
     thread::sleep(Duration::from_secs(2));
-    signal(blocked.0.id(), Signal::STOP);
+    blocked.signal(Signal::STOP);
     // Another one sees all the while what there is.
-    let report = seen(station(&[&endpoint], &["--seconds", "5"]));
-    println!("{report}");
-    assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0);
+    let report = seen(station(&[&endpoint], &["--seconds", "7"]));
+    assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
+    blocked.signal(Signal::CONT);
     let run = running.wait();
     run.assert_whole();
-    println!("{}", run.json);
-    assert!(fs::read(out).unwrap() == undisturbed("12s"), "the bytes differ: {}", run.people);
+    assert!(fs::read(out).unwrap() == undisturbed("14s"), "the bytes differ: {}", run.people);
+    // What the one that slept has missed is what the numbers say that it has missed.
+    let report = blocked.end();
+    println!("{report}");
+    for name in ["imu", "attitude"] {
+        let topic = topic(&report["vehicles"][0], name);
+        let ticks = ticks(&tables.join(&system.name).join(format!("{name}.csv")));
+        let (first, last) = (*ticks.first().unwrap(), *ticks.last().unwrap());
+        let missing = last + 1 - first - ticks.len() as u64;
+        assert_eq!(missing, number(topic, "lost_samples") + number(topic, "dropped"), "{topic}");
+    }
 }
 
 #[test]

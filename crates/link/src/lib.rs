@@ -118,7 +118,7 @@ pub enum LinkError {
         ends: String,
     },
     /// Nobody has answered.
-    #[error("asking {key}: no answer within {limit_s:.0} s; `plumb station` shows the vehicles there are")]
+    #[error("asking {key}: nobody answered, {limit_s:.0} s at most; `plumb station` shows the vehicles there are")]
     NoAnswer {
         /// The question.
         key: String,
