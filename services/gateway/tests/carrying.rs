@@ -23,7 +23,7 @@ fn mask(topics: &[&str]) -> u8 {
 
 fn header(tick: u64) -> Header {
     // Each third tick has a field.
-    let flags = Flags::FIELD.when(tick % 3 == 0);
+    let flags = Flags::FIELD.when(tick.is_multiple_of(3));
     Header {
         tick,
         t_start_ns: tick as i64 * 1_000_000,
@@ -53,7 +53,7 @@ fn offer<M: messages::Ticked>(merge: &mut Merge, message: M) {
 /// What the merge makes of one tick with all its messages.
 fn whole(tick: u64) -> Record {
     let mut record = Record::empty(tick);
-    if tick % 3 == 0 {
+    if tick.is_multiple_of(3) {
         record.push(place("mag").unwrap(), bytemuck::bytes_of(&mag(tick)));
     }
     record.push(place("accel").unwrap(), bytemuck::bytes_of(&accel(tick)));
@@ -136,7 +136,7 @@ fn a_later_life_begins_with_the_first_tick_that_all_topics_still_hold() {
     (100..200).for_each(|tick| offer(&mut merge, gyro(tick)));
     assert_eq!(take_all(&mut merge), [], "the others hold something too, which comes when they next act");
     (103..200).for_each(|tick| offer(&mut merge, accel(tick)));
-    (60..200).filter(|tick| tick % 3 == 0).for_each(|tick| offer(&mut merge, mag(tick)));
+    (60..200).filter(|tick| tick.is_multiple_of(3)).for_each(|tick| offer(&mut merge, mag(tick)));
     assert_eq!(take_all(&mut merge), (103..200).map(whole).collect::<Vec<_>>());
 }
 
@@ -216,7 +216,7 @@ proptest! {
         let mut cache = Cache::new(kept);
         let (mut arrivals, mut held) = (arrivals(0), Vec::<Vec<u8>>::new());
         let (mut next, mut came, mut lost) = (0, Vec::new(), Vec::new());
-        let mut run = |arrivals: &mut Arrivals, came: &mut Vec<u64>, lost: &mut Vec<u64>| while let Some(turn) = arrivals.take() {
+        let run = |arrivals: &mut Arrivals, came: &mut Vec<u64>, lost: &mut Vec<u64>| while let Some(turn) = arrivals.take() {
             match turn {
                 Turn::Record(record) => {
                     assert_eq!(record, whole(record.tick));
