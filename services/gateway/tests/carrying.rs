@@ -136,7 +136,7 @@ fn a_later_life_begins_with_the_first_tick_that_all_topics_still_hold() {
     (100..200).for_each(|tick| offer(&mut merge, gyro(tick)));
     assert_eq!(take_all(&mut merge), [], "the others hold something too, which comes when they next act");
     (103..200).for_each(|tick| offer(&mut merge, accel(tick)));
-    (60..200).filter(|tick| tick.is_multiple_of(3)).for_each(|tick| offer(&mut merge, mag(tick)));
+    (60..200).filter(|tick: &u64| tick.is_multiple_of(3)).for_each(|tick| offer(&mut merge, mag(tick)));
     assert_eq!(take_all(&mut merge), (103..200).map(whole).collect::<Vec<_>>());
 }
 
