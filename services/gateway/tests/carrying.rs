@@ -135,9 +135,15 @@ fn a_later_life_begins_with_the_first_tick_that_all_topics_still_hold() {
     let mut merge = Merge::joining(all(), LATENESS, 200);
     (100..200).for_each(|tick| offer(&mut merge, gyro(tick)));
     assert_eq!(take_all(&mut merge), [], "the others hold something too, which comes when they next act");
-    (103..200).for_each(|tick| offer(&mut merge, accel(tick)));
+    offer(&mut merge, accel(103));
+    assert_eq!(
+        take_all(&mut merge),
+        [whole(103)],
+        "what was published once is not given up, however far another topic is"
+    );
+    (104..200).for_each(|tick| offer(&mut merge, accel(tick)));
     (60..200).filter(|tick: &u64| tick.is_multiple_of(3)).for_each(|tick| offer(&mut merge, mag(tick)));
-    assert_eq!(take_all(&mut merge), (103..200).map(whole).collect::<Vec<_>>());
+    assert_eq!(take_all(&mut merge), (104..200).map(whole).collect::<Vec<_>>());
 }
 
 #[test]
@@ -197,6 +203,18 @@ fn ticks_no_longer_kept_are_named_exactly_and_the_stream_goes_on_behind_them() {
     arrivals.offer(Frame::decode(&frame(&later, 50..95)).unwrap()).unwrap();
     let rest: Vec<_> = std::iter::from_fn(|| arrivals.take()).collect();
     assert_eq!(rest, (50..100).map(|tick| Turn::Record(whole(tick))).collect::<Vec<_>>());
+}
+
+#[test]
+fn ticks_that_came_before_they_were_given_up_are_not_lost() {
+    let mut arrivals = arrivals(10);
+    arrivals.offer(Frame::decode(&frame(&cache(0..30, 50), 20..30)).unwrap()).unwrap();
+    assert_eq!(arrivals.take(), None, "10 to 19 are still kept");
+    arrivals.offer(Frame::decode(&frame(&cache(0..100, 50), 50..60)).unwrap()).unwrap();
+    let turns: Vec<_> = std::iter::from_fn(|| arrivals.take()).collect();
+    let came = |ticks: Range<u64>| ticks.map(|tick| Turn::Record(whole(tick)));
+    let expected = [Turn::Lost(10..20)].into_iter().chain(came(20..30)).chain([Turn::Lost(30..50)]).chain(came(50..60));
+    assert_eq!(turns, expected.collect::<Vec<_>>());
 }
 
 #[test]
