@@ -8,6 +8,7 @@ use gateway::split::{
     arrivals::{ArrivalError, Arrivals, Turn},
     cache::Cache,
     frame::{Frame, FrameError, Head},
+    losses::Losses,
     merge::Merge,
     record::{CARRIED_TOPICS, Record, place, places},
 };
@@ -174,6 +175,34 @@ fn a_foreign_layout_is_refused_with_both_fingerprints() {
     assert_eq!(error, FrameError::Layout { topic: "gyro".into(), here, there });
     let text = error.to_string();
     assert!(text.contains(&format!("{here:016x}")) && text.contains(&format!("{there:016x}")), "{text}");
+}
+
+#[test]
+fn a_head_that_cannot_be_is_refused() {
+    let cache = cache(0..30, 20);
+    let right = head(&cache, 10);
+    for wrong in [
+        Head { oldest_tick: u64::MAX, ..right.clone() },
+        Head { next_tick: u64::MAX, ..right.clone() },
+        Head { next_tick: 20, ..right.clone() },
+        Head { first_tick: 9, ..right.clone() },
+    ] {
+        let bytes = Frame::encode(&wrong, cache.from(10)).0;
+        assert!(matches!(Frame::decode(&bytes), Err(FrameError::Malformed { .. })), "{wrong:?}");
+    }
+    assert!(Frame::decode(&Frame::encode(&right, cache.from(10)).0).is_ok());
+}
+
+#[test]
+fn many_losses_are_said_in_one_line() {
+    let mut losses = Losses::default();
+    assert_eq!(losses.take_line(0), None);
+    [3..5, 5..9, 20..21].into_iter().for_each(|span| losses.add(span));
+    let line = "lost, no longer kept by the other host: ticks 3 to 8 (6), 20 to 20 (1); 7 in all";
+    assert_eq!(losses.take_line(7).as_deref(), Some(line));
+    (0..10).for_each(|span| losses.add(10 * span..10 * span + 2));
+    assert!(losses.take_line(27).unwrap().ends_with("70 to 71 (2), 4 others; 27 in all"));
+    assert_eq!(losses.take_line(27), None);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 //! The two ends are the same program, so the layouts are compared and not translated. What comes from elsewhere is checked before
 //! anything is made of it.
 
+use launch::CACHE_TICKS_MAX;
 use serde::{Deserialize, Serialize};
 
 use super::record::{Record, header, place, places};
@@ -112,8 +113,10 @@ impl Frame {
             tick = tick.checked_add(1).ok_or_else(|| malformed("its ticks have no end"))?;
             rest = after;
         }
-        if tick > head.next_tick {
-            return Err(malformed("it has more ticks than there are"));
+        let kept_ticks = head.next_tick.checked_sub(head.oldest_tick);
+        let within = head.oldest_tick <= head.first_tick && tick <= head.next_tick;
+        if !within || kept_ticks.is_none_or(|kept_ticks| kept_ticks > CACHE_TICKS_MAX as u64) {
+            return Err(malformed("its ticks are not among those that it says are kept"));
         }
         Ok(Self { head, records })
     }

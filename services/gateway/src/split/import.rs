@@ -22,6 +22,7 @@ use super::{
     Notes,
     arrivals::{Arrivals, Turn},
     frame::Frame,
+    losses::Losses,
     record::{CARRIED_TOPICS, Record, place},
 };
 use crate::{Shared, locked, tell};
@@ -38,10 +39,9 @@ const ANSWER_LIMIT: Duration = Duration::from_secs(2);
 const FRAMES_MAX: usize = 256;
 /// Slots here that stand still hold up the others for so long.
 const HOLD_LIMIT: Duration = Duration::from_secs(5);
-/// Between two lines for people.
+
+/// Between two lines for people about what was lost.
 const TELL_INTERVAL: Duration = Duration::from_secs(1);
-/// Spans named in a line; of more the number of ticks is said.
-const SPANS_MAX: usize = 8;
 
 /// The bus's side.
 pub(crate) struct Import {
@@ -58,6 +58,7 @@ pub(crate) struct Import {
     pub(crate) next_tick: u64,
     pub(crate) lost: u64,
     losses: Losses,
+    told: Instant,
     shared: Arc<Shared>,
     pub(crate) intake: Arc<Intake>,
 }
@@ -68,12 +69,6 @@ pub(crate) struct Intake {
     arrivals: Mutex<Arrivals>,
     come: Condvar,
     key: String,
-}
-
-/// Spans that are yet to be said.
-struct Losses {
-    spans: Vec<Range<u64>>,
-    told: Instant,
 }
 
 impl Import {
@@ -99,7 +94,8 @@ impl Import {
             notes: Notes::open(member)?,
             next_tick,
             lost: 0,
-            losses: Losses { spans: Vec::new(), told: Instant::now() },
+            losses: Losses::default(),
+            told: Instant::now(),
             shared,
             intake: Arc::new(Intake {
                 arrivals: Mutex::new(arrivals),
@@ -132,7 +128,10 @@ impl Import {
         if self.next_tick != before {
             self.outlets.iter().flatten().for_each(|outlet| outlet.wake());
         }
-        if let Some(what) = self.losses.line(self.lost) {
+        if self.told.elapsed() > TELL_INTERVAL
+            && let Some(what) = self.losses.take_line(self.lost)
+        {
+            self.told = Instant::now();
             tell(self.shared.clone(), Ask::Tell { service: Service::Gateway.name().into(), what });
         }
         let run = locked(&self.intake.arrivals).run();
@@ -159,32 +158,6 @@ impl Import {
     fn limit_tick(&self) -> u64 {
         let granted = |granted_tick: u64| granted_tick.max(self.floor_tick.saturating_add(self.window_ticks));
         self.granted_tick.map_or(0, granted)
-    }
-}
-
-impl Losses {
-    fn add(&mut self, span: Range<u64>) {
-        match self.spans.last_mut() {
-            Some(last) if last.end == span.start => last.end = span.end,
-            _ => self.spans.push(span),
-        }
-    }
-
-    /// What is to be said, if it is time.
-    fn line(&mut self, lost: u64) -> Option<String> {
-        if self.spans.is_empty() || self.told.elapsed() < TELL_INTERVAL {
-            return None;
-        }
-        self.told = Instant::now();
-        let spans = std::mem::take(&mut self.spans);
-        let named = spans.iter().take(SPANS_MAX);
-        let mut text: Vec<_> =
-            named.map(|span| format!("{} to {} ({})", span.start, span.end - 1, span.end - span.start)).collect();
-        let others: u64 = spans.iter().skip(SPANS_MAX).map(|span| span.end - span.start).sum();
-        if others > 0 {
-            text.push(format!("{others} others"));
-        }
-        Some(format!("lost, no longer kept by the other host: ticks {}; {lost} in all", text.join(", ")))
     }
 }
 

@@ -11,6 +11,7 @@
 //! | [`cache`] | the records kept for who was cut off |
 //! | [`frame`] | records on the wire |
 //! | [`arrivals`] | what came, what is missing, what is lost for good |
+//! | [`losses`] | what is lost for good, in words |
 //! | `export`, `import` | both ends, between bus and network |
 
 pub mod arrivals;
@@ -18,6 +19,7 @@ pub mod cache;
 pub(crate) mod export;
 pub mod frame;
 pub(crate) mod import;
+pub mod losses;
 pub mod merge;
 pub mod record;
 
