@@ -44,8 +44,8 @@ fn base(board: &System, endpoint: &str, more: &str) -> System {
 }
 
 /// The bytes of the run in one process.
-fn undisturbed(arguments: &[&str]) -> Vec<u8> {
-    let system = System::new("");
+fn undisturbed(launch: &str, arguments: &[&str]) -> Vec<u8> {
+    let system = System::new(launch);
     let out = system.path("out.csv");
     let more = ["--in-process", "--speed", "max", "--out", out.to_str().unwrap()];
     system.run(&[arguments, &more].concat()).assert_whole();
@@ -85,7 +85,7 @@ impl Halves {
     fn assert_undisturbed(self, duration: &str) -> Run {
         let (run, bytes) = self.end();
         run.assert_whole();
-        assert!(bytes == undisturbed(&["--for", duration]), "the bytes differ: {}", run.people);
+        assert!(bytes == undisturbed("", &["--for", duration]), "the bytes differ: {}", run.people);
         run
     }
 }
@@ -183,6 +183,19 @@ fn two_halves_give_the_bytes_of_the_whole() {
 }
 
 #[test]
+fn fixes_go_with_their_ticks() {
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let cruise = "[ingest.sim]\nscenario = \"cruise\"";
+    let board = board(&endpoint, cruise);
+    let base = base(&board, &endpoint, "");
+    let (run, bytes) = Halves::start(board, base, "6s").end();
+    run.assert_whole();
+    assert!(bytes == undisturbed(cruise, &["--for", "6s"]), "the bytes differ: {}", run.people);
+    let flags = run.line("flags");
+    assert!(flags.contains("fix") && !flags.contains("aiding-missing"), "{flags}");
+}
+
+#[test]
 fn gateways_that_are_killed_lose_nothing_and_change_no_byte() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
@@ -274,7 +287,7 @@ fn a_cut_longer_than_the_cache_is_named_exactly() {
         text.lines().skip(1).map(|line| line.split(',').next().unwrap().to_owned()).collect()
     };
     let there: HashSet<_> = lines(&bytes).into_iter().collect();
-    let whole = lines(&undisturbed(&["--for", "16s"]));
+    let whole = lines(&undisturbed("", &["--for", "16s"]));
     let missing: HashSet<_> = (0..whole.len() as u64).filter(|tick| !there.contains(&whole[*tick as usize])).collect();
     assert_eq!(missing, named, "{}", run.people);
 }
