@@ -183,16 +183,18 @@ fn two_halves_give_the_bytes_of_the_whole() {
 }
 
 #[test]
-fn fixes_go_with_their_ticks() {
-    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
-    let cruise = "[ingest.sim]\nscenario = \"cruise\"";
-    let board = board(&endpoint, cruise);
-    let base = base(&board, &endpoint, "");
-    let (run, bytes) = Halves::start(board, base, "6s").end();
-    run.assert_whole();
-    assert!(bytes == undisturbed(cruise, &["--for", "6s"]), "the bytes differ: {}", run.people);
-    let flags = run.line("flags");
-    assert!(flags.contains("fix") && !flags.contains("aiding-missing"), "{flags}");
+fn field_and_fixes_go_with_their_ticks() {
+    for (scenario, flag) in [("cruise", "fix"), ("s3", "field")] {
+        let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+        let launch = format!("[ingest.sim]\nscenario = \"{scenario}\"");
+        let board = board(&endpoint, &launch);
+        let base = base(&board, &endpoint, "");
+        let (run, bytes) = Halves::start(board, base, "4s").end();
+        run.assert_whole();
+        assert!(bytes == undisturbed(&launch, &["--for", "4s"]), "the bytes differ: {}", run.people);
+        let flags = run.line("flags");
+        assert!(flags.contains(flag) && !flags.contains("aiding-missing"), "{flags}");
+    }
 }
 
 #[test]
