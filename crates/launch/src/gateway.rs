@@ -5,7 +5,12 @@ use std::{collections::BTreeMap, net::IpAddr, path::PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
-use crate::{model::system_name, problem::Problem, walk::Section};
+use crate::{
+    model::system_name,
+    problem::Problem,
+    split::{self, Import},
+    walk::Section,
+};
 
 /// Endpoints of each kind at most.
 const ENDPOINTS_MAX: usize = 16;
@@ -23,6 +28,12 @@ pub struct Gateway {
     pub messages_hz: f64,
     /// How much of each topic goes out, by its name; nothing of a topic that is not there.
     pub rates: BTreeMap<String, Rate>,
+    /// Topics that slots on other hosts take part in: each tick goes out, and again to who missed it.
+    pub export: Vec<String>,
+    /// For how long exported ticks are kept for a host that was cut off, s.
+    pub cache_s: f64,
+    /// What comes from the slots of another host.
+    pub import: Option<Import>,
     /// The certificates of mutual TLS.
     pub tls: Option<Tls>,
     /// A file with Zenoh's `access_control`: who may do what.
@@ -64,6 +75,9 @@ impl Default for Gateway {
             listen: vec!["tcp/127.0.0.1:7447".into()],
             connect: Vec::new(),
             messages_hz: 200.0,
+            export: Vec::new(),
+            cache_s: 30.0,
+            import: None,
             rates: rates.map(|(topic, rate)| (topic.into(), rate)).into(),
             tls: None,
             access: None,
@@ -98,6 +112,7 @@ pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
             rate(section, topic, &mut out.rates);
         }
     });
+    split::split(section, out);
     let (has_tls, has_access) = (section.has("tls"), section.has("access"));
     endpoints(section, "listen", has_tls, has_access, &mut out.listen);
     // Whoever listens holds the list.

@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `gateway` | what goes beyond the board, and to where |
+//! | `split` | one system on several hosts |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `program` | stages of the user's own |
 //! | `watch` | stages that take over by themselves |
@@ -23,6 +24,7 @@ mod problem;
 mod program;
 mod schema;
 mod sensors;
+mod split;
 mod walk;
 mod watch;
 
@@ -34,4 +36,5 @@ pub use model::{
 };
 pub use problem::{LaunchError, Problems};
 pub use program::Program;
+pub use split::{CACHE_TICKS_MAX, CARRIED, DENSE, Import};
 pub use watch::{Measure, Watch};

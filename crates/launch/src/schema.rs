@@ -7,6 +7,7 @@ use crate::{
     problem::{Problem, quoted},
     program::{Program, programs},
     sensors::{calibration, mounting},
+    split,
     walk::{self, Section},
     watch::watches,
 };
@@ -63,7 +64,7 @@ impl Launch {
 
     fn take(&mut self, section: &mut Section<'_, '_>, folder: Option<&Path>) {
         section.text("name", r#"1 to 32 of a-z, 0-9, "_" and "-""#, system_name, &mut self.name);
-        services(section, &mut self.services);
+        let all_known = services(section, &mut self.services);
         let buffer_taken = section.number("buffer_s", 0.1..=60.0, &mut self.buffer_s);
         let lateness_taken = section.number("lateness_s", 0.01..=60.0, &mut self.lateness_s);
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
@@ -76,6 +77,11 @@ impl Launch {
             ingest(section, &mut self.ingest);
             fault::script(section, allowed, &mut self.ingest.faults);
         });
+        if all_known && !self.gateway.is_split() {
+            whole(section, &self.services);
+        } else if all_known {
+            split::problems(self, section).into_iter().for_each(|problem| section.report(problem));
+        }
         if buffer_taken && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
@@ -97,9 +103,10 @@ impl Launch {
     }
 }
 
-fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
+/// Whether every name was known.
+fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
     let allowed = Service::ALL.map(|service| (service.name(), service));
-    let Some(listed) = section.choices("services", allowed) else { return };
+    let Some(listed) = section.choices("services", allowed) else { return true };
     let all_known = listed.iter().all(Option::is_some);
     let listed: Vec<_> = listed.into_iter().flatten().collect();
     for (index, service) in listed.iter().enumerate() {
@@ -112,11 +119,16 @@ fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) {
         }
     }
     *out = listed.into_iter().map(Spanned::into_inner).collect();
+    all_known
+}
+
+/// A system on one host has every service of the data path.
+fn whole(section: &mut Section<'_, '_>, services: &[Service]) {
     let missing: Vec<_> =
-        Service::PATH.into_iter().filter(|service| !out.contains(service)).map(Service::name).collect();
-    if let Some(span) = section.span("services").filter(|_| all_known && !missing.is_empty()) {
+        Service::PATH.into_iter().filter(|service| !services.contains(service)).map(Service::name).collect();
+    if let Some(span) = section.span("services").filter(|_| !missing.is_empty()) {
         section.report(Problem {
-            note: Some("every service of the data path runs exactly once".into()),
+            note: Some("every service of the data path runs exactly once, here or behind [gateway.import]".into()),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
         });
     }

@@ -44,6 +44,17 @@ impl Link {
             .map_err(at_key("publishing", key))
     }
 
+    /// Publishes bytes under a key that mean something to the same program only.
+    pub fn carrier(&self, key: &str) -> Result<Outlet, LinkError> {
+        self.session
+            .declare_publisher(key.to_owned())
+            .encoding(Encoding::ZENOH_BYTES)
+            .congestion_control(CongestionControl::Drop)
+            .wait()
+            .map(Outlet)
+            .map_err(at_key("publishing", key))
+    }
+
     /// Says that something lives.
     pub fn sign(&self, key: &str) -> Result<Sign, LinkError> {
         let token = self.session.liveliness().declare_token(key.to_owned());
@@ -74,6 +85,11 @@ impl Question {
         self.0.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default()
     }
 
+    /// What the question says under a name, after the `?` of its key.
+    pub fn number(&self, name: &str) -> Option<u64> {
+        self.0.parameters().get(name)?.parse().ok()
+    }
+
     /// It is about this key, perhaps among others.
     pub fn is_about(&self, key: &str) -> bool {
         zenoh::key_expr::KeyExpr::new(key).is_ok_and(|key| self.0.key_expr().intersects(&key))
@@ -82,6 +98,11 @@ impl Question {
     /// Gives an answer; there may be one for each key asked about. Who has gone needs none.
     pub fn answer(&self, key: &str, message: &str, bytes: Vec<u8>) {
         let _ = self.0.reply(key.to_owned(), bytes).encoding(encoding(message)).wait();
+    }
+
+    /// Gives bytes that mean something to the same program only; there may be several answers.
+    pub fn hand_over(&self, key: &str, bytes: Vec<u8>) {
+        let _ = self.0.reply(key.to_owned(), bytes).wait();
     }
 
     /// Says why there is no answer.

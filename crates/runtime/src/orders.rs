@@ -75,8 +75,12 @@ impl Orders {
         self.launch.ingest.source == Source::Replay || self.pace != Pace::Speed(1.0)
     }
 
-    /// How far the source may be ahead of the last reader in lockstep, ticks: less than what a join or a buffer bears.
+    /// How far the source may be ahead of the last reader, ticks: in lockstep less than what a join or a buffer bears, for an import, of
+    /// which something may be missing for good, less than a buffer bears.
     pub fn window_ticks(&self) -> u64 {
+        if self.launch.gateway.import.is_some() {
+            return (self.buffer_ticks() as u64 + self.lateness_ticks()) / 2;
+        }
         self.lateness_ticks().min(self.buffer_ticks() as u64 / 2)
     }
 

@@ -7,6 +7,7 @@
 //! | `schema` | query: the descriptors |
 //! | `services` | query: how the services are |
 //! | `command/swap` | query: exchange what fills a slot |
+//! | `carry` | ticks for slots on another host; a query with `from` and `to` gives those that are kept |
 //! | `@live`, `@live/<service>` | liveliness of the vehicle and of each service |
 //!
 //! `@` keeps the tokens out of what `**` selects. Nothing else may begin with it.
@@ -21,6 +22,8 @@ pub const SCHEMA: &str = "schema";
 pub const SERVICES: &str = "services";
 /// The query that exchanges what fills a slot.
 pub const SWAP: &str = "command/swap";
+/// Ticks for slots on another host.
+pub const CARRY: &str = "carry";
 /// Liveliness of the vehicle.
 pub const LIVE: &str = "@live";
 

@@ -22,9 +22,12 @@ use crate::{Shared, locked, sender::Last};
 /// Questions that take time, at once.
 const CLERKS_MAX: usize = 8;
 
+/// Questions that are being seen to.
+pub(crate) type Clerks = Arc<AtomicUsize>;
+
 /// Answers until the result is dropped.
 pub(crate) fn open(link: &Link, shared: &Arc<Shared>, system: &str, last: Last) -> Result<[Answering; 2], LinkError> {
-    let clerks = Arc::new(AtomicUsize::new(0));
+    let clerks = Clerks::default();
     let vehicle = shared.vehicle.clone();
     let looking = link.answering(&keys::key(&vehicle, "*"), {
         let (system, clerks) = (system.to_owned(), clerks.clone());
@@ -38,7 +41,7 @@ pub(crate) fn open(link: &Link, shared: &Arc<Shared>, system: &str, last: Last) 
     Ok([looking, commands])
 }
 
-fn look(question: Question, vehicle: &str, last: &Last, system: &str, clerks: &Arc<AtomicUsize>) {
+fn look(question: Question, vehicle: &str, last: &Last, system: &str, clerks: &Clerks) {
     for (key, (message, bytes)) in locked(last).iter().filter(|(key, _)| question.is_about(key)) {
         question.answer(key, message, bytes.clone());
     }
@@ -62,7 +65,7 @@ fn look(question: Question, vehicle: &str, last: &Last, system: &str, clerks: &A
     }
 }
 
-fn swap(question: Question, key: &str, shared: &Arc<Shared>, clerks: &Arc<AtomicUsize>) {
+fn swap(question: Question, key: &str, shared: &Arc<Shared>, clerks: &Clerks) {
     let request = match SwapRequest::decoded(&question.payload()) {
         Ok(request) => request,
         Err(refusal) => {
@@ -78,7 +81,7 @@ fn swap(question: Question, key: &str, shared: &Arc<Shared>, clerks: &Arc<Atomic
 }
 
 /// Sees to a question that takes time on a thread of its own; beyond the limit it is refused.
-fn with_a_clerk(clerks: &Arc<AtomicUsize>, question: Question, see_to: impl FnOnce(Question) + Send + 'static) {
+pub(crate) fn with_a_clerk(clerks: &Clerks, question: Question, see_to: impl FnOnce(Question) + Send + 'static) {
     if clerks.fetch_add(1, Ordering::SeqCst) >= CLERKS_MAX {
         clerks.fetch_sub(1, Ordering::SeqCst);
         return question.refuse("too many questions at once; ask again");

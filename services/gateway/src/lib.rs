@@ -14,12 +14,14 @@
 //! | `sender` | to the network, each message in its envelope |
 //! | `answers` | last values, schema, services |
 //! | `desk` | requests for a swap, each carried out once |
+//! | [`split`] | one system on several hosts: ticks from one gateway to another |
 #![forbid(unsafe_code)]
 
 mod answers;
 pub mod desk;
 pub mod queue;
 mod sender;
+pub mod split;
 mod tap;
 pub mod thinning;
 
@@ -40,7 +42,13 @@ use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
 use supervisor::Ask;
 use wire::Refusals;
 
-use crate::{desk::Desk, queue::Queue, sender::Sender, tap::Taps};
+use crate::{
+    desk::Desk,
+    queue::Queue,
+    sender::Sender,
+    split::{End, Split},
+    tap::Taps,
+};
 
 /// Messages between bus and network: a second and more of every topic.
 const QUEUE_MAX: usize = 512;
@@ -73,6 +81,7 @@ pub enum GatewayError {
 /// What both threads know.
 #[derive(Debug)]
 pub(crate) struct Shared {
+    pub(crate) system: String,
     pub(crate) vehicle: String,
     pub(crate) queue: Queue,
     pub(crate) desk: Arc<Desk>,
@@ -112,12 +121,15 @@ pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// The service.
 pub fn run() -> Result<(), GatewayError> {
     let mut member = Member::join(Service::Gateway)?;
-    // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
-    let _ = rustix::process::nice(NICENESS);
     let launch = member.orders.launch.clone();
+    if !launch.gateway.is_split() {
+        // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
+        let _ = rustix::process::nice(NICENESS);
+    }
     let mut taps = Taps::open(&member)?;
     let health = member.bus.subscriber::<Health>(BUFFER_BESIDE)?;
     let shared = Arc::new(Shared {
+        system: launch.name.clone(),
         vehicle: launch.gateway.vehicle.clone().unwrap_or_else(|| launch.name.clone()),
         queue: Queue::new(QUEUE_MAX, messages::TOPICS.len()),
         desk: Arc::new(Desk::new(ask_for_swap(launch.name.clone()))),
@@ -126,25 +138,33 @@ pub fn run() -> Result<(), GatewayError> {
         dropped: AtomicU64::new(0),
         ends: AtomicBool::new(false),
     });
+    let mut split = Split::open(&member, &shared)?;
     let network = thread::spawn({
-        let (shared, life) = (shared.clone(), runtime::clock::monotonic_ns());
-        move || send(&shared, &launch, life)
+        let (shared, end, life) = (shared.clone(), split.end(), runtime::clock::monotonic_ns());
+        move || send(&shared, &end, &launch, life)
     });
     let pause = Duration::from_secs_f64(member.orders.launch.gateway.messages_hz.recip()).min(LOOK_LIMIT);
     while !member.ends() && !network.is_finished() {
         taps.look(&shared.queue)?;
         health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.hear(&health))?;
-        let (sent, lost) = (taps.samples(), shared.dropped.load(Ordering::Relaxed));
+        split.turn(&member)?;
+        let (ticks, lost) =
+            split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), shared.dropped.load(Ordering::Relaxed)));
         let refused = locked(&shared.refusals).total();
-        member.say(State::RUNNING, |health| (health.ticks, health.lost, health.refused) = (sent, lost, refused))?;
-        thread::sleep(pause);
+        let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
+        member.say(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
+        split.wait(pause);
+    }
+    if let Some((ticks, lost)) = split.ticks_and_lost() {
+        split.turn(&member)?;
+        member.say(State::FINISHED, |health| (health.ticks, health.lost) = (ticks, lost))?;
     }
     shared.ends.store(true, Ordering::SeqCst);
     network.join().unwrap_or(Err(GatewayError::Sender))
 }
 
 /// The network's side, to the end.
-fn send(shared: &Arc<Shared>, launch: &Launch, life: u64) -> Result<(), GatewayError> {
+fn send(shared: &Arc<Shared>, end: &End, launch: &Launch, life: u64) -> Result<(), GatewayError> {
     let gateway = &launch.gateway;
     let tls = gateway.tls.clone().map(|tls| link::ends::Tls { ca: tls.ca, cert: tls.cert, key: tls.key });
     let ends = link::Ends {
@@ -155,22 +175,25 @@ fn send(shared: &Arc<Shared>, launch: &Launch, life: u64) -> Result<(), GatewayE
     };
     let ends = ends.with_free_ports()?;
     let link = link::Link::open(&ends)?;
-    tell_where(shared.clone(), launch.name.clone(), ends.listen.join(" "));
+    let at = ends.listen.join(" ");
+    tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
+    let carrying = end.carry(&link, shared)?;
     let mut sender = Sender::open(&link, shared.clone(), launch, life)?;
     let _answering = answers::open(&link, shared, &launch.name, sender.last())?;
     while !shared.ends() {
         sender.turn()?;
     }
+    // It ends with the rest; one that panicked has nothing more to send.
+    let _ = carrying.map(thread::JoinHandle::join);
     link.close();
     Ok(())
 }
 
-/// Tells the supervisor where the gateway listens, once it answers.
-fn tell_where(shared: Arc<Shared>, system: String, at: String) {
+/// Tells the supervisor something, once it answers.
+pub(crate) fn tell(shared: Arc<Shared>, news: Ask) {
     thread::spawn(move || {
         let deadline = Instant::now() + DOOR_LIMIT;
-        let news = Ask::At { service: Service::Gateway.name().into(), at };
-        while supervisor::ask::<()>(&system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
+        while supervisor::ask::<()>(&shared.system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
             thread::sleep(Duration::from_millis(100));
         }
     });

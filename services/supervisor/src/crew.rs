@@ -149,9 +149,9 @@ impl Crew {
         Service::ALL.into_iter().zip(&self.posts).filter(runs)
     }
 
-    /// Those of the data path.
+    /// Those that every tick passes through: of the data path, and the gateway of a split system.
     pub(crate) fn path(&self) -> impl Iterator<Item = (Service, &Post)> {
-        self.posts().filter(|(service, _)| !service.is_beside())
+        self.posts().filter(|(service, _)| self.orders.launch.follows(*service))
     }
 
     /// A service has said where it can be reached.
@@ -259,7 +259,7 @@ impl Crew {
         for service in Service::ALL {
             let post = &self.posts[service as usize];
             if !post.ending && post.due.is_some_and(|due| Instant::now() >= due) {
-                let incarnation = match self.begin(service, Some(memory.resume(service))) {
+                let incarnation = match self.begin(service, Some(memory.resume(service, &self.orders.launch))) {
                     Err(error) if service.is_beside() => {
                         let longest = Duration::from_secs_f64(self.orders.launch.restart.backoff_max_s);
                         self.posts[service as usize].due = Some(Instant::now() + longest);

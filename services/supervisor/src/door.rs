@@ -38,6 +38,13 @@ pub enum Ask {
     Ps,
     /// What was to run, with the stages that fill the slots by now.
     Orders,
+    /// A service has something to say to people.
+    Tell {
+        /// Which one.
+        service: String,
+        /// A line.
+        what: String,
+    },
     /// A service says where it can be reached.
     At {
         /// Which one.

@@ -122,13 +122,15 @@ impl Exchange {
             margin_ticks: margin_ticks.max(8),
         };
         let slots =
-            Service::ALL.into_iter().filter(|service| orders.launch.slot(*service).is_some()).map(|service| Slot {
-                service,
-                coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
-                candidate: None,
-                ready: false,
-                last_words: String::new(),
-            });
+            crew.posts().map(|(service, _)| service).filter(|service| orders.launch.slot(*service).is_some()).map(
+                |service| Slot {
+                    service,
+                    coordinator: Coordinator::new(crew.post(service).incarnation(), FIRST_EPOCH, limits),
+                    candidate: None,
+                    ready: false,
+                    last_words: String::new(),
+                },
+            );
         Ok(Self {
             slots: slots.collect(),
             control: bus.publisher(BUFFER_BESIDE)?,
@@ -190,10 +192,10 @@ impl Exchange {
 
     /// The slot that a wish is for and what fills it, or what fills it and why the wish cannot be met.
     pub(crate) fn checked(&self, wish: &Wish) -> Result<(Service, String), (String, String)> {
-        let service = Service::named(&wish.slot);
-        let Some((service, from)) = service.and_then(|service| Some((service, self.orders.launch.slot(service)?)))
-        else {
-            let reason = format!("there is no slot `{}`; there are gyro, accel, fuser and course", wish.slot);
+        let here = Service::named(&wish.slot).filter(|service| self.slots.iter().any(|slot| slot.service == *service));
+        let Some((service, from)) = here.and_then(|service| Some((service, self.orders.launch.slot(service)?))) else {
+            let slots: Vec<_> = self.slots.iter().map(|slot| slot.service.name()).collect();
+            let reason = format!("there is no slot `{}` here; there are: {}", wish.slot, slots.join(", "));
             return Err((String::new(), reason));
         };
         let from = from.stage.clone();
@@ -268,7 +270,8 @@ impl Exchange {
             let (id, service, stage, shadow) = self.queued.swap_remove(place);
             self.request(id, service, stage, shadow, crew, memory);
         }
-        let newest_tick = bus.next_tick::<ImuSample>().saturating_sub(1);
+        // Where the samples are on another host, what was made of them tells it.
+        let newest_tick = bus.next_tick::<ImuSample>().max(bus.next_tick::<GyroStep>()).saturating_sub(1);
         for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
             let kept = readers(service).iter().filter_map(|reader| memory.newest_tick(*reader)).min();
@@ -450,7 +453,7 @@ fn health(heard: &Heard, published_tick: u64) -> Event {
 }
 
 /// The tick after the newest one that a slot has published.
-fn published_tick(bus: &Bus, service: Service) -> u64 {
+pub(crate) fn published_tick(bus: &Bus, service: Service) -> u64 {
     match service {
         Service::Ingest => bus.next_tick::<ImuSample>(),
         Service::Gyro => bus.next_tick::<GyroStep>(),

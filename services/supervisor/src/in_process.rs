@@ -114,6 +114,7 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
     view.end();
     let account = Account {
         ticks_in: conditioner.ticks(),
+        ticks_out: None,
         refused: conditioner.refused(),
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
         services: Service::PATH

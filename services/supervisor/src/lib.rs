@@ -110,6 +110,12 @@ pub enum UpError {
         /// How long it was waited for.
         deadline_s: u64,
     },
+    /// What was asked for needs all slots on this host.
+    #[error("splitting the system over hosts: {why}; run it live, from \"sim\" or \"bus\"")]
+    Split {
+        /// Why it cannot be.
+        why: &'static str,
+    },
     /// The attitude would be written over the recording.
     #[error("writing {path}: that is the recording itself; give --out another name")]
     OutIsReplay {
@@ -139,7 +145,7 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
-            Self::OutIsReplay { .. } => 2,
+            Self::OutIsReplay { .. } | Self::Split { .. } => 2,
             _ => 1,
         }
     }

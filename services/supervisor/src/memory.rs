@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use launch::Service;
+use launch::{Launch, Service};
 use messages::Checkpoint;
 use runtime::orders::{Record, Resume};
 
@@ -42,9 +42,10 @@ impl Memory {
 
     /// From where the next life of a service goes on: the newest state from which it says again all that its readers would need if they
     /// had to go on from their own.
-    pub(crate) fn resume(&self, service: Service) -> Resume {
+    pub(crate) fn resume(&self, service: Service, launch: &Launch) -> Resume {
         let newest_tick = |reader: &Service| self.of(*reader).back().map_or(0, |checkpoint| checkpoint.next_tick);
-        let needed_tick = readers(service).iter().map(newest_tick).min().unwrap_or(u64::MAX);
+        let here = readers(service).iter().filter(|reader| launch.follows(**reader));
+        let needed_tick = here.map(newest_tick).min().unwrap_or(u64::MAX);
         let kept = self.of(service);
         if service == Service::Ingest {
             let [start_ns, offset_ns] = kept.back().map_or([0, 0], |newest| [newest.words[0], newest.words[1]]);
@@ -89,13 +90,14 @@ fn keep(all: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) {
     kept.push_back(checkpoint);
 }
 
-/// Who reads what a service publishes.
+/// Who reads what a service publishes; in a split system the gateway reads for slots elsewhere, or publishes for them.
 pub(crate) fn readers(service: Service) -> &'static [Service] {
     match service {
-        Service::Ingest => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course],
-        Service::Gyro | Service::Accel => &[Service::Fuser],
-        Service::Fuser => &[Service::Course],
-        Service::Course | Service::Gateway => &[],
+        Service::Ingest => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course, Service::Gateway],
+        Service::Gyro | Service::Accel => &[Service::Fuser, Service::Gateway],
+        Service::Fuser => &[Service::Course, Service::Gateway],
+        Service::Gateway => &[Service::Gyro, Service::Accel, Service::Fuser, Service::Course],
+        Service::Course => &[],
     }
 }
 
@@ -120,13 +122,21 @@ mod tests {
     #[test]
     fn a_service_goes_on_from_where_its_readers_could_have_to() {
         let mut memory = Memory::default();
-        assert_eq!(next_tick(&memory.resume(Service::Gyro)), None);
+        assert_eq!(next_tick(&memory.resume(Service::Gyro, &Launch::default())), None);
         (1..=10).for_each(|i| memory.keep(checkpoint(Service::Gyro, 10 * i)));
         memory.keep(checkpoint(Service::Fuser, 75));
         memory.keep(checkpoint(Service::Course, 31));
-        assert_eq!(next_tick(&memory.resume(Service::Gyro)), Some(70));
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(31), "nobody goes on from what it says");
-        assert_eq!(next_tick(&memory.resume(Service::Ingest)), Some(0), "accel has not said where it is");
+        assert_eq!(next_tick(&memory.resume(Service::Gyro, &Launch::default())), Some(70));
+        assert_eq!(
+            next_tick(&memory.resume(Service::Course, &Launch::default())),
+            Some(31),
+            "nobody goes on from what it says"
+        );
+        assert_eq!(
+            next_tick(&memory.resume(Service::Ingest, &Launch::default())),
+            Some(0),
+            "accel has not said where it is"
+        );
     }
 
     #[test]
@@ -135,9 +145,9 @@ mod tests {
         memory.keep(checkpoint(Service::Course, 10));
         memory.keep(checkpoint(Service::Course, 20));
         memory.keep(Checkpoint { next_tick: 30, ..checkpoint(Service::Course, 10) });
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
+        assert_eq!(next_tick(&memory.resume(Service::Course, &Launch::default())), Some(20));
         memory.keep(checkpoint(Service::Course, 15));
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(15));
+        assert_eq!(next_tick(&memory.resume(Service::Course, &Launch::default())), Some(15));
     }
 
     #[test]
@@ -145,13 +155,13 @@ mod tests {
         let mut memory = Memory::default();
         memory.keep(checkpoint(Service::Course, 10));
         memory.keep_candidate(checkpoint(Service::Course, 20));
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(10));
+        assert_eq!(next_tick(&memory.resume(Service::Course, &Launch::default())), Some(10));
         memory.promote(Service::Course);
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
+        assert_eq!(next_tick(&memory.resume(Service::Course, &Launch::default())), Some(20));
         memory.keep_candidate(checkpoint(Service::Course, 30));
         memory.forget_candidate(Service::Course);
         memory.promote(Service::Course);
-        assert_eq!(next_tick(&memory.resume(Service::Course)), Some(20));
+        assert_eq!(next_tick(&memory.resume(Service::Course, &Launch::default())), Some(20));
     }
 
     #[test]

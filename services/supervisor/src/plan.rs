@@ -59,6 +59,19 @@ impl Plan {
             launch.ingest.source = Source::Replay;
             launch.ingest.replay.file.clone_from(file);
         }
+        if launch.gateway.is_split() {
+            let obstacle = match launch.ingest.source {
+                Source::Replay => Some("a replay waits for its slowest reader"),
+                _ if request.pace.is_some_and(|pace| pace != Pace::Speed(1.0)) => {
+                    Some("at another speed the source waits for its slowest reader")
+                }
+                _ if request.in_process => Some("one process has all slots"),
+                _ => None,
+            };
+            if let Some(why) = obstacle {
+                return Err(UpError::Split { why });
+            }
+        }
         let (rate_hz, rows, has_reference) = match launch.ingest.source {
             Source::Sim => (launch.ingest.sim.rate_hz, None, true),
             Source::Bus => (launch.ingest.bus.rate_hz, None, false),
@@ -86,11 +99,11 @@ impl Plan {
             supervisor_pid: std::process::id(),
         };
         Ok(Self {
-            orders,
             ticks: rows.into_iter().chain(ticks_max).min(),
             stop_after_s: request.duration_s.filter(|_| live),
-            has_reference,
+            has_reference: has_reference && orders.launch.gateway.import.is_none(),
             out: request.out.clone(),
+            orders,
         })
     }
 }

@@ -12,7 +12,7 @@ use crate::collector::Collector;
 pub struct Report {
     /// Ticks that ingest numbered.
     pub ticks_in: u64,
-    /// Ticks with an attitude.
+    /// Ticks with an attitude; where that is made on another host, ticks that every slot here has published.
     pub ticks_out: u64,
     /// Ticks without.
     pub lost: u64,
@@ -76,8 +76,10 @@ pub struct ServiceReport {
 /// What a run knows beside its attitudes.
 #[derive(Debug, Clone, Default)]
 pub struct Account {
-    /// Ticks that ingest numbered.
+    /// Ticks that ingest numbered, or that were imported.
     pub ticks_in: u64,
+    /// Ticks that every slot here has published, where the attitude is made on another host.
+    pub ticks_out: Option<u64>,
     /// Readings refused at the source.
     pub refused: u64,
     /// CPU time of all processes per second of the run.
@@ -92,11 +94,12 @@ impl Report {
         let sequence = collector.sequence();
         let accuracy = collector.accuracy();
         // What ingest said last may be older than what came out.
-        let ticks_in = account.ticks_in.max(sequence.next_tick);
+        let ticks_out = account.ticks_out.unwrap_or(sequence.ticks);
+        let ticks_in = account.ticks_in.max(sequence.next_tick).max(ticks_out);
         Self {
             ticks_in,
-            ticks_out: sequence.ticks,
-            lost: ticks_in.saturating_sub(sequence.ticks),
+            ticks_out,
+            lost: ticks_in.saturating_sub(ticks_out),
             duplicated: sequence.duplicated,
             latency_us: LatencyUs::of(collector),
             cpu_s_per_s: account.cpu_s_per_s,

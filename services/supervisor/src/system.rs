@@ -9,7 +9,7 @@ use std::{
 };
 
 use bus::{Bus, Claim, Domain, Publisher, Subscriber};
-use launch::Service;
+use launch::{Launch, Service};
 use messages::{AttitudeOutput, Checkpoint, Credit, Health, ImuSample, Reference, State};
 use runtime::{Input, Reader, orders::BUFFER_BESIDE};
 
@@ -18,7 +18,7 @@ use crate::{
     collector::Collector,
     crew::{Crew, News, READY_LIMIT, own_cpu_s},
     door::{Ask, Door},
-    exchange::Exchange,
+    exchange::{Exchange, published_tick},
     memory::Memory,
     notify::Notifier,
     report::{Account, ServiceReport},
@@ -119,14 +119,16 @@ impl System {
     }
 
     fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
-        let lockstep = plan.orders.lockstep();
+        let origin = plan.orders.launch.origin();
+        // After a cut an import has more to give than a topic holds.
+        let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
         let window = plan.orders.window_ticks();
         let start = Instant::now();
         let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
         let mut granted = if lockstep { window } else { u64::MAX };
         self.ports.grant(granted)?;
         let (mut stopping, mut given_up) = (false, false);
-        let mut cpu_s_per_s = None;
+        let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         let begun = self.is_ready();
@@ -139,10 +141,11 @@ impl System {
             }
             self.wait(lockstep);
             self.ports.credit.greet()?;
-            let before = collector.sequence().next_tick;
-            self.ports.collect(&mut collector)?;
+            if self.published_elsewhere().is_none() {
+                self.ports.collect(&mut collector)?;
+            }
             self.hear()?;
-            let next_tick = collector.sequence().next_tick;
+            let before = std::mem::replace(&mut next_tick, self.next_tick(&collector));
             if next_tick != before {
                 progress = Instant::now();
                 self.notifier.flowing(next_tick);
@@ -157,10 +160,10 @@ impl System {
                 stopping = true;
                 // Before the first process is reaped, and its time with it.
                 cpu_s_per_s = Some(self.cpu_s_per_s(cpu_start_s, start));
-                self.crew.ask_to_end(Service::Ingest);
+                self.crew.ask_to_end(origin);
                 progress = Instant::now();
             }
-            let finished = self.health_of(Service::Ingest).filter(|health| health.state == State::FINISHED);
+            let finished = self.health_of(origin).filter(|health| health.state == State::FINISHED);
             let limit = if asked { DRAIN_LIMIT_ASKED } else { DRAIN_LIMIT };
             given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
             if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
@@ -179,7 +182,7 @@ impl System {
         self.ports.finish(&mut collector)?;
         collector.finish()?;
         let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
-        Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s)) })
+        Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s, &plan.orders.launch)) })
     }
 
     fn cpu_s_per_s(&self, at_start_s: f64, start: Instant) -> f64 {
@@ -223,6 +226,10 @@ impl System {
                 }
                 Ask::Ps => door.answer(caller, &crew.ps()),
                 Ask::Orders => door.answer(caller, crew.orders()),
+                Ask::Tell { service, what } => {
+                    view.announce(&[format!("{service}: {what}")]);
+                    door.answer(caller, &());
+                }
                 Ask::At { service, at } => {
                     view.announce(&[format!("{service}: {at}")]);
                     crew.found(&service, at);
@@ -283,11 +290,28 @@ impl System {
         self.crew.post(service).heard().map(|heard| &heard.health)
     }
 
-    fn account(&self, cpu_s_per_s: f64) -> Account {
-        let ingest = self.health_of(Service::Ingest);
+    /// The tick that comes out next.
+    fn next_tick(&self, collector: &Collector) -> u64 {
+        self.published_elsewhere().unwrap_or(collector.sequence().next_tick)
+    }
+
+    /// How far every slot here has published, if the attitude is made on another host.
+    fn published_elsewhere(&self) -> Option<u64> {
+        let path = || self.crew.path().map(|(service, _)| service).filter(|service| !service.is_beside());
+        let has_attitude = path().any(|service| service == Service::Course);
+        (!has_attitude).then(|| path().map(|service| published_tick(&self.ports.bus, service)).min()).flatten()
+    }
+
+    fn account(&self, cpu_s_per_s: f64, launch: &Launch) -> Account {
+        let origin = self.health_of(launch.origin());
         Account {
-            ticks_in: self.ports.bus.next_tick::<ImuSample>(),
-            refused: ingest.map_or(0, |health| health.refused),
+            // What ingest has published counts, whether or not it lives to say so.
+            ticks_in: match launch.origin() {
+                Service::Ingest => self.ports.bus.next_tick::<ImuSample>(),
+                _ => origin.map_or(0, |health| health.ticks),
+            },
+            ticks_out: self.published_elsewhere(),
+            refused: origin.map_or(0, |health| health.refused),
             cpu_s_per_s,
             services: self
                 .crew

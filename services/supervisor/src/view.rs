@@ -146,6 +146,7 @@ impl Lines {
 fn head(plan: &Plan) -> String {
     let launch = &plan.orders.launch;
     let source = match launch.ingest.source {
+        _ if launch.gateway.import.is_some() => "slots on another host".into(),
         Source::Sim => format!("simulation {}", launch.ingest.sim.scenario),
         Source::Replay => launch.ingest.replay.file.display().to_string(),
         Source::Bus => "sensors on the bus".into(),

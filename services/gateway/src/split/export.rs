@@ -1,0 +1,227 @@
+//! The exporting end: from the bus into the cache, and from there to whoever listens or asks.
+
+use std::{
+    sync::{Arc, Condvar, Mutex, PoisonError},
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use bus::Subscriber;
+use launch::CACHE_TICKS_MAX;
+use link::{Link, LinkError, Question};
+use messages::{AccelPoint, FusedState, GnssFix, GyroStep, ImuSample, MagSample, Message, Ticked};
+use runtime::{Member, RuntimeError, service::FIRST_EPOCH};
+use swap::Inlet;
+use wire::keys;
+
+use super::{
+    Notes,
+    cache::Cache,
+    frame::{Frame, Head},
+    merge::Merge,
+    record::{place, places},
+    run_of,
+};
+use crate::{
+    Shared,
+    answers::{Clerks, with_a_clerk},
+    locked,
+};
+
+/// Frames in answer to one question: some seconds of ticks. Who wants more asks again.
+const FRAMES_MAX: usize = 64;
+/// Longest wait for something to send.
+const TURN_LIMIT: Duration = Duration::from_millis(50);
+
+/// The bus's side.
+pub(crate) struct Export {
+    sources: Vec<Box<dyn Source>>,
+    merge: Merge,
+    notes: Notes,
+    run: u64,
+    pub(crate) next_tick: u64,
+    pub(crate) kept: Arc<Kept>,
+}
+
+/// What both sides know.
+#[derive(Debug)]
+pub(crate) struct Kept {
+    cache: Mutex<Cache>,
+    grown: Condvar,
+    head: Head,
+    key: String,
+}
+
+impl Export {
+    pub(crate) fn open(member: &Member) -> Result<Self, RuntimeError> {
+        let orders = &member.orders;
+        let gateway = &orders.launch.gateway;
+        let mask = gateway.export.iter().filter_map(|topic| place(topic)).fold(0, |mask, place| mask | 1 << place);
+        // Those with every tick first: what goes with a tick was published before it.
+        let dense = places(mask).filter(|(_, topic)| topic.is_dense);
+        let order = dense.chain(places(mask).filter(|(_, topic)| !topic.is_dense));
+        let sources: Vec<_> =
+            order.map(|(place, topic)| source(member, place, topic.name)).collect::<Result<_, _>>()?;
+        let merge = match orders.resume {
+            None => Merge::starting(mask, orders.lateness_ticks()),
+            Some(_) => {
+                let expected_until = sources.iter().map(|source| source.next_tick(member)).max().unwrap_or(0);
+                Merge::joining(mask, orders.lateness_ticks(), expected_until)
+            }
+        };
+        let run = run_of(orders.supervisor_pid);
+        let topics = places(mask).map(|(_, topic)| (topic.name.to_owned(), topic.fingerprint)).collect();
+        let vehicle = gateway.vehicle.as_ref().unwrap_or(&orders.launch.name);
+        let kept = Kept {
+            cache: Mutex::new(Cache::new(((gateway.cache_s * orders.rate_hz) as usize).min(CACHE_TICKS_MAX))),
+            grown: Condvar::new(),
+            head: Head { run, rate_hz: orders.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
+            key: keys::key(vehicle, keys::CARRY),
+        };
+        Ok(Self { sources, merge, notes: Notes::open(member)?, run, next_tick: 0, kept: Arc::new(kept) })
+    }
+
+    pub(crate) fn turn(&mut self, member: &Member) -> Result<(), RuntimeError> {
+        for source in &mut self.sources {
+            source.look(&mut self.merge)?;
+        }
+        let before = self.next_tick;
+        let mut cache = locked(&self.kept.cache);
+        while let Some(record) = self.merge.take() {
+            self.next_tick = record.tick + 1;
+            cache.push(record);
+        }
+        drop(cache);
+        if self.next_tick != before {
+            self.kept.grown.notify_one();
+        }
+        self.notes.note(member, self.next_tick, self.run)
+    }
+}
+
+impl Kept {
+    /// Sends what the cache gets and answers who asks, until the gateway ends.
+    pub(crate) fn carry(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
+        let outlet = link.carrier(&self.key)?;
+        let clerks = Clerks::default();
+        let kept = self.clone();
+        let answering = link.answering(&self.key, move |question| {
+            let kept = kept.clone();
+            with_a_clerk(&clerks, question, move |question| kept.answer(&question));
+        })?;
+        let kept = self.clone();
+        Ok(thread::spawn(move || {
+            let _answering = answering;
+            let mut sent_tick = 0;
+            loop {
+                let ends = shared.ends();
+                let Some((bytes, next_tick)) = kept.next_frame(sent_tick) else {
+                    if ends {
+                        break;
+                    }
+                    continue;
+                };
+                // What is not taken is asked for.
+                let _ = outlet.send(&bytes);
+                sent_tick = next_tick;
+            }
+        }))
+    }
+
+    /// The next records, once there are any.
+    fn next_frame(&self, sent_tick: u64) -> Option<(Vec<u8>, u64)> {
+        let nothing = |cache: &mut Cache| cache.next_tick().is_none_or(|next_tick| next_tick <= sent_tick);
+        let grown = self.grown.wait_timeout_while(locked(&self.cache), TURN_LIMIT, nothing);
+        let (mut cache, _) = grown.unwrap_or_else(PoisonError::into_inner);
+        (!nothing(&mut cache)).then(|| self.frame(&cache, sent_tick, u64::MAX)).flatten()
+    }
+
+    /// The records asked for that are kept; without any, how far the cache reaches.
+    fn answer(&self, question: &Question) {
+        let (Some(from), Some(to)) = (question.number("from"), question.number("to")) else {
+            return question.refuse("ask with ?from=TICK;to=TICK");
+        };
+        let mut tick = from;
+        for _ in 0..FRAMES_MAX {
+            let Some((bytes, next_tick)) = self.frame(&locked(&self.cache), tick, to) else { return };
+            question.hand_over(&self.key, bytes);
+            if next_tick >= to || next_tick <= tick {
+                return;
+            }
+            tick = next_tick;
+        }
+    }
+
+    /// The kept records from one tick to before another, as many as a frame takes.
+    fn frame(&self, cache: &Cache, from_tick: u64, to_tick: u64) -> Option<(Vec<u8>, u64)> {
+        let (oldest_tick, next_tick) = (cache.oldest_tick()?, cache.next_tick()?);
+        let first_tick = from_tick.clamp(oldest_tick, next_tick);
+        let head = Head { oldest_tick, next_tick, first_tick, ..self.head.clone() };
+        Some(Frame::encode(&head, cache.from(first_tick).take_while(|record| record.tick < to_tick)))
+    }
+}
+
+/// A topic of the bus.
+trait Source {
+    fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
+    fn next_tick(&self, member: &Member) -> u64;
+}
+
+fn source(member: &Member, place: usize, topic: &str) -> Result<Box<dyn Source>, RuntimeError> {
+    Ok(match topic {
+        MagSample::TOPIC => aside::<MagSample>(member, place)?,
+        GnssFix::TOPIC => aside::<GnssFix>(member, place)?,
+        ImuSample::TOPIC => in_order::<ImuSample>(member, place)?,
+        AccelPoint::TOPIC => in_order::<AccelPoint>(member, place)?,
+        GyroStep::TOPIC => in_order::<GyroStep>(member, place)?,
+        _ => in_order::<FusedState>(member, place)?,
+    })
+}
+
+/// A topic with every tick: each once, in order, whoever fills the slot.
+fn in_order<M: Ticked>(member: &Member, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
+    let lateness_ticks = member.orders.lateness_ticks() / 2;
+    let inlet: Inlet<M> = match member.orders.resume {
+        None => Inlet::starting(0, FIRST_EPOCH, lateness_ticks),
+        Some(_) => Inlet::joining(FIRST_EPOCH, lateness_ticks),
+    };
+    Tap::<M>::open(member, place, Some(inlet))
+}
+
+/// A topic with some ticks, from one publisher.
+fn aside<M: Ticked>(member: &Member, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
+    Tap::<M>::open(member, place, None)
+}
+
+struct Tap<M: Ticked> {
+    place: usize,
+    subscriber: Subscriber<M>,
+    buffer: usize,
+    inlet: Option<Inlet<M>>,
+}
+
+impl<M: Ticked> Tap<M> {
+    fn open(member: &Member, place: usize, inlet: Option<Inlet<M>>) -> Result<Box<dyn Source>, RuntimeError> {
+        let buffer = member.orders.buffer_ticks();
+        // In a later life the cache is filled again from what the topics hold.
+        Ok(Box::new(Self { place, subscriber: member.subscriber()?, buffer, inlet }))
+    }
+}
+
+impl<M: Ticked> Source for Tap<M> {
+    fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError> {
+        let Self { place, subscriber, buffer, inlet } = self;
+        let mut offer = |message: M| {
+            let header = message.header();
+            merge.offer(*place, header.tick, header.flags, bytemuck::bytes_of(&message));
+        };
+        Ok(subscriber.drain(*buffer, |message| match inlet {
+            Some(inlet) => inlet.offer(message, &mut |message, _| offer(message)),
+            None => offer(message),
+        })?)
+    }
+
+    fn next_tick(&self, member: &Member) -> u64 {
+        member.bus.next_tick::<M>()
+    }
+}
