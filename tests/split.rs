@@ -404,8 +404,10 @@ fn a_wire_that_is_pulled_for_five_seconds_costs_no_tick() {
     let at = |file: &str| keys.path().join(file).to_str().unwrap().to_owned();
     let tls = |end: &str| {
         let (ca, cert, key) = (at("ca.pem"), at(&format!("{end}.pem")), at(&format!("{end}.key")));
-        format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}")
+        format!("access = {:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}", at("open.json5"))
     };
+    // Who may do what is tested with the keys.
+    fs::write(at("open.json5"), "{ enabled: false }").unwrap();
     let endpoint = "tls/10.77.0.1:7451";
     let board = board(endpoint, &tls("a"));
     let base = base(&board, endpoint, &tls("b"));

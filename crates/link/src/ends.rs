@@ -27,6 +27,9 @@ pub struct Ends {
     pub tls: Option<Tls>,
     /// A file with Zenoh's `access_control`.
     pub access: Option<PathBuf>,
+    /// A client: it sees through a router whom it is for, which from one peer to another hands nothing, and does not open where nobody
+    /// is.
+    pub client: bool,
 }
 
 /// The certificates of mutual TLS, PEM.
@@ -43,7 +46,9 @@ pub struct Tls {
 impl Ends {
     /// Those whom somebody elsewhere connects to.
     pub fn connecting(endpoints: &[String]) -> Self {
-        Self { connect: endpoints.to_vec(), ..Self::default() }
+        // On the board itself there is no router.
+        let client = matches!(endpoints, [one] if one.starts_with("tls/"));
+        Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }
 
     /// The same with the next free port where one of the loopback is taken.
@@ -62,9 +67,7 @@ impl Ends {
             let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
             config.insert_json5(key, &value).map_err(failed)
         };
-        // A router hands nothing from one peer to another; its client sees whom it is for. A client that finds nobody does not open, so
-        // on the board itself it stays a peer.
-        let client = self.listen.is_empty() && matches!(self.connect.as_slice(), [one] if one.starts_with("tls/"));
+        let client = self.client;
         set("mode", quoted(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;

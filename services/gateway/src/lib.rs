@@ -172,6 +172,7 @@ fn send(shared: &Arc<Shared>, end: &End, launch: &Launch, life: u64) -> Result<(
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
+        client: false,
     };
     let ends = ends.with_free_ports()?;
     let link = link::Link::open(&ends)?;
