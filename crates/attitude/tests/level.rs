@@ -191,6 +191,14 @@ fn a_day_does_not_let_the_error_of_the_open_loop_grow_without_bound() {
 }
 
 #[test]
+fn a_day_does_not_let_the_error_of_any_other_fuser_grow() {
+    for name in Fuser::NAMES.iter().filter(|name| !name.starts_with("wz")) {
+        let (first, last) = day(name);
+        assert!(last <= first * 1.1, "{name}: {first}°, {last}°");
+    }
+}
+
+#[test]
 fn a_stage_restored_halfway_goes_on_bit_for_bit() {
     let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
     let readings: Vec<_> = (0..1000).map(|tick| sensors.read(f64::from(tick) / RATE_HZ)).collect();
