@@ -131,14 +131,11 @@ impl System {
         let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
-        let begun = self.is_ready();
-        if begun {
+        let mut ended = !self.is_ready();
+        if !ended {
             self.notifier.ready();
         }
-        loop {
-            if !begun {
-                break;
-            }
+        while !ended {
             self.wait(lockstep);
             self.ports.credit.greet()?;
             if self.published_elsewhere().is_none() {
@@ -166,12 +163,12 @@ impl System {
             let finished = self.health_of(origin).filter(|health| health.state == State::FINISHED);
             let limit = if asked { DRAIN_LIMIT_ASKED } else { DRAIN_LIMIT };
             given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
-            if finished.is_some_and(|health| next_tick >= health.ticks) || given_up {
-                break;
+            ended = finished.is_some_and(|health| next_tick >= health.ticks) || given_up;
+            if !ended {
+                self.tend(&mut collector)?;
+                self.answer(&mut collector);
+                self.watch(&mut collector)?;
             }
-            self.tend(&mut collector)?;
-            self.answer(&mut collector);
-            self.watch(&mut collector)?;
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
                 self.view.show(&collector, Some(&self.crew));
