@@ -29,23 +29,18 @@ pub(crate) struct Way {
     /// An endpoint of a gateway or a router; may be given several times [default: tcp/127.0.0.1:7447].
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// The certificate of the authority, for tls endpoints.
-    #[arg(long, value_name = "FILE", requires = "cert")]
-    ca: Option<PathBuf>,
-    /// One's own certificate.
-    #[arg(long, value_name = "FILE", requires = "key")]
-    cert: Option<PathBuf>,
-    /// The key to it.
-    #[arg(long, value_name = "FILE", requires = "ca")]
-    key: Option<PathBuf>,
+    /// A folder that `plumb keys` has made, for tls endpoints: the certificate that is shown, and whom it believes.
+    #[arg(long, value_name = "FOLDER")]
+    keys: Option<PathBuf>,
 }
 
 impl Way {
     fn ends(&self) -> Ends {
-        let tls = match (&self.ca, &self.cert, &self.key) {
-            (Some(ca), Some(cert), Some(key)) => Some(Tls { ca: ca.clone(), cert: cert.clone(), key: key.clone() }),
-            _ => None,
-        };
+        let tls = self.keys.as_ref().map(|folder| Tls {
+            ca: folder.join("ca.pem"),
+            cert: folder.join("cert.pem"),
+            key: folder.join("key.pem"),
+        });
         let usual = [USUAL.to_owned()];
         Ends { tls, ..Ends::connecting(if self.connect.is_empty() { &usual } else { &self.connect }) }
     }

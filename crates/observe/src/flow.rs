@@ -294,7 +294,7 @@ mod tests {
         }
         let report = flow.report();
         assert_eq!((report.lost, report.overwritten), (Some(2), Some(1)), "{report}");
-        assert!((report.bytes_per_s.unwrap() - 37.5 * 50.0).abs() < 1e-9, "{report:?}");
+        assert!((report.bytes_per_s.unwrap() - 37.5 * 37.5).abs() < 1e-9, "{report:?}");
         assert!(report.to_string().contains("left out by the rate 76"), "{report}");
     }
 
