@@ -78,7 +78,7 @@ pub(crate) fn swap(exchange: Exchange) -> ExitCode {
     if let Some(vehicle) = &exchange.system.remote {
         return match remote::swap(vehicle, &exchange.system.way, &exchange.slot, exchange.wish(false).stage) {
             Ok(report) => show(&report, json),
-            Err(error) => fail(&error, 1),
+            Err(error) => fail(&error, error.exit_code()),
         };
     }
     match ask::<SwapReport>(&exchange.system.name(), &Ask::Swap(exchange.wish(false))) {
@@ -134,8 +134,8 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 /// How the services of a running system are.
 pub(crate) fn ps(system: System) -> ExitCode {
     let asked = match &system.remote {
-        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| error.to_string()),
-        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| error.to_string()),
+        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| (error.to_string(), error.exit_code())),
+        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| (error.to_string(), 1)),
     };
     match asked {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
@@ -152,7 +152,7 @@ pub(crate) fn ps(system: System) -> ExitCode {
             );
             print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))
         }
-        Err(error) => fail(&error, 1),
+        Err((error, code)) => fail(&error, code),
     }
 }
 

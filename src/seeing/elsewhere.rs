@@ -15,7 +15,10 @@ use wire::{
 };
 
 use super::SeeError;
-use crate::{remote::Way, track::Track};
+use crate::{
+    remote::{RemoteError, Way},
+    track::Track,
+};
 
 /// How long a vehicle is looked for once somebody is connected; its gateway reports what it sends once a second.
 const FIND_LIMIT: Duration = Duration::from_secs(5);
@@ -41,11 +44,12 @@ impl Vehicle {
     /// Looks for a vehicle and asks what it sends.
     pub(super) fn find(name: &str, way: &Way) -> Result<Self, SeeError> {
         let link = way.open()?;
-        let signs = link.signs(&keys::key(name, keys::LIVE))?;
+        let signs = link.signs(&keys::key(name, keys::LIVE)).map_err(RemoteError::from)?;
         let deadline = Instant::now() + FIND_LIMIT;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            let answers = link.ask(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(ASK_INTERVAL))?;
+            let answers = link.ask(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(ASK_INTERVAL));
+            let answers = answers.map_err(RemoteError::from)?;
             if let Some(report) = answers.iter().find_map(|(_, bytes)| GatewayReport::decoded(bytes).ok()) {
                 let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
                 return Ok(Self { name: name.into(), link, signs, topics, away: Cell::new(None) });
@@ -63,7 +67,7 @@ impl Vehicle {
             let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
             return Err(SeeError::NotSent { vehicle, topic: topic.into(), sent });
         }
-        let stream = self.link.stream(&keys::key(&self.name, topic))?;
+        let stream = self.link.stream(&keys::key(&self.name, topic)).map_err(RemoteError::from)?;
         Ok(Crossing { topic, stream, track: Track::default(), last: None, passage: Passage::default() })
     }
 

@@ -13,12 +13,11 @@ use std::{
 };
 
 use bus::{BusError, Domain, Observer, Tap};
-use link::LinkError;
 use messages::{Layout, Message, Visitor};
 use observe::{flow::Flow, topics::Topic};
 use runtime::clock::monotonic_ns;
 
-use crate::swap::System;
+use crate::{remote::RemoteError, swap::System};
 use elsewhere::{Crossing, Vehicle};
 
 /// Between two looks at a topic: far shorter than what an observer's buffer holds, and it costs the system nothing.
@@ -34,7 +33,7 @@ pub(crate) enum SeeError {
     Bus(#[from] BusError),
     /// The network cannot be used.
     #[error(transparent)]
-    Link(#[from] LinkError),
+    Remote(#[from] RemoteError),
     /// Nobody of that name is found.
     #[error(
         "looking for the vehicle {vehicle:?}: it did not answer within {limit_s:.0} s; `plumb station` with the same --connect shows the vehicles there are"
@@ -48,9 +47,13 @@ pub(crate) enum SeeError {
 }
 
 impl SeeError {
-    /// The exit code of `plumb`: 2 when there can be no such topic, else 1.
+    /// The exit code of `plumb`: 2 when there can be no such topic or the command line is wrong, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
-        if matches!(self, Self::Bus(BusError::NoTopic { .. })) { 2 } else { 1 }
+        match self {
+            Self::Bus(BusError::NoTopic { .. }) => 2,
+            Self::Remote(error) => error.exit_code(),
+            _ => 1,
+        }
     }
 }
 

@@ -14,7 +14,7 @@ use std::{
 };
 
 use clap::Args;
-use link::Arrival;
+use link::{Arrival, Link};
 use messages::{AttitudeOutput, Message};
 use serde_json::{Value, json};
 use wire::{
@@ -72,15 +72,22 @@ pub(crate) fn run(station: &Station) -> ExitCode {
             return fail(&format_args!("catching signals: {cause}"), 1);
         }
     }
-    match watch(station, &ends) {
+    let link = match station.way.open() {
+        Ok(link) => link,
+        Err(error) => return fail(&error, error.exit_code()),
+    };
+    match watch(station, &link, &ends) {
         Ok(vehicles) if station.json => print(&report(&vehicles)),
         Ok(_) => ExitCode::SUCCESS,
         Err(error) => fail(&error, 1),
     }
 }
 
-fn watch(station: &Station, ends: &AtomicBool) -> Result<BTreeMap<String, Vehicle>, Box<dyn std::error::Error>> {
-    let link = station.way.open()?;
+fn watch(
+    station: &Station,
+    link: &Link,
+    ends: &AtomicBool,
+) -> Result<BTreeMap<String, Vehicle>, Box<dyn std::error::Error>> {
     let messages = link.stream(&keys::key("*", "*"))?;
     let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
     let mut tables = station.csv.as_deref().map(Tables::in_folder);
