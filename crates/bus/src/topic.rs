@@ -22,10 +22,10 @@ use crate::{
     wake::{Page, TopicWord},
 };
 
-/// Active, candidate and injector, and one that was killed and is not yet cleaned up.
-pub(crate) const PUBLISHERS: usize = 4;
-/// Services of the path, recorder, gateway, two that were killed; and the observers, each after one that was killed.
-pub(crate) const SUBSCRIBERS: usize = 10 + 2 * OBSERVERS;
+/// Active, candidate and injector, and as many that were killed and are not yet cleaned up.
+pub(crate) const PUBLISHERS: usize = 6;
+/// Services of the path, recorder, gateway, four that were killed; and the observers, each after one that was killed.
+pub(crate) const SUBSCRIBERS: usize = 12 + 2 * OBSERVERS;
 /// Every service says how it is and where.
 pub(crate) const EVERYBODY: usize = 24;
 /// The topics on which it does.

@@ -21,6 +21,7 @@ use crate::{
     UpError,
     lives::{Lives, Verdict},
     memory::Memory,
+    urgency::{self, Urgency},
 };
 
 /// From the first request to end until a process is killed.
@@ -189,8 +190,15 @@ impl Crew {
         if let Some(slot) = orders.launch.slot_mut(service) {
             *slot = stage;
         }
-        self.posts[service as usize].candidate = Some(Process::start(service, &orders)?);
+        let process = Process::start(service, &orders)?;
+        urgency::set(process.pid, Urgency::Starting);
+        self.posts[service as usize].candidate = Some(process);
         Ok(self.incarnations)
+    }
+
+    /// The candidate is to be on the path.
+    pub(crate) fn hasten_candidate(&self, service: Service) {
+        self.post(service).candidate.iter().for_each(|process| urgency::set(process.pid, Urgency::Path));
     }
 
     /// The candidate fills the slot; later lives are of its stage.
@@ -213,6 +221,7 @@ impl Crew {
         let post = &mut self.posts[service as usize];
         let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
         for process in lives.into_iter().flatten().filter(|process| process.incarnation == incarnation) {
+            urgency::set(process.pid, Urgency::Leaving);
             process.signal(if process.asked { Signal::KILL } else { Signal::TERM });
             process.asked = true;
         }
@@ -316,7 +325,11 @@ impl Crew {
         let (epoch, from_tick) = post.term.unwrap_or((FIRST_EPOCH, 0));
         let role = Role::Owner { from_tick };
         let orders = Orders { incarnation: self.incarnations, epoch, role, resume, ..self.orders.clone() };
-        post.process = Some(Process::start(service, &orders)?);
+        let process = Process::start(service, &orders)?;
+        if !service.is_beside() {
+            urgency::set(process.pid, Urgency::Path);
+        }
+        post.process = Some(process);
         post.due = None;
         post.lives.restarts += u32::from(again);
         Ok(self.incarnations)
