@@ -199,7 +199,7 @@ mod tests {
         let key = vec!["plumbline/v1/board/@carry".to_owned()];
         let ids = ["board carries", "board is followed", "base follows", "base is brought"];
         let expected = ids.map(|id| (format!("vehicle.{id}"), key.clone()));
-        assert_eq!(carrying(&[board.clone(), base.clone(), other], &[import.clone()]), expected);
+        assert_eq!(carrying(&[board.clone(), base.clone(), other], std::slice::from_ref(&import)), expected);
         assert_eq!(carrying(&[board, base.clone()], &[]), []);
         assert_eq!(carrying(&[base], &[import]), []);
     }
