@@ -149,7 +149,8 @@ fn list(place: &Place, judged: bool) -> Result<ExitCode, KeysError> {
                 (false, ..0) => "ended".to_owned(),
                 (false, days) => format!("{days} days left"),
             };
-            format!("{:<42}until {}  {state}", holder.name, holder.until)
+            let imports: String = holder.imports.iter().map(|from| format!(", takes the ticks of {from}")).collect();
+            format!("{:<42}until {}  {state}{imports}", holder.name, holder.until)
         };
         print(&holders.iter().map(line).collect::<Vec<_>>().join("\n"))
     };

@@ -70,6 +70,8 @@ pub struct Holder {
     pub days_left: i64,
     /// It was revoked.
     pub revoked: bool,
+    /// The vehicles whose ticks it may take.
+    pub imports: Vec<Party>,
 }
 
 impl Keys {
@@ -183,10 +185,18 @@ impl Keys {
         let valid = [first.to_vec(), of(self.parties()?, &self.folder)].concat();
         let revoked = self.folder.join(REVOKED);
         let revoked = of(parties(&revoked)?, &revoked);
-        let now = time::OffsetDateTime::now_utc();
+        let (now, imports) = (time::OffsetDateTime::now_utc(), self.imports(&self.parties()?)?);
         let holder = |path: &PathBuf, revoked| {
             let Contents { common_name: name, until, .. } = self.read(path)?;
-            Ok(Holder { name, until: until.date().to_string(), days_left: (until - now).whole_days(), revoked })
+            let imports =
+                imports.iter().filter(|import| import.by.to_string() == name).map(|it| it.from.clone()).collect();
+            Ok(Holder {
+                name,
+                until: until.date().to_string(),
+                days_left: (until - now).whole_days(),
+                revoked,
+                imports,
+            })
         };
         let valid = valid.iter().map(|path| holder(path, false));
         valid.chain(revoked.iter().map(|path| holder(path, true))).collect()
