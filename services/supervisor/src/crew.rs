@@ -30,6 +30,8 @@ const GRACE: Duration = Duration::from_millis(400);
 const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 /// From a start until the service must be ready.
 pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
+/// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
+const STANDSTILL: Duration = Duration::from_millis(100);
 /// What a service says last is kept up to this, bytes.
 const SAID_MAX: u64 = 8192;
 
@@ -40,6 +42,8 @@ pub(crate) struct Crew {
     orders: Orders,
     /// Lives given out.
     incarnations: u32,
+    /// When the services were looked after last.
+    tended: Instant,
 }
 
 /// A service and its lives.
@@ -133,7 +137,8 @@ struct Process {
 impl Crew {
     /// Starts every service in the order of the launch file.
     pub(crate) fn start(orders: &Orders) -> Result<Self, UpError> {
-        let mut crew = Self { posts: Default::default(), orders: orders.clone(), incarnations: 0 };
+        let mut crew =
+            Self { posts: Default::default(), orders: orders.clone(), incarnations: 0, tended: Instant::now() };
         for service in orders.launch.services.clone() {
             crew.begin(service, None)?;
         }
@@ -240,8 +245,12 @@ impl Crew {
     /// Sees who has ended, and kills who says nothing any more.
     pub(crate) fn tend(&mut self, news: &mut News) -> Result<(), UpError> {
         let rule = self.orders.launch.restart;
+        let stood_still = std::mem::replace(&mut self.tended, Instant::now()).elapsed();
         for service in Service::ALL {
             let post = &mut self.posts[service as usize];
+            if stood_still > STANDSTILL {
+                post.forgive(stood_still);
+            }
             post.kill_the_silent(service, &rule, news);
             for life in [&mut post.candidate, &mut post.retired] {
                 if let Some(mut gone) = life.take_if(|process| process.reap().is_some()) {
@@ -445,6 +454,14 @@ impl Post {
     /// It has opened its topics, or will not any more.
     pub(crate) fn is_settled(&self) -> bool {
         self.away || self.heard().is_some()
+    }
+
+    /// A time in which nobody could say anything.
+    fn forgive(&mut self, stood_still: Duration) {
+        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
+            process.since += stood_still;
+            process.heard.iter_mut().for_each(|heard| heard.at += stood_still);
+        }
     }
 
     fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut News) {
