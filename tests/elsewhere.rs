@@ -203,3 +203,17 @@ fn a_gateway_that_is_killed_is_followed_into_its_next_life() {
     assert!(summary.contains("lost on the bus 0") && summary.contains("gateway restarts 1"), "{summary}");
     vehicle.end();
 }
+
+#[test]
+fn an_observation_ends_when_its_vehicle_stays_away() {
+    let vehicle = Vehicle::start("");
+    let mut echo = Echo::start(&vehicle);
+    let mut lines = BufReader::new(echo.0.stdout.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    vehicle.end();
+    assert!(lines.all(|line| line.is_ok()));
+    let mut summary = String::new();
+    echo.0.stderr.take().unwrap().read_to_string(&mut summary).unwrap();
+    assert!(summary.contains("the vehicle \"boat\" has been out of reach for 10 s"), "{summary}");
+    assert_eq!(echo.0.wait().unwrap().code(), Some(0));
+}
