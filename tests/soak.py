@@ -47,7 +47,7 @@ def main():
 class Soak:
     def __init__(self, plumb, folder, chance):
         self.plumb, self.chance, self.name = plumb, chance, f"soak-{os.getpid()}"
-        self.readers, self.done, self.samples = [], {}, []
+        self.readers, self.done, self.samples, self.refusal = [], {}, [], ""
         launch = folder / "launch.toml"
         launch.write_text(f'name = "{self.name}"\n[restart]\nsettled_s = 0\n[ingest]\nsource = "sim"\n')
         self.log, self.report = folder / "log", folder / "report"
@@ -94,6 +94,8 @@ class Soak:
     def swap(self):
         slot = self.chance.choice(list(STAGES))
         answer = self.ask("swap", slot, self.chance.choice(STAGES[slot]))
+        if not answer:
+            sys.exit(f"a swap was not answered: {self.refusal}\n{self.log.read_text()}")
         if answer["outcome"] != "committed":
             print(f"not committed: {answer}")
 
@@ -152,8 +154,9 @@ class Soak:
 
     def ask(self, *words):
         command = [self.plumb, *words, "--json", "--system", self.name]
-        answer = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False).stdout
-        return json.loads(answer.splitlines()[-1]) if answer.strip() else None
+        answered = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+        self.refusal = answered.stderr
+        return json.loads(answered.stdout.splitlines()[-1]) if answered.stdout.strip() else None
 
     def until(self, what, done):
         deadline = time.monotonic() + BACK_LIMIT_S
