@@ -10,7 +10,8 @@ use super::{
 };
 use crate::{Complex, GRAVITY_M_S2, stage::Numbers};
 
-/// Standard deviation of the velocity with which a body is found under way, over g, s: 2 m/s.
+/// Standard deviation of the velocity with which a body is found under way, over g, s: 4 m/s, the loop's memory of a vehicle that
+/// brakes.
 const VELOCITY_SD_S: f64 = 4.0 / GRAVITY_M_S2;
 /// What the loop is off by in a movement, rad: 1°.
 const LOOP_SD_RAD: f64 = 0.017_453_293;
@@ -37,7 +38,7 @@ impl Underway {
         let noise_rad2 = (LOOP_SD_RAD * LOOP_SD_RAD + tilt_variance_rad2) * (T2_S / interval_s).max(1.0);
         let [tilt, velocity] = self.share;
         let gain = self.variance_s2 * tilt / (tilt * tilt * self.variance_s2 + noise_rad2);
-        self.variance_s2 *= 1.0 - gain * tilt;
+        self.variance_s2 *= (1.0 - gain * tilt).max(0.0);
         let found_s = tilt_rad * gain;
         Error { tilt: found_s * tilt, velocity: found_s * velocity }
     }

@@ -303,7 +303,9 @@ impl Heading {
 
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        let bounds = (0.0..=PI).contains(&self.sd_rad) && libm::fabs(self.turn_rad) <= PI && self.settling_rad >= 0.0;
+        let Self { settling_rad, turn_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI;
+        let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
         self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
     }
 }
