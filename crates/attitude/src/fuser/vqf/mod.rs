@@ -221,7 +221,8 @@ impl Stage for Vqf {
         let params = self.filter.params();
         let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
         let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
-        self.filter.set_bias_estimate(bias_rad_s.into(), Some(common.bias_sd_rad_s.min(sd_max)));
+        // How well it is known VQF finds out as at its own beginning: what the giver's error is made of is not known here.
+        self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
         let state = self.filter.state_mut();
         state.delta = 0.0;
         state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
