@@ -130,6 +130,7 @@ fn a_supervisor_that_dies_in_any_phase_of_an_exchange_leaves_nothing_and_the_nex
         running.output();
         asking.wait().unwrap();
         until("its services to end", || !children.iter().any(|pid| lives(*pid)));
+        until("what is left to be removed", || system.remains().is_empty());
     }
     system.run(&["--for", "1s"]).assert_whole();
 }

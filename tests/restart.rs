@@ -92,6 +92,25 @@ fn a_service_that_freezes_is_killed_and_goes_on() {
 }
 
 #[test]
+fn a_machine_that_stands_still_and_goes_on_costs_no_service_its_life() {
+    let run = assert_undisturbed("", &[], |running| {
+        for _ in 0..3 {
+            pause(500);
+            let services = running.all_services();
+            // The supervisor goes on first, as it may on a machine that was suspended.
+            let pids: Vec<_> = [running.pid()].into_iter().chain(services.iter().map(|(_, pid)| *pid)).collect();
+            pids.iter().rev().for_each(|pid| signal(*pid, Signal::STOP));
+            pause(900);
+            for pid in pids {
+                signal(pid, Signal::CONT);
+                pause(30);
+            }
+        }
+    });
+    assert!(["ingest", "gyro", "accel", "fuser", "course"].iter().all(|service| restarts(&run, service) == 0));
+}
+
+#[test]
 fn a_service_that_cannot_live_ends_the_system_with_its_name() {
     let system = System::new("[restart]\nsettled_s = 60\nbackoff_s = 0\nlimit = 2");
     let running = system.start(&["--for", "60s"]);

@@ -160,6 +160,10 @@ impl Domain {
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
+        // The supervisor clears away what the killed leave: nobody else waits for it.
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
         config
     }
 

@@ -11,6 +11,7 @@ mod domain;
 mod error;
 mod facts;
 mod observer;
+mod place;
 mod remains;
 mod tap;
 mod topic;

@@ -34,7 +34,8 @@ impl Observer {
         }
         let seat = seat(domain)?;
         let page = domain.page()?;
-        // Whoever was killed in this seat is cleaned up here, and its ports are free again.
+        // Whoever was killed in this seat: its ports are free again. What cannot be removed the supervisor tries again.
+        let _ = domain.clean();
         let node = topic::node(domain, who)?;
         let room = Rc::new(Room { run: page.run(), page, config: domain.config(), domain: domain.clone() });
         drop(inside);

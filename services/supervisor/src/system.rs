@@ -15,6 +15,7 @@ use runtime::{Input, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
     Plan, Report, UpError,
+    cleaner::Cleaner,
     collector::Collector,
     crew::{Crew, News, READY_LIMIT, own_cpu_s},
     door::{Ask, Door},
@@ -50,6 +51,7 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
 /// A running system. Its fields are dropped in this order: processes, ports, node, and last the name.
 struct System {
     crew: Crew,
+    cleaner: Cleaner,
     ports: Ports,
     memory: Memory,
     exchange: Exchange,
@@ -89,6 +91,7 @@ impl System {
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
+        let cleaner = Cleaner::new(domain.clone())?;
         let crew = Crew::start(&plan.orders)?;
         let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
         let door = Door::open(&domain)?;
@@ -96,7 +99,20 @@ impl System {
         let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
         let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
-        Ok(Self { crew, ports, memory, exchange, watches, door, waiting, view, notifier, asked_to_end, _claim: claim })
+        Ok(Self {
+            crew,
+            cleaner,
+            ports,
+            memory,
+            exchange,
+            watches,
+            door,
+            waiting,
+            view,
+            notifier,
+            asked_to_end,
+            _claim: claim,
+        })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed.
@@ -188,9 +204,13 @@ impl System {
 
     /// Sees to the services and their slots, and says what happened to them.
     fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { crew, exchange, memory, ports, view, .. } = self;
+        let Self { crew, cleaner, exchange, memory, ports, view, .. } = self;
         let mut news = News::default();
-        let tended = crew.tend(&mut news).and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
+        let tended = crew.tend(&mut news);
+        if !news.deaths.is_empty() {
+            cleaner.heed();
+        }
+        let tended = tended.and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
         view.announce(&news.lines);
         tended
     }

@@ -1,0 +1,52 @@
+//! A process's part in a system, given back when the last port of it is gone.
+
+use std::{
+    fs::{self, File},
+    time::Duration,
+};
+
+use rustix::process::{Pid, getppid};
+
+use crate::{BusError, Domain, wake::Page};
+
+/// How long whoever clears away after a dead owner waits for the others to end.
+const OTHERS_LIMIT: Duration = Duration::from_secs(1);
+
+/// The page of wake words, and the lock that says that somebody takes part.
+#[derive(Debug)]
+pub(crate) struct Place {
+    pub(crate) page: Page,
+    member: Option<File>,
+    domain: Domain,
+    /// Who started this process: of a service, the owner of the name.
+    parent: Option<Pid>,
+}
+
+impl Place {
+    pub(crate) fn take(domain: &Domain) -> Result<Self, BusError> {
+        let page = domain.page()?;
+        Ok(Self { page, member: Some(domain.take_part()?), domain: domain.clone(), parent: getppid() })
+    }
+}
+
+impl Place {
+    /// Whoever started this process has died, or is dying: its threads do not end at once.
+    fn is_orphaned(&self) -> bool {
+        let state = |pid: Pid| {
+            let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).ok()?;
+            stat.rsplit_once(')')?.1.trim_start().chars().next()
+        };
+        getppid() != self.parent || self.parent.and_then(state) == Some('Z')
+    }
+}
+
+impl Drop for Place {
+    /// When the owner was killed, the services that it leaves behind remove what is left of the system.
+    fn drop(&mut self) {
+        self.member = None;
+        if self.is_orphaned() && self.domain.page_path().exists() {
+            // Where another service does it, or somebody starts anew, there is nothing to do.
+            drop(self.domain.claim_within(OTHERS_LIMIT));
+        }
+    }
+}
