@@ -11,7 +11,7 @@ use supervisor::{Ask, DoorError, Standing, ask};
 use crate::{
     fail, print,
     seeing::{Until, duration, observer},
-    swap::System,
+    swap::OnBoard,
 };
 
 /// The command line of `plumb doctor`.
@@ -19,7 +19,7 @@ use crate::{
 #[command(after_help = "Exit codes: 0 no problem (there may be warnings), 1 a problem remains.")]
 pub(crate) struct DoctorCommand {
     #[command(flatten)]
-    system: System,
+    system: OnBoard,
     /// Remove what dead systems and killed processes have left behind; nothing of a living system is touched. With --system only of
     /// that one.
     #[arg(long)]
@@ -56,7 +56,7 @@ fn examine(name: &str, seconds: Duration) -> Result<Vec<Check>, Check> {
         Check::problem("system", error.to_string(), "look again; if it stays so, start the system anew")
     };
     let observer = observer(name, "doctor").map_err(unseen)?;
-    let mut until = Until::new(&observer, Some(seconds));
+    let mut until = Until::new(|| observer.is_running(), Some(seconds));
     let seen = Seen::watch(&observer, &mut || until.is_over()).map_err(unseen)?;
     let standings = ask::<Vec<Standing>>(name, &Ask::Ps).map_err(unanswered)?;
     let orders = ask::<Orders>(name, &Ask::Orders).map_err(unanswered)?;

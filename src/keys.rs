@@ -35,6 +35,9 @@ pub(crate) enum Command {
         /// An IP address or name at which it listens itself, without a router; several may be given.
         #[arg(long = "host", value_name = "HOST")]
         hosts: Vec<String>,
+        /// Another vehicle whose ticks it takes, as the two are hosts of one system; several may be given.
+        #[arg(long, value_name = "VEHICLE")]
+        imports: Vec<String>,
     },
     /// Make a certificate for an operator: reads everything and commands.
     Operator(Named),
@@ -101,9 +104,9 @@ pub(crate) fn run(command: Command) -> ExitCode {
             let written = |keys: Keys| keys.router(&parsed(&router.hosts)?, made.days, made.force);
             made.place.open().and_then(written).map(|written| show(&[written], &made.place))
         }
-        Command::Vehicle { named, hosts } => parsed(&hosts).and_then(|hosts| named.issue(Role::Vehicle, &hosts)),
-        Command::Operator(named) => named.issue(Role::Operator, &[]),
-        Command::Viewer(named) => named.issue(Role::Viewer, &[]),
+        Command::Vehicle { named, hosts, imports } => vehicle(&named, &hosts, &imports),
+        Command::Operator(named) => named.issue(Role::Operator, &[], &[]),
+        Command::Viewer(named) => named.issue(Role::Viewer, &[], &[]),
         Command::Revoke { party, place } => revoke(&party, &place),
         Command::List(place) => list(&place, false),
         Command::Check(place) => list(&place, true),
@@ -114,6 +117,11 @@ pub(crate) fn run(command: Command) -> ExitCode {
 fn init(router: &Router, made: &Made) -> Result<ExitCode, KeysError> {
     let (_, written) = Keys::init(&made.place.dir, &parsed(&router.hosts)?, made.days, made.force)?;
     Ok(show(&written, &made.place))
+}
+
+fn vehicle(named: &Named, hosts: &[String], imports: &[String]) -> Result<ExitCode, KeysError> {
+    let imports: Vec<_> = imports.iter().map(|name| Party::new(Role::Vehicle, name)).collect::<Result<_, _>>()?;
+    named.issue(Role::Vehicle, &parsed(hosts)?, &imports)
 }
 
 fn revoke(party: &str, place: &Place) -> Result<ExitCode, KeysError> {
@@ -141,7 +149,8 @@ fn list(place: &Place, judged: bool) -> Result<ExitCode, KeysError> {
                 (false, ..0) => "ended".to_owned(),
                 (false, days) => format!("{days} days left"),
             };
-            format!("{:<42}until {}  {state}", holder.name, holder.until)
+            let imports: String = holder.imports.iter().map(|from| format!(", takes the ticks of {from}")).collect();
+            format!("{:<42}until {}  {state}{imports}", holder.name, holder.until)
         };
         print(&holders.iter().map(line).collect::<Vec<_>>().join("\n"))
     };
@@ -182,10 +191,10 @@ fn parsed(hosts: &[String]) -> Result<Vec<Host>, KeysError> {
 }
 
 impl Named {
-    fn issue(&self, role: Role, hosts: &[Host]) -> Result<ExitCode, KeysError> {
+    fn issue(&self, role: Role, hosts: &[Host], imports: &[Party]) -> Result<ExitCode, KeysError> {
         let Self { name, made } = self;
         let party = Party::new(role, name)?;
-        let written = made.place.open()?.issue(&party, hosts, made.days, made.force)?;
+        let written = made.place.open()?.issue(&party, hosts, imports, made.days, made.force)?;
         Ok(show(&[written], &made.place))
     }
 }

@@ -12,6 +12,7 @@ mod station;
 mod swap;
 mod top;
 mod topic;
+mod track;
 mod up;
 
 use std::{

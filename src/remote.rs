@@ -1,8 +1,8 @@
-//! A vehicle that is asked from elsewhere: `--remote VEHICLE --connect ENDPOINT`.
+//! A vehicle that is asked from elsewhere: `--remote VEHICLE --connect ENDPOINT --keys FOLDER`.
 
 use std::{
-    path::PathBuf,
-    time::{Duration, SystemTime, UNIX_EPOCH},
+    path::{Path, PathBuf},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 use clap::Args;
@@ -23,48 +23,87 @@ const SWAP_LIMIT: Duration = Duration::from_secs(30);
 /// Where a gateway listens when nothing else is said.
 const USUAL: &str = "tcp/127.0.0.1:7447";
 
+/// Why a vehicle elsewhere was not asked, or did not answer.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum RemoteError {
+    /// The network.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// A connection that somebody must be trusted for, and nobody is.
+    #[error(
+        "connecting to {endpoint}: --keys is missing, the folder that `plumb keys operator NAME` or `plumb keys viewer NAME` makes"
+    )]
+    NoKeys { endpoint: String },
+    /// The folder is not one of those.
+    #[error(
+        "reading the keys of {folder}: there is no {file}; `plumb keys operator NAME` or `plumb keys viewer NAME` makes such a folder"
+    )]
+    NoFile { folder: PathBuf, file: &'static str },
+    /// Whoever tells how it is, and takes no command.
+    #[error(
+        "commanding {vehicle:?}: it tells how its services are and takes no command from here, as its access list has it for viewers; with the folder of an operator, --keys keys/operator.NAME, it does"
+    )]
+    NoCommand { vehicle: String },
+}
+
+impl RemoteError {
+    /// The exit code of `plumb`: 2 when the command line is wrong, else 1.
+    pub(crate) fn exit_code(&self) -> u8 {
+        if matches!(self, Self::NoKeys { .. } | Self::NoFile { .. }) { 2 } else { 1 }
+    }
+}
+
 /// How vehicles are reached.
 #[derive(Args, Clone)]
 pub(crate) struct Way {
     /// An endpoint of a gateway or a router; may be given several times [default: tcp/127.0.0.1:7447].
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// The certificate of the authority, for tls endpoints.
-    #[arg(long, value_name = "FILE", requires = "cert")]
-    ca: Option<PathBuf>,
-    /// One's own certificate.
-    #[arg(long, value_name = "FILE", requires = "key")]
-    cert: Option<PathBuf>,
-    /// The key to it.
-    #[arg(long, value_name = "FILE", requires = "ca")]
-    key: Option<PathBuf>,
+    /// A folder that `plumb keys` has made, for tls endpoints: the certificate that is shown, and whom it believes.
+    #[arg(long, value_name = "FOLDER")]
+    keys: Option<PathBuf>,
 }
 
 impl Way {
-    fn ends(&self) -> Ends {
-        let tls = match (&self.ca, &self.cert, &self.key) {
-            (Some(ca), Some(cert), Some(key)) => Some(Tls { ca: ca.clone(), cert: cert.clone(), key: key.clone() }),
-            _ => None,
+    fn ends(&self) -> Result<Ends, RemoteError> {
+        let connect = if self.connect.is_empty() { &[USUAL.to_owned()] } else { &self.connect[..] };
+        let secured = connect.iter().find(|endpoint| endpoint.starts_with("tls/"));
+        let tls = match (&self.keys, secured) {
+            (Some(folder), _) => Some(tls(folder)?),
+            (None, Some(endpoint)) => return Err(RemoteError::NoKeys { endpoint: endpoint.clone() }),
+            (None, None) => None,
         };
-        let usual = [USUAL.to_owned()];
-        Ends { tls, ..Ends::connecting(if self.connect.is_empty() { &usual } else { &self.connect }) }
+        Ok(Ends { tls, ..Ends::connecting(connect) })
     }
 
     /// The way, gone.
-    pub(crate) fn open(&self) -> Result<Link, LinkError> {
-        let ends = self.ends();
+    pub(crate) fn open(&self) -> Result<Link, RemoteError> {
+        let ends = self.ends()?;
         let link = Link::open(&ends)?;
-        if link.await_somebody(CONNECT_LIMIT) { Ok(link) } else { Err(LinkError::Nobody { ends: ends.to_string() }) }
+        if link.await_somebody(CONNECT_LIMIT) {
+            Ok(link)
+        } else {
+            Err(LinkError::Nobody { ends: ends.to_string() }.into())
+        }
     }
 }
 
+/// What a party's folder holds.
+fn tls(folder: &Path) -> Result<Tls, RemoteError> {
+    let file = |file| {
+        let path = folder.join(file);
+        if path.is_file() { Ok(path) } else { Err(RemoteError::NoFile { folder: folder.into(), file }) }
+    };
+    Ok(Tls { ca: file("ca.pem")?, cert: file("cert.pem")?, key: file("key.pem")? })
+}
+
 /// The services of a vehicle.
-pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<Standing>, LinkError> {
+pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<Standing>, RemoteError> {
     Ok(services(&way.open()?, vehicle)?.services.into_iter().map(standing).collect())
 }
 
 /// Exchanges what fills a slot of a vehicle.
-pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, LinkError> {
+pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, RemoteError> {
     let link = way.open()?;
     let Services { t_now_ns, services } = services(&link, vehicle)?;
     let standing = services.into_iter().find(|one| one.service == slot);
@@ -78,9 +117,17 @@ pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -
         expected_epoch,
         t_deadline_ns: t_now_ns + SWAP_LIMIT.as_nanos() as u64,
     };
-    let answer: SwapAnswer =
-        link.ask_one(&keys::key(vehicle, keys::SWAP), request.encoded(), SWAP_LIMIT + ANSWER_LIMIT)?;
-    Ok(report(answer))
+    let asked = Instant::now();
+    let answer: Result<SwapAnswer, _> =
+        link.ask_one(&keys::key(vehicle, keys::SWAP), request.encoded(), SWAP_LIMIT + ANSWER_LIMIT);
+    match answer {
+        Ok(answer) => Ok(report(answer)),
+        // Who has just answered has not gone: an access list ends such a question at once.
+        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => {
+            Err(RemoteError::NoCommand { vehicle: vehicle.into() })
+        }
+        Err(error) => Err(error.into()),
+    }
 }
 
 fn services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {

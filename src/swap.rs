@@ -25,20 +25,27 @@ use crate::{
 /// How often the difference of a shadow is shown.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Which system is asked.
+/// Which system on this machine is asked.
 #[derive(Args)]
-pub(crate) struct System {
+pub(crate) struct OnBoard {
     /// The system's name [default: that of ./launch.toml, else plumbline].
     #[arg(long = "system", value_name = "NAME")]
     name: Option<String>,
-    /// Another vehicle in its place, over the network.
+    /// Print JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Which system is asked, on this machine or elsewhere.
+#[derive(Args)]
+pub(crate) struct System {
+    #[command(flatten)]
+    on_board: OnBoard,
+    /// A vehicle elsewhere in its place, over the network.
     #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
     remote: Option<String>,
     #[command(flatten)]
     way: Way,
-    /// Print JSON.
-    #[arg(long)]
-    pub(crate) json: bool,
 }
 
 /// What is to fill a slot.
@@ -67,11 +74,11 @@ pub(crate) struct Shadow {
 
 /// Exchanges what fills a slot.
 pub(crate) fn swap(exchange: Exchange) -> ExitCode {
-    let json = exchange.system.json;
+    let json = exchange.system.json();
     if let Some(vehicle) = &exchange.system.remote {
         return match remote::swap(vehicle, &exchange.system.way, &exchange.slot, exchange.wish(false).stage) {
             Ok(report) => show(&report, json),
-            Err(error) => fail(&error, 1),
+            Err(error) => fail(&error, error.exit_code()),
         };
     }
     match ask::<SwapReport>(&exchange.system.name(), &Ask::Swap(exchange.wish(false))) {
@@ -89,7 +96,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
             2,
         );
     }
-    let (name, json) = (exchange.system.name(), exchange.system.json);
+    let (name, json) = (exchange.system.name(), exchange.system.json());
     let Some(service) = Service::named(&exchange.slot) else {
         return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", exchange.slot), 2);
     };
@@ -127,11 +134,11 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 /// How the services of a running system are.
 pub(crate) fn ps(system: System) -> ExitCode {
     let asked = match &system.remote {
-        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| error.to_string()),
-        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| error.to_string()),
+        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| (error.to_string(), error.exit_code())),
+        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| (error.to_string(), 1)),
     };
     match asked {
-        Ok(services) if system.json => print(&serde_json::to_string(&services).unwrap_or_default()),
+        Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
         Ok(services) => {
             let line = |one: &Standing| {
                 let Standing { service, stage, state, pid, restarts, epoch, ticks, lost, at, .. } = one;
@@ -145,7 +152,7 @@ pub(crate) fn ps(system: System) -> ExitCode {
             );
             print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))
         }
-        Err(error) => fail(&error, 1),
+        Err((error, code)) => fail(&error, code),
     }
 }
 
@@ -221,6 +228,21 @@ impl Exchange {
 }
 
 impl System {
+    pub(crate) fn json(&self) -> bool {
+        self.on_board.json
+    }
+
+    pub(crate) fn name(&self) -> String {
+        self.on_board.name()
+    }
+
+    /// The vehicle elsewhere, and the way to it.
+    pub(crate) fn remote(&self) -> Option<(&str, &Way)> {
+        Some((self.remote.as_deref()?, &self.way))
+    }
+}
+
+impl OnBoard {
     /// It was named on the command line.
     pub(crate) fn is_named(&self) -> bool {
         self.name.is_some()

@@ -14,14 +14,14 @@ use supervisor::{Ask, Standing, ask};
 use crate::{
     fail, print,
     seeing::{LOOK, Until, duration, observer},
-    swap::System,
+    swap::OnBoard,
 };
 
 /// The command line of `plumb top`.
 #[derive(Args)]
 pub(crate) struct TopCommand {
     #[command(flatten)]
-    system: System,
+    system: OnBoard,
     /// Seconds between two looks.
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
     interval: Duration,
@@ -45,7 +45,7 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
         Ok(observed) => observed,
         Err(error) => return fail(&error, 1),
     };
-    let mut until = Until::new(&observer, seconds);
+    let mut until = Until::new(|| observer.is_running(), seconds);
     let screen = (stdout().is_terminal() && !system.json && count.is_none()).then(screen);
     let mut left = count.unwrap_or(u64::MAX);
     let mut last = Instant::now();

@@ -5,18 +5,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::BusError;
 use clap::{Args, Subcommand};
 use messages::Layout;
 use observe::{
     flow::{Flow, FlowReport},
     record::Record,
-    topics::Topic,
+    topics::{ELSEWHERE, Topic},
 };
 
 use crate::{
     fail, print,
-    seeing::{LOOK, Until, Watched, duration, observer},
+    seeing::{LOOK, Place, SeeError, Until, Watched, duration},
     swap::System,
 };
 
@@ -74,42 +73,36 @@ pub(crate) fn run(command: TopicCommand) -> ExitCode {
         TopicCommand::Hz(watch) => rate(&watch, FlowReport::hz),
         TopicCommand::Bw(watch) => rate(&watch, FlowReport::bw),
     };
-    ran.unwrap_or_else(|error| fail(&error, if matches!(error, BusError::NoTopic { .. }) { 2 } else { 1 }))
+    ran.unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
-fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, BusError> {
-    let observer = observer(&system.name(), "topic list")?;
-    let mut watched = Vec::new();
-    for topic in messages::TOPICS {
-        match Watched::new(&observer, topic) {
-            Ok(topic) => watched.push(topic),
-            Err(BusError::Unopened { .. }) => {}
-            Err(error) => return Err(error),
-        }
+fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, SeeError> {
+    let place = Place::of(system, "topic list")?;
+    let watched = place.watch_all()?;
+    let topics = watch(watched, Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT))))?;
+    if system.json() {
+        return Ok(print(&serde_json::Value::from_iter(topics.iter().map(Topic::json))));
     }
-    let until = Until::new(&observer, Some(seconds.unwrap_or(RATES_LIMIT)));
-    let topics = watch(watched, until)?;
-    Ok(if system.json {
-        print(&serde_json::Value::from_iter(topics.iter().map(Topic::json)))
-    } else {
-        let lines: Vec<_> = [Topic::head()].into_iter().chain(topics.iter().map(Topic::line)).collect();
-        print(&lines.join("\n"))
-    })
+    let mut lines: Vec<_> = [Topic::head()].into_iter().chain(topics.iter().map(Topic::line)).collect();
+    if let Some((vehicle, _)) = system.remote() {
+        lines.push(format!("what {vehicle} sends, as it arrives here; {ELSEWHERE}"));
+    }
+    Ok(print(&lines.join("\n")))
 }
 
-fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, BusError> {
-    let observer = observer(&system.name(), "topic info")?;
-    let watched = Watched::new(&observer, topic)?;
-    let until = Until::new(&observer, Some(seconds.unwrap_or(RATES_LIMIT)));
+fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, SeeError> {
+    let place = Place::of(system, "topic info")?;
+    let watched = place.watch(topic)?;
+    let until = Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT)));
     Ok(match watch(vec![watched], until)?.first() {
-        Some(topic) if system.json => print(&topic.info_json()),
+        Some(topic) if system.json() => print(&topic.info_json()),
         Some(topic) => print(topic),
         None => ExitCode::FAILURE,
     })
 }
 
 /// Lets topics flow for a while.
-fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, BusError> {
+fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, SeeError> {
     while !until.is_over() {
         std::thread::sleep(LOOK);
         watched.iter_mut().try_for_each(|topic| topic.look(&mut |_, _| true))?;
@@ -117,7 +110,7 @@ fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, BusE
     watched.into_iter().map(Watched::topic).collect()
 }
 
-fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
+fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
     let (mut came, mut shown) = (0, ExitCode::SUCCESS);
     let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
     let report = follow(
@@ -128,7 +121,7 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
             came += 1;
             if (came - 1u64).is_multiple_of(every) {
                 shown = match Record::new(layout, bytes) {
-                    Ok(record) if watch.system.json => print(&record.json()),
+                    Ok(record) if watch.system.json() => print(&record.json()),
                     Ok(record) => print(&format_args!("{}:{record}", watch.topic)),
                     Err(error) => fail(&error, 1),
                 };
@@ -141,8 +134,8 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, BusError> {
     Ok(shown)
 }
 
-fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, BusError> {
-    let json = watch.system.json;
+fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, SeeError> {
+    let json = watch.system.json();
     let mut told = Instant::now();
     let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
         if json || told.elapsed() < LINE_INTERVAL {
@@ -162,10 +155,10 @@ fn follow(
     who: &str,
     take: &mut dyn FnMut(&Layout, &[u8]) -> bool,
     round: &mut dyn FnMut(&Flow) -> bool,
-) -> Result<FlowReport, BusError> {
-    let observer = observer(&system.name(), who)?;
-    let mut watched = Watched::new(&observer, topic)?;
-    let mut until = Until::new(&observer, *seconds);
+) -> Result<FlowReport, SeeError> {
+    let place = Place::of(system, who)?;
+    let mut watched = place.watch(topic)?;
+    let mut until = Until::new(|| place.is_running(), *seconds);
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
     while wanted && left > 0 && !until.is_over() {
         std::thread::sleep(LOOK);
@@ -177,7 +170,7 @@ fn follow(
         wanted &= round(&watched.flow);
     }
     if until.system_ended() {
-        supervisor::tell(format_args!("the system {:?} has ended", system.name()));
+        supervisor::tell(place.ended(system));
     }
     Ok(watched.flow.report())
 }

@@ -5,14 +5,16 @@ mod common;
 
 use std::{
     fs,
-    net::TcpListener,
-    path::Path,
-    process::{Child, Command, Stdio},
+    process::{Child, Stdio},
     thread,
     time::Duration,
 };
 
-use common::{Running, System, plumb, signal, until};
+use common::{
+    Running, System,
+    beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},
+    plumb, signal, until,
+};
 use link::{Ends, Link};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -23,63 +25,6 @@ use wire::{
 };
 
 const LIMIT: Duration = Duration::from_secs(40);
-
-/// A port that nobody has.
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
-
-/// A system with a gateway; `more` follows in its table.
-fn with_gateway(port: u16, more: &str) -> System {
-    System::new(&format!(
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nlisten = [\"tcp/127.0.0.1:{port}\"]\n{more}"
-    ))
-}
-
-fn ps(system: &System) -> Vec<Value> {
-    let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap_or_default()
-}
-
-fn gateway(system: &System) -> Option<Value> {
-    ps(system).into_iter().find(|one| one["service"] == "gateway")
-}
-
-/// Where the gateway listens, once it does.
-fn endpoint(system: &System) -> String {
-    let at = || Some(gateway(system)?["at"].as_str()?.to_owned());
-    until("the gateway to listen", || at().is_some());
-    at().unwrap()
-}
-
-fn station(endpoints: &[&str], more: &[&str]) -> Command {
-    let mut command = plumb(&["station", "--json"]);
-    command.args(endpoints.iter().flat_map(|endpoint| ["--connect", endpoint]));
-    command.args(more);
-    command
-}
-
-fn seen(mut command: Command) -> Value {
-    let output = command.output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
-    let last = text.lines().last().unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    serde_json::from_str(last).unwrap()
-}
-
-fn topic<'v>(vehicle: &'v Value, name: &str) -> &'v Value {
-    let topics = vehicle["topics"].as_array().unwrap();
-    topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("no {name}: {vehicle}"))
-}
-
-fn number(value: &Value, name: &str) -> u64 {
-    value[name].as_u64().unwrap_or_else(|| panic!("no {name}: {value}"))
-}
-
-/// The first column of a station's table.
-fn ticks(table: &Path) -> Vec<u64> {
-    let text = fs::read_to_string(table).unwrap();
-    text.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()
-}
 
 /// Nothing was lost on the way or on board, and nothing was refused.
 fn assert_all_arrived(vehicle: &Value) {

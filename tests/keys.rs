@@ -41,6 +41,30 @@ fn what_was_written_and_where_it_goes_is_told() {
 }
 
 #[test]
+fn who_takes_the_ticks_of_whom_is_told_and_a_vehicle_that_is_not_there_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (arguments, code) in [
+        (&["init"][..], 0),
+        (&["vehicle", "base", "--imports", "board"], 1),
+        (&["vehicle", "board"], 0),
+        (&["vehicle", "base", "--imports", "board/*"], 2),
+        (&["vehicle", "base", "--imports", "board"], 0),
+    ] {
+        let output = keys(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    let imports = || json(&keys(folder.path(), &["list", "--json"]))[2]["imports"].clone();
+    assert_eq!(imports(), serde_json::json!(["vehicle.board"]));
+    let said = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
+    assert!(said.contains("takes the ticks of vehicle.board"), "{said}");
+    // Made anew without it, it may no more.
+    assert!(keys(folder.path(), &["vehicle", "base", "--force"]).status.success());
+    assert_eq!(imports(), serde_json::json!([]));
+    let router = std::fs::read_to_string(folder.path().join("router/router.json5")).unwrap();
+    assert!(!router.contains("@carry"), "{router}");
+}
+
+#[test]
 fn check_fails_when_a_certificate_is_about_to_end_and_not_for_a_revoked_one() {
     let folder = tempfile::tempdir().unwrap();
     for (arguments, code) in [

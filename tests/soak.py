@@ -111,13 +111,20 @@ class Soak:
 
     def measure(self):
         pids = [self.system.pid, *(s["pid"] for s in self.services() if s["pid"])]
-        shared = [p for p in Path("/dev/shm").rglob("*") if f"plumbline.{self.name}" in str(p)]
+        shared = self.carried()
         return {
             "resident_kib": sum(resident_kib(pid) for pid in pids),
             "descriptors": sum(descriptors(pid) for pid in pids),
             "shared_kib": sum(kib(path) for path in shared),
             "files": len(shared),
         }
+
+    def carried(self):
+        """Everything that carries the system's name; what goes while it is looked at is left out."""
+        folder = Path(f"/dev/shm/plumbline.{self.name}")
+        segments = list(folder.parent.glob(f"{folder.name}.*"))
+        walked = [Path(at) / name for at, folders, files in os.walk(folder) for name in folders + files]
+        return segments + walked + [folder] * folder.exists()
 
     def judge(self):
         report = json.loads(self.report.read_text().splitlines()[-1])
@@ -131,7 +138,7 @@ class Soak:
             grows = after > before * (1 + share) + constant
             grew |= grows
             print(f"{what}: {before:.0f} → {after:.0f}{', which is growth' if grows else ''}")
-        left = [p.name for p in Path("/dev/shm").iterdir() if f"plumbline.{self.name}" in p.name]
+        left = [path.name for path in self.carried()]
         print(f"left behind: {left}")
         if not whole:
             print(self.log.read_text())

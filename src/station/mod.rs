@@ -1,7 +1,6 @@
 //! `plumb station`: every vehicle there is to see, and whether all that it sends arrives.
 
 mod csv;
-mod track;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -15,22 +14,19 @@ use std::{
 };
 
 use clap::Args;
-use link::Arrival;
-use messages::{
-    AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, GnssFix, GyroStep, Health,
-    ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading,
-};
+use link::{Arrival, Link};
+use messages::{AttitudeOutput, Message};
 use serde_json::{Value, json};
 use wire::{
     Payload, Refusal, Refusals,
     command::Letter,
     keys,
+    payload::{Visitor, with_payload},
     v1::{Envelope, GatewayReport},
 };
 
-use crate::{fail, print, remote::Way};
+use crate::{fail, print, remote::Way, track::Track};
 use csv::Tables;
-use track::Track;
 
 /// Between two tables on the screen.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
@@ -76,15 +72,22 @@ pub(crate) fn run(station: &Station) -> ExitCode {
             return fail(&format_args!("catching signals: {cause}"), 1);
         }
     }
-    match watch(station, &ends) {
+    let link = match station.way.open() {
+        Ok(link) => link,
+        Err(error) => return fail(&error, error.exit_code()),
+    };
+    match watch(station, &link, &ends) {
         Ok(vehicles) if station.json => print(&report(&vehicles)),
         Ok(_) => ExitCode::SUCCESS,
         Err(error) => fail(&error, 1),
     }
 }
 
-fn watch(station: &Station, ends: &AtomicBool) -> Result<BTreeMap<String, Vehicle>, Box<dyn std::error::Error>> {
-    let link = station.way.open()?;
+fn watch(
+    station: &Station,
+    link: &Link,
+    ends: &AtomicBool,
+) -> Result<BTreeMap<String, Vehicle>, Box<dyn std::error::Error>> {
     let messages = link.stream(&keys::key("*", "*"))?;
     let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
     let mut tables = station.csv.as_deref().map(Tables::in_folder);
@@ -132,36 +135,36 @@ fn take(
 ) -> Result<(), csv::CsvError> {
     let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
     let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
-    let write = |samples: &dyn csv::Rows| tables.map_or(Ok(()), |tables| tables.write(name, topic, samples));
-    macro_rules! topics {
-        ($($kind:ident),*) => { match topic {
-            $($kind::TOPIC => vehicle.samples::<$kind>(topic, &message.bytes).map(|samples| write(&samples)),)*
-            keys::GATEWAY => vehicle.report(&message.bytes).map(Ok),
-            _ => return Ok(()),
-        } };
-    }
-    let written = topics!(
-        SensorReading,
-        ReceiverReading,
-        ImuSample,
-        MagSample,
-        GnssFix,
-        Reference,
-        GyroStep,
-        AccelPoint,
-        FusedState,
-        AttitudeOutput,
-        Credit,
-        Checkpoint,
-        Difference,
-        Control,
-        Health
-    );
-    match written {
-        Ok(written) => written,
-        Err(refusal) => {
+    if topic == keys::GATEWAY {
+        if let Err(refusal) = vehicle.report(&message.bytes) {
             vehicle.refusals.count(&refusal);
-            Ok(())
+        }
+        return Ok(());
+    }
+    with_payload(topic, Samples { vehicle, name, topic, bytes: &message.bytes, tables }).unwrap_or(Ok(()))
+}
+
+/// Messages of a topic that go to the counts and into a table.
+struct Samples<'a> {
+    vehicle: &'a mut Vehicle,
+    name: &'a str,
+    topic: &'a str,
+    bytes: &'a [u8],
+    tables: Option<&'a mut Tables>,
+}
+
+impl Visitor for Samples<'_> {
+    type Output = Result<(), csv::CsvError>;
+
+    fn visit<M: Payload>(self) -> Self::Output {
+        let Self { vehicle, name, topic, bytes, tables } = self;
+        match (vehicle.samples::<M>(topic, bytes), tables) {
+            (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),
+            (Ok(_), None) => Ok(()),
+            (Err(refusal), _) => {
+                vehicle.refusals.count(&refusal);
+                Ok(())
+            }
         }
     }
 }

@@ -15,6 +15,15 @@ const ANSWERS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
 /// Who is alive. `**` alone does not match a chunk that begins with `@`.
 const LIVE: &str = "plumbline/v1/*/@live/**";
 
+/// Ticks of a split system that go from one of its hosts to another.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Import {
+    /// The vehicle that makes them.
+    pub from: Party,
+    /// The vehicle that takes them.
+    pub by: Party,
+}
+
 /// The access list, as Zenoh's configuration has it under `access_control`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AccessList {
@@ -50,8 +59,8 @@ struct Policy {
 }
 
 impl AccessList {
-    /// The list for these parties and nobody else.
-    pub fn new(parties: &[Party]) -> Self {
+    /// The list for these parties and nobody else; an import of a party that is not among them is none.
+    pub fn new(parties: &[Party], imports: &[Import]) -> Self {
         let of = |role| parties.iter().filter(move |party| party.role() == role);
         let mut list =
             Self { enabled: true, default_permission: "deny", rules: vec![], subjects: vec![], policies: vec![] };
@@ -59,7 +68,9 @@ impl AccessList {
         let mut commands = Vec::new();
         for vehicle in of(Role::Vehicle) {
             commands.push(format!("plumbline/v1/{}/command/*", vehicle.name()));
-            list.add(&vehicle.to_string(), [vehicle], vehicle_rules(vehicle));
+            let imports =
+                imports.iter().filter(|import| [&import.from, &import.by].iter().all(|it| parties.contains(it)));
+            list.add(&vehicle.to_string(), [vehicle], [vehicle_rules(vehicle), carry_rules(vehicle, imports)].concat());
         }
         list.add("viewers", of(Role::Viewer), reader_rules("viewers"));
         list.add("operators", of(Role::Operator), [reader_rules("operators"), command_rules(&commands)].concat());
@@ -97,6 +108,24 @@ fn vehicle_rules(vehicle: &Party) -> Vec<Rule> {
         allow(id("is asked"), "egress", &["query"], ANSWERS),
         allow(id("is commanded"), "egress", &["query"], [commands]),
     ]
+}
+
+/// Its ticks go to who may import them, and it follows those that it may import.
+fn carry_rules<'a>(vehicle: &Party, imports: impl Iterator<Item = &'a Import> + Clone) -> Vec<Rule> {
+    let carry = |party: &Party| format!("plumbline/v1/{}/@carry", party.name());
+    let id = |what: &str| format!("{vehicle} {what}");
+    let sources: Vec<_> = imports.clone().filter(|import| import.by == *vehicle).map(|it| carry(&it.from)).collect();
+    let mut rules = Vec::new();
+    if imports.clone().any(|import| import.from == *vehicle) {
+        let own = [carry(vehicle)];
+        rules.push(allow(id("carries"), "ingress", &["put", "declare_queryable", "reply"], &own));
+        rules.push(allow(id("is followed"), "egress", &["declare_subscriber", "query"], &own));
+    }
+    if !sources.is_empty() {
+        rules.push(allow(id("follows"), "ingress", &["declare_subscriber", "query"], &sources));
+        rules.push(allow(id("is brought"), "egress", &["put", "reply", "declare_queryable"], &sources));
+    }
+    rules
 }
 
 fn reader_rules(who: &str) -> Vec<Rule> {
@@ -142,14 +171,14 @@ mod tests {
 
     #[test]
     fn nobody_on_the_list_means_nobody_may_do_anything() {
-        let list = AccessList::new(&[]);
+        let list = AccessList::new(&[], &[]);
         assert_eq!((list.enabled, list.default_permission), (true, "deny"));
         assert!(list.rules.is_empty() && list.subjects.is_empty() && list.policies.is_empty());
     }
 
     #[test]
     fn every_policy_names_rules_and_subjects_that_are_there_and_only_allows() {
-        let list = AccessList::new(&["vehicle.a", "vehicle.b", "operator.o", "viewer.v"].map(party));
+        let list = AccessList::new(&["vehicle.a", "vehicle.b", "operator.o", "viewer.v"].map(party), &[]);
         for policy in &list.policies {
             assert!(!policy.rules.is_empty() && !policy.subjects.is_empty());
             assert!(policy.rules.iter().all(|id| list.rules.iter().filter(|rule| rule.id == *id).count() == 1));
@@ -159,8 +188,25 @@ mod tests {
     }
 
     #[test]
+    fn ticks_are_carried_by_whom_they_are_made_to_whom_they_are_for() {
+        let [board, base, other] = ["vehicle.board", "vehicle.base", "vehicle.other"].map(party);
+        let import = Import { from: board.clone(), by: base.clone() };
+        let carrying = |parties: &[Party], imports: &[Import]| {
+            let list = AccessList::new(parties, imports);
+            let rules = list.rules.into_iter().filter(|rule| rule.key_exprs.iter().any(|key| key.contains("@carry")));
+            rules.map(|rule| (rule.id, rule.key_exprs)).collect::<Vec<_>>()
+        };
+        let key = vec!["plumbline/v1/board/@carry".to_owned()];
+        let ids = ["board carries", "board is followed", "base follows", "base is brought"];
+        let expected = ids.map(|id| (format!("vehicle.{id}"), key.clone()));
+        assert_eq!(carrying(&[board.clone(), base.clone(), other], std::slice::from_ref(&import)), expected);
+        assert_eq!(carrying(&[board, base.clone()], &[]), []);
+        assert_eq!(carrying(&[base], &[import]), []);
+    }
+
+    #[test]
     fn only_operators_send_queries_to_commands() {
-        let list = AccessList::new(&["vehicle.a", "operator.o", "viewer.v"].map(party));
+        let list = AccessList::new(&["vehicle.a", "operator.o", "viewer.v"].map(party), &[]);
         let commanding =
             |rule: &&Rule| rule.flows == ["ingress"] && rule.key_exprs.iter().any(|key| key.contains("command"));
         let ids: Vec<_> = list.rules.iter().filter(commanding).map(|rule| rule.id.as_str()).collect();

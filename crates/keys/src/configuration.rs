@@ -56,17 +56,17 @@ mod tests {
 
     #[test]
     fn the_list_replaces_the_one_before_and_leaves_the_rest() {
-        let alpha = AccessList::new(&["vehicle.alpha".parse().unwrap()]);
+        let alpha = AccessList::new(&["vehicle.alpha".parse().unwrap()], &[]);
         let edited = ROUTER.replace("max_sessions", "max_sessions /* mine */");
         let with_alpha = with_list(&edited, &alpha).unwrap();
         assert!(with_alpha.contains("plumbline/v1/alpha/**") && with_alpha.contains("/* mine */"));
         assert_eq!(with_list(&with_alpha, &alpha).unwrap(), with_alpha);
-        assert!(!with_list(&with_alpha, &AccessList::new(&[])).unwrap().contains("alpha"));
+        assert!(!with_list(&with_alpha, &AccessList::new(&[], &[])).unwrap().contains("alpha"));
     }
 
     #[test]
     fn a_configuration_without_a_place_for_the_list_is_refused() {
-        let list = AccessList::new(&[]);
+        let list = AccessList::new(&[], &[]);
         assert_eq!(with_list("{}", &list), None);
         assert_eq!(with_list(&format!("// {LIST_END}\n// {LIST_BEGIN}\n"), &list), None);
     }

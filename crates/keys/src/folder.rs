@@ -3,7 +3,8 @@
 //! ```text
 //! DIR/authority.pem, authority.key    the authority; its key stays here
 //! DIR/router/                         ca.pem, cert.pem, key.pem, router.json5
-//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; one that listens itself: access.json5
+//! DIR/vehicle.NAME/                   ca.pem, cert.pem, key.pem, vehicle.json5; one that listens itself: access.json5; one that takes
+//!                                     ticks of others: imports, with a party on each line
 //! DIR/operator.NAME/, viewer.NAME/    ca.pem, cert.pem, key.pem, ground.json5
 //! DIR/revoked/                        folders of the parties that may do nothing any more
 //! ```
@@ -21,7 +22,7 @@ use serde::Serialize;
 
 use crate::{
     Host, KeysError, Party, Role,
-    access::AccessList,
+    access::{AccessList, Import},
     certificate::{Authority, Contents, Issued},
     configuration,
 };
@@ -30,6 +31,7 @@ const AUTHORITY_CERTIFICATE: &str = "authority.pem";
 const AUTHORITY_KEY: &str = "authority.key";
 const ROUTER: &str = "router";
 const REVOKED: &str = "revoked";
+const IMPORTS: &str = "imports";
 
 /// For the owner only.
 const PRIVATE: u32 = 0o600;
@@ -68,6 +70,8 @@ pub struct Holder {
     pub days_left: i64,
     /// It was revoked.
     pub revoked: bool,
+    /// The vehicles whose ticks it may take.
+    pub imports: Vec<Party>,
 }
 
 impl Keys {
@@ -119,8 +123,16 @@ impl Keys {
         Ok(written)
     }
 
-    /// A certificate for a party, whom the router then knows; with `hosts` it is also good to listen there.
-    pub fn issue(&self, party: &Party, hosts: &[Host], days: u32, force: bool) -> Result<Written, KeysError> {
+    /// A certificate for a party, whom the router then knows; with `hosts` it is also good to listen there. A vehicle may take the ticks of
+    /// the vehicles that it `imports` from.
+    pub fn issue(
+        &self,
+        party: &Party,
+        hosts: &[Host],
+        imports: &[Party],
+        days: u32,
+        force: bool,
+    ) -> Result<Written, KeysError> {
         let name = party.to_string();
         let revoked = self.folder.join(REVOKED).join(&name).join("cert.pem");
         if revoked.exists() {
@@ -128,14 +140,25 @@ impl Keys {
             return Err(KeysError::Revoked { party: party.clone(), until });
         }
         self.refuse_existing(&name, force)?;
+        let known = self.parties()?;
+        if let Some(unknown) = imports.iter().find(|import| !known.contains(import)) {
+            return Err(KeysError::NoParty { party: unknown.clone(), folder: self.folder.clone() });
+        }
         let router = self.read(&self.folder.join(ROUTER).join("cert.pem"))?.hosts;
         let issued = self.authority.party(party, hosts, days)?;
-        let written = match party.role() {
+        let mut written = match party.role() {
             Role::Vehicle => self.write(&name, &issued, "vehicle.json5", &configuration::vehicle(&router)),
             Role::Operator | Role::Viewer => {
                 self.write(&name, &issued, "ground.json5", &configuration::ground(&router))
             }
         }?;
+        let file = self.folder.join(&name).join(IMPORTS);
+        if imports.is_empty() {
+            remove(&file)?;
+        } else {
+            write(&file, &imports.iter().map(|import| format!("{import}\n")).collect::<String>(), PUBLIC)?;
+            written.files.push(file);
+        }
         self.write_list()?;
         Ok(written)
     }
@@ -162,10 +185,18 @@ impl Keys {
         let valid = [first.to_vec(), of(self.parties()?, &self.folder)].concat();
         let revoked = self.folder.join(REVOKED);
         let revoked = of(parties(&revoked)?, &revoked);
-        let now = time::OffsetDateTime::now_utc();
+        let (now, imports) = (time::OffsetDateTime::now_utc(), self.imports(&self.parties()?)?);
         let holder = |path: &PathBuf, revoked| {
             let Contents { common_name: name, until, .. } = self.read(path)?;
-            Ok(Holder { name, until: until.date().to_string(), days_left: (until - now).whole_days(), revoked })
+            let imports =
+                imports.iter().filter(|import| import.by.to_string() == name).map(|it| it.from.clone()).collect();
+            Ok(Holder {
+                name,
+                until: until.date().to_string(),
+                days_left: (until - now).whole_days(),
+                revoked,
+                imports,
+            })
         };
         let valid = valid.iter().map(|path| holder(path, false));
         valid.chain(revoked.iter().map(|path| holder(path, true))).collect()
@@ -202,7 +233,7 @@ impl Keys {
     /// Writes the access list into the router's configuration, and beside the certificates of vehicles that listen themselves.
     fn write_list(&self) -> Result<(), KeysError> {
         let parties = self.parties()?;
-        let list = AccessList::new(&parties);
+        let list = AccessList::new(&parties, &self.imports(&parties)?);
         for folder in parties.iter().map(|party| self.folder.join(party.to_string())) {
             if !self.read(&folder.join("cert.pem"))?.hosts.is_empty() {
                 write(&folder.join("access.json5"), &list.text(), PUBLIC)?;
@@ -213,6 +244,20 @@ impl Keys {
             Some(text) => write(&path, &text, PUBLIC),
             None => Err(KeysError::NoPlaceForList { path }),
         }
+    }
+
+    /// Which ticks go from one party to another.
+    fn imports(&self, parties: &[Party]) -> Result<Vec<Import>, KeysError> {
+        let mut imports = Vec::new();
+        for by in parties {
+            let path = self.folder.join(by.to_string()).join(IMPORTS);
+            let text = if path.exists() { read(&path)? } else { String::new() };
+            for line in text.lines() {
+                let damaged = |error: KeysError| KeysError::Damaged { path: path.clone(), why: error.to_string() };
+                imports.push(Import { from: line.parse().map_err(damaged)?, by: by.clone() });
+            }
+        }
+        Ok(imports)
     }
 
     fn read(&self, certificate: &Path) -> Result<Contents, KeysError> {

@@ -3,35 +3,17 @@
 
 mod common;
 
-use std::fs;
-
 use common::{Heard, Site, Vehicle, ask, until};
-use zenoh::{Config, Session, Wait};
+use zenoh::{Session, Wait};
 
 /// A session that listens with the certificate of alpha.
 fn alpha(site: &Site) -> Session {
-    let folder = site.path("vehicle.alpha");
-    let mut config = Config::default();
-    let quoted = |file: &str| format!("{:?}", folder.join(file).to_str().unwrap());
-    for (key, value) in [
-        ("mode", "\"peer\"".into()),
-        ("listen/endpoints", format!("[\"tls/127.0.0.1:{}\"]", site.port)),
-        ("scouting/multicast/enabled", "false".into()),
-        ("scouting/gossip/enabled", "false".into()),
-        ("transport/link/tls/enable_mtls", "true".into()),
-        ("transport/link/tls/root_ca_certificate", quoted("ca.pem")),
-        ("transport/link/tls/listen_certificate", quoted("cert.pem")),
-        ("transport/link/tls/listen_private_key", quoted("key.pem")),
-        ("access_control", fs::read_to_string(folder.join("access.json5")).unwrap()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
+    site.listening("vehicle.alpha")
 }
 
 fn site() -> Site {
     let site = Site::new(&["viewer.wall", "vehicle.beta"]);
-    site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["127.0.0.1".parse().unwrap()], 30, false).unwrap();
+    site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["127.0.0.1".parse().unwrap()], &[], 30, false).unwrap();
     // Whoever comes later is on the list, too.
     site.issue("operator.ann");
     site
@@ -66,7 +48,7 @@ fn a_vehicle_that_listens_itself_is_believed_to_be_the_router_only_where_its_cer
     let _alpha = alpha(&site);
     assert!(site.open(&site.path("viewer.wall")).is_ok());
     drop(_alpha);
-    site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["192.0.2.1".parse().unwrap()], 30, true).unwrap();
+    site.keys.issue(&"vehicle.alpha".parse().unwrap(), &["192.0.2.1".parse().unwrap()], &[], 30, true).unwrap();
     let _alpha = alpha(&site);
     assert!(site.open(&site.path("viewer.wall")).is_err());
 }

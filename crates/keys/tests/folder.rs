@@ -35,7 +35,7 @@ fn private_keys_are_for_their_owner_only_and_nothing_is_left_beside() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
     for name in ["vehicle.alpha", "operator.ann", "viewer.wall"] {
-        keys.issue(&party(name), &[], 30, false).unwrap();
+        keys.issue(&party(name), &[], &[], 30, false).unwrap();
     }
     let files = files(folder.path());
     assert_eq!(files.len(), 2 + 4 * 4, "{files:?}");
@@ -52,14 +52,14 @@ fn private_keys_are_for_their_owner_only_and_nothing_is_left_beside() {
 fn nothing_is_replaced_without_force() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
-    keys.issue(&party("vehicle.alpha"), &[], 30, false).unwrap();
+    keys.issue(&party("vehicle.alpha"), &[], &[], 30, false).unwrap();
     let contents = || files(folder.path()).iter().map(|path| fs::read(path).unwrap()).collect::<Vec<_>>();
     let before = contents();
     assert!(matches!(Keys::init(folder.path(), &hosts(), 30, false), Err(KeysError::Exists { .. })));
-    assert!(matches!(keys.issue(&party("vehicle.alpha"), &[], 30, false), Err(KeysError::Exists { .. })));
+    assert!(matches!(keys.issue(&party("vehicle.alpha"), &[], &[], 30, false), Err(KeysError::Exists { .. })));
     assert!(matches!(keys.router(&hosts(), 30, false), Err(KeysError::Exists { .. })));
     assert_eq!(contents(), before);
-    keys.issue(&party("vehicle.alpha"), &[], 30, true).unwrap();
+    keys.issue(&party("vehicle.alpha"), &[], &[], 30, true).unwrap();
     assert_ne!(contents(), before);
     Keys::init(folder.path(), &hosts(), 30, true).unwrap();
     assert!(!folder.path().join("vehicle.alpha").exists(), "a certificate of an authority that is no more");
@@ -73,14 +73,14 @@ fn the_routers_list_follows_the_parties_and_keeps_what_people_changed() {
     let edited = fs::read_to_string(&path).unwrap().replace("0.0.0.0:7447", "10.0.0.1:7447");
     fs::write(&path, edited).unwrap();
     let names = |name: &str| fs::read_to_string(&path).unwrap().contains(name);
-    keys.issue(&party("vehicle.alpha"), &[], 30, false).unwrap();
+    keys.issue(&party("vehicle.alpha"), &[], &[], 30, false).unwrap();
     assert!(names("vehicle.alpha") && names("10.0.0.1:7447"));
     keys.router(&hosts(), 30, true).unwrap();
     assert!(names("vehicle.alpha") && names("10.0.0.1:7447"));
     keys.revoke(&party("vehicle.alpha")).unwrap();
     assert!(!names("vehicle.alpha") && names("10.0.0.1:7447"));
     fs::write(&path, "{}").unwrap();
-    assert!(matches!(keys.issue(&party("vehicle.beta"), &[], 30, false), Err(KeysError::NoPlaceForList { .. })));
+    assert!(matches!(keys.issue(&party("vehicle.beta"), &[], &[], 30, false), Err(KeysError::NoPlaceForList { .. })));
 }
 
 #[test]
@@ -89,10 +89,10 @@ fn the_name_of_a_revoked_party_is_not_given_again() {
     let keys = init(folder.path());
     let alpha = party("vehicle.alpha");
     assert!(matches!(keys.revoke(&alpha), Err(KeysError::NoParty { .. })));
-    keys.issue(&alpha, &[], 30, false).unwrap();
+    keys.issue(&alpha, &[], &[], 30, false).unwrap();
     keys.revoke(&alpha).unwrap();
     for force in [false, true] {
-        assert!(matches!(keys.issue(&alpha, &[], 30, force), Err(KeysError::Revoked { .. })));
+        assert!(matches!(keys.issue(&alpha, &[], &[], 30, force), Err(KeysError::Revoked { .. })));
     }
     let holders = keys.holders().unwrap();
     assert!(holders.iter().any(|holder| holder.name == "vehicle.alpha" && holder.revoked));
@@ -102,7 +102,7 @@ fn the_name_of_a_revoked_party_is_not_given_again() {
 fn the_list_of_holders_tells_until_when() {
     let folder = tempfile::tempdir().unwrap();
     let keys = init(folder.path());
-    keys.issue(&party("viewer.wall"), &[], 5, false).unwrap();
+    keys.issue(&party("viewer.wall"), &[], &[], 5, false).unwrap();
     let reopened = Keys::open(folder.path()).unwrap();
     let days: Vec<_> = reopened.holders().unwrap().into_iter().map(|holder| (holder.name, holder.days_left)).collect();
     let authority_days = i64::from(AUTHORITY_DAYS) - 1;

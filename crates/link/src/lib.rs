@@ -34,10 +34,13 @@ pub struct Link {
 impl Link {
     /// Takes a place in the network. Whom it is to connect to is tried for ever, in the background.
     pub fn open(ends: &Ends) -> Result<Self, LinkError> {
-        let session = zenoh::open(ends.config()?)
-            .wait()
-            .map_err(|cause| LinkError::Open { ends: ends.to_string(), cause: cause.to_string() })?;
-        Ok(Self { session })
+        let failed = |cause: zenoh::Error| {
+            let (at, cause) = (ends.to_string(), cause.to_string());
+            // After the words comes the place in Zenoh's source.
+            let cause = cause.split(" at /").next().unwrap_or_default().into();
+            if ends.client { LinkError::Connect { ends: at, cause } } else { LinkError::Open { ends: at, cause } }
+        };
+        Ok(Self { session: zenoh::open(ends.config()?).wait().map_err(failed)? })
     }
 
     /// Waits until somebody is connected, no longer than `limit`.
@@ -83,6 +86,16 @@ pub enum LinkError {
         /// What Zenoh says.
         cause: String,
     },
+    /// A client was not let in.
+    #[error(
+        "connecting to {ends}: {cause} does a gateway or a router listen there, and has the authority of these keys signed its certificate, for this address?"
+    )]
+    Connect {
+        /// The endpoints.
+        ends: String,
+        /// What Zenoh says.
+        cause: String,
+    },
     /// The endpoints or what secures them cannot be.
     #[error("setting {what}: {cause}")]
     Config {
@@ -118,7 +131,9 @@ pub enum LinkError {
         ends: String,
     },
     /// Nobody has answered.
-    #[error("asking {key}: nobody answered, {limit_s:.0} s at most; `plumb station` shows the vehicles there are")]
+    #[error(
+        "asking {key}: nobody answered, {limit_s:.0} s at most; `plumb station` shows the vehicles that one may see"
+    )]
     NoAnswer {
         /// The question.
         key: String,

@@ -1,7 +1,8 @@
 //! How a topic flows: messages, intervals, bytes, and what was lost where.
 //!
-//! Input: every message that an observer got, in order. Output: rates and counts. Time: the senders' stamps where the messages have
-//! them, else the observer's clock at arrival. Failure: none; what cannot be known is `None`.
+//! Input: every message that an observer got, in order; for one who is not on board, what became of the others on the way. Output: rates
+//! and counts. Time: the senders' stamps where the messages have them, else the observer's clock at arrival. Failure: none; what cannot
+//! be known is `None`.
 
 use std::fmt;
 
@@ -26,6 +27,28 @@ pub struct Flow {
     repeated: u64,
     /// The observer's own buffer was full.
     was_full: bool,
+    passage: Option<Passage>,
+}
+
+/// What became of a topic's messages between the board and an observer elsewhere, from the first that arrived on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct Passage {
+    /// Messages that were sent and did not arrive.
+    pub lost: u64,
+    /// Messages that the topic's rate leaves on board.
+    pub left_out: u64,
+    /// Messages that should have been sent and were not.
+    pub dropped: u64,
+    /// Messages that arrived, the last of them perhaps not yet looked at.
+    pub arrived: u64,
+    /// The bytes that they arrived in.
+    pub bytes: u64,
+    /// Parcels of messages that came again or too late.
+    pub repeated: u64,
+    /// Parcels that were none.
+    pub refused: u64,
+    /// Lives of the sender after the first.
+    pub restarts: u64,
 }
 
 /// Where a message says who it is: offsets of fields of the header.
@@ -53,9 +76,9 @@ pub struct FlowReport {
     pub seconds: f64,
     /// Messages per second; `None` before the second one.
     pub rate_hz: Option<f64>,
-    /// Payload per second; `None` before the second message.
+    /// Payload per second, for an observer elsewhere as it came over the network; `None` before the second message.
     pub bytes_per_s: Option<f64>,
-    /// Bytes of a message.
+    /// Bytes of a message on the bus.
     pub message_bytes: usize,
     /// Between messages; `None` before the second one.
     pub interval_ms: Option<Interval>,
@@ -63,10 +86,13 @@ pub struct FlowReport {
     pub measured_by: &'static str,
     /// Ticks that the publisher itself never had; `None` where the topic does not have every tick.
     pub lost: Option<u64>,
-    /// Messages that this observer was too slow for, overwritten in its own buffer; `None` where that cannot be counted.
+    /// Messages that this observer missed: overwritten in its own buffer, or lost on the way to it; `None` where that cannot be counted.
     pub overwritten: Option<u64>,
     /// Messages that a restarted service said again.
     pub repeated: u64,
+    /// The way from the board; `None` on board.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passage: Option<Passage>,
 }
 
 impl Flow {
@@ -96,7 +122,14 @@ impl Flow {
             overwritten: 0,
             repeated: 0,
             was_full: false,
+            passage: None,
         }
+    }
+
+    /// The observer is not on board: what became of the messages on the way, so far. What it missed is known by this alone, for a rate may
+    /// leave ticks out.
+    pub fn passed(&mut self, passage: Passage) {
+        self.passage = Some(passage);
     }
 
     /// Takes a message; `arrived_ns` is the observer's CLOCK_MONOTONIC.
@@ -136,19 +169,25 @@ impl Flow {
     pub fn report(&self) -> FlowReport {
         let seconds = self.stamped_ns.map_or(0.0, |[first, last]| (last - first) as f64 * 1e-9);
         let rate_hz = Some(self.intervals.count / seconds).filter(|rate_hz| rate_hz.is_finite());
-        let overwritten = if self.every_tick { Some(self.overwritten) } else { (!self.was_full).then_some(0) };
+        let overwritten = match self.passage {
+            Some(passage) => Some(passage.lost),
+            None if self.every_tick => Some(self.overwritten),
+            None => (!self.was_full).then_some(0),
+        };
+        let bytes = self.passage.map_or(self.size as f64, |passage| passage.bytes as f64 / passage.arrived as f64);
         FlowReport {
             topic: self.topic.clone(),
             messages: self.messages,
             seconds,
             rate_hz,
-            bytes_per_s: rate_hz.map(|rate_hz| rate_hz * self.size as f64),
+            bytes_per_s: rate_hz.map(|rate_hz| rate_hz * bytes),
             message_bytes: self.size,
             interval_ms: self.intervals.report(),
             measured_by: if self.stamps.is_some() { "sent" } else { "arrival" },
             lost: self.every_tick.then_some(self.lost),
             overwritten,
             repeated: self.repeated,
+            passage: self.passage,
         }
     }
 
@@ -181,7 +220,11 @@ impl FlowReport {
     /// The bytes, on a line.
     pub fn bw(&self) -> String {
         let bytes_per_s = self.bytes_per_s.unwrap_or(0.0);
-        format!("{}: {bytes_per_s:.0} B/s, {} B per message; {self}", self.topic, self.message_bytes)
+        let place = if self.passage.is_some() { [" over the network", " on board"] } else { [""; 2] };
+        format!(
+            "{}: {bytes_per_s:.0} B/s{}, {} B per message{}; {self}",
+            self.topic, place[0], self.message_bytes, place[1]
+        )
     }
 }
 
@@ -194,7 +237,10 @@ impl fmt::Display for FlowReport {
         write!(
             f,
             "{messages} messages, lost on the bus {lost}, missed by this observer {overwritten}, repeated {repeated}"
-        )
+        )?;
+        let Some(Passage { left_out, dropped, restarts, refused, .. }) = self.passage else { return Ok(()) };
+        write!(f, "; left out by the rate {left_out}, dropped by the gateway {dropped}, gateway restarts {restarts}")?;
+        if refused > 0 { write!(f, ", refused here {refused}") } else { Ok(()) }
     }
 }
 
@@ -237,6 +283,19 @@ mod tests {
         assert!((mean - 5.0 / 3.0).abs() < 1e-12 && (min, max) == (1.0, 3.0));
         assert!((jitter - (8.0f64 / 9.0).sqrt()).abs() < 1e-12);
         assert!((report.bytes_per_s.unwrap() - 600.0 * 184.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn from_elsewhere_a_tick_that_the_rate_leaves_out_is_not_missed() {
+        let mut flow = Flow::new("fused", &FusedState::layout());
+        for tick in [0, 20, 40, 80] {
+            flow.passed(Passage { lost: tick / 80, left_out: 76, arrived: 4, bytes: 150, ..Passage::default() });
+            flow.take(bytemuck::bytes_of(&fused(tick, tick / 40)), 0);
+        }
+        let report = flow.report();
+        assert_eq!((report.lost, report.overwritten), (Some(2), Some(1)), "{report}");
+        assert!((report.bytes_per_s.unwrap() - 37.5 * 37.5).abs() < 1e-9, "{report:?}");
+        assert!(report.to_string().contains("left out by the rate 76"), "{report}");
     }
 
     #[test]

@@ -7,10 +7,11 @@
 //! | `schema` | query: the descriptors |
 //! | `services` | query: how the services are |
 //! | `command/swap` | query: exchange what fills a slot |
-//! | `carry` | ticks for slots on another host; a query with `from` and `to` gives those that are kept |
+//! | `@carry` | ticks for slots on another host; a query with `from` and `to` gives those that are kept |
 //! | `@live`, `@live/<service>` | liveliness of the vehicle and of each service |
 //!
-//! `@` keeps the tokens out of what `**` selects. Nothing else may begin with it.
+//! `@` keeps the tokens and the ticks out of what `*` and `**` select: who looks at everything is not sent what two hosts of one system say to
+//! each other. Nothing else may begin with it.
 
 /// What comes before the vehicle.
 pub const PREFIX: &str = "plumbline/v1";
@@ -23,7 +24,7 @@ pub const SERVICES: &str = "services";
 /// The query that exchanges what fills a slot.
 pub const SWAP: &str = "command/swap";
 /// Ticks for slots on another host.
-pub const CARRY: &str = "carry";
+pub const CARRY: &str = "@carry";
 /// Liveliness of the vehicle.
 pub const LIVE: &str = "@live";
 

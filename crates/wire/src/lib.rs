@@ -30,7 +30,7 @@ pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/plumbline.v1.rs"));
 }
 
-pub use batch::{open, samples, seal};
+pub use batch::{open, open_topic, samples, seal};
 pub use payload::Payload;
 pub use refusal::{Refusal, Refusals};
 

@@ -33,6 +33,26 @@ pub trait Payload: Message {
     }
 }
 
+/// What is to be done with the payload's type of a topic known by its name.
+pub trait Visitor {
+    /// What comes of it.
+    type Output;
+    /// Does it.
+    fn visit<M: Payload>(self) -> Self::Output;
+}
+
+/// Hands the payload's type of a topic to `visitor`; `None` where there is no such topic.
+pub fn with_payload<V: Visitor>(topic: &str, visitor: V) -> Option<V::Output> {
+    macro_rules! topics {
+        ($($name:ident)*) => { match topic {
+            $($name::TOPIC => Some(visitor.visit::<$name>()),)*
+            _ => None,
+        } };
+    }
+    topics!(SensorReading ReceiverReading ImuSample MagSample GnssFix Reference GyroStep AccelPoint FusedState
+        AttitudeOutput Credit Checkpoint Difference Control Health)
+}
+
 /// Numbers of `any` may be NaN: what a sensor says, and what may be unknown.
 macro_rules! payloads {
     ($($name:ident { $($field:ident),* } $(any { $($any:ident),* })?;)*) => { $(

@@ -8,15 +8,14 @@ use std::{
 
 use launch::{Launch, Service};
 use link::{Link, LinkError, Outlet, Sign};
-use messages::{
-    AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, GnssFix, GyroStep, Health,
-    ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading, TOPICS,
-};
+use messages::TOPICS;
 use runtime::clock::monotonic_ns;
 use wire::{
+    Payload,
     batch::batch_name,
     command::Letter,
     keys,
+    payload::{Visitor, with_payload},
     v1::{Envelope, GatewayReport, TopicReport},
 };
 
@@ -161,21 +160,15 @@ impl Channel {
 
 /// The type of the messages under a topic's key.
 fn batch_of(topic: &str) -> String {
-    match topic {
-        SensorReading::TOPIC => batch_name::<SensorReading>(),
-        ReceiverReading::TOPIC => batch_name::<ReceiverReading>(),
-        ImuSample::TOPIC => batch_name::<ImuSample>(),
-        MagSample::TOPIC => batch_name::<MagSample>(),
-        GnssFix::TOPIC => batch_name::<GnssFix>(),
-        Reference::TOPIC => batch_name::<Reference>(),
-        GyroStep::TOPIC => batch_name::<GyroStep>(),
-        AccelPoint::TOPIC => batch_name::<AccelPoint>(),
-        FusedState::TOPIC => batch_name::<FusedState>(),
-        AttitudeOutput::TOPIC => batch_name::<AttitudeOutput>(),
-        Credit::TOPIC => batch_name::<Credit>(),
-        Checkpoint::TOPIC => batch_name::<Checkpoint>(),
-        Difference::TOPIC => batch_name::<Difference>(),
-        Control::TOPIC => batch_name::<Control>(),
-        _ => batch_name::<Health>(),
+    struct Named;
+
+    impl Visitor for Named {
+        type Output = String;
+
+        fn visit<M: Payload>(self) -> String {
+            batch_name::<M>()
+        }
     }
+
+    with_payload(topic, Named).unwrap_or_default()
 }

@@ -43,7 +43,7 @@ impl Site {
     }
 
     pub fn issue(&self, party: &str) {
-        self.keys.issue(&party.parse().unwrap(), &[], 30, false).unwrap();
+        self.keys.issue(&party.parse().unwrap(), &[], &[], 30, false).unwrap();
     }
 
     pub fn revoke(&self, party: &str) {
@@ -62,6 +62,27 @@ impl Site {
     /// A session as a party's folder has it.
     pub fn session(&self, party: &str) -> Session {
         self.open(&self.path(party)).unwrap()
+    }
+
+    /// A session that listens with the certificate of a vehicle, as its gateway does without a router.
+    pub fn listening(&self, vehicle: &str) -> Session {
+        let folder = self.path(vehicle);
+        let mut config = Config::default();
+        let quoted = |file: &str| format!("{:?}", folder.join(file).to_str().unwrap());
+        for (key, value) in [
+            ("mode", "\"peer\"".into()),
+            ("listen/endpoints", format!("[\"tls/127.0.0.1:{}\"]", self.port)),
+            ("scouting/multicast/enabled", "false".into()),
+            ("scouting/gossip/enabled", "false".into()),
+            ("transport/link/tls/enable_mtls", "true".into()),
+            ("transport/link/tls/root_ca_certificate", quoted("ca.pem")),
+            ("transport/link/tls/listen_certificate", quoted("cert.pem")),
+            ("transport/link/tls/listen_private_key", quoted("key.pem")),
+            ("access_control", fs::read_to_string(folder.join("access.json5")).unwrap()),
+        ] {
+            config.insert_json5(key, &value).unwrap();
+        }
+        zenoh::open(config).wait().unwrap()
     }
 
     /// The same from another folder, which may be refused.

@@ -7,19 +7,19 @@ use wire::v1::Envelope;
 
 /// The messages of a key.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct Track {
+pub(crate) struct Track {
     /// Messages that came.
-    pub(super) messages: u64,
+    pub(crate) messages: u64,
     /// The samples in them.
-    pub(super) samples: u64,
+    pub(crate) samples: u64,
     /// Messages lost on the way.
-    pub(super) lost_messages: u64,
+    pub(crate) lost_messages: u64,
     /// The samples in them.
-    pub(super) lost_samples: u64,
+    pub(crate) lost_samples: u64,
     /// Messages that came again, or too late.
-    pub(super) repeated: u64,
+    pub(crate) repeated: u64,
     /// Lives of the gateway after the first.
-    pub(super) restarts: u64,
+    pub(crate) restarts: u64,
     left_out: u64,
     dropped: u64,
     /// The life, the number and the samples before it that the next message is to have.
@@ -27,12 +27,13 @@ pub(super) struct Track {
 }
 
 impl Track {
-    pub(super) fn take(&mut self, envelope: &Envelope, samples: u64) {
+    /// Takes a message; whether it is a new one.
+    pub(crate) fn take(&mut self, envelope: &Envelope, samples: u64) -> bool {
         let Envelope { sequence, life, samples_before, left_out, dropped, .. } = *envelope;
         if let Some((known_life, next, samples_next)) = self.next {
             if life < known_life || (life == known_life && sequence < next) {
                 self.repeated += 1;
-                return;
+                return false;
             }
             if life == known_life {
                 self.lost_messages = self.lost_messages.saturating_add(sequence - next);
@@ -46,9 +47,10 @@ impl Track {
         self.samples += samples;
         (self.left_out, self.dropped) = (left_out, dropped);
         self.next = Some((life, sequence.saturating_add(1), samples_before.saturating_add(samples)));
+        true
     }
 
-    pub(super) fn json(&self, topic: &str) -> Value {
+    pub(crate) fn json(&self, topic: &str) -> Value {
         let Self { messages, samples, lost_messages, lost_samples, repeated, restarts, left_out, dropped, .. } = self;
         json!({
             "topic": topic, "messages": messages, "samples": samples, "lost_messages": lost_messages,
@@ -90,9 +92,9 @@ mod tests {
     #[test]
     fn a_gateway_that_was_restarted_counts_anew() {
         let mut track = Track::default();
-        [message(1, 100, 100), message(2, 0, 0), message(1, 101, 101), message(2, 1, 1)]
-            .iter()
-            .for_each(|envelope| track.take(envelope, 1));
+        [message(1, 100, 100), message(2, 0, 0), message(1, 101, 101), message(2, 1, 1)].iter().for_each(|envelope| {
+            track.take(envelope, 1);
+        });
         assert_eq!((track.messages, track.lost_messages, track.restarts, track.repeated), (3, 0, 1, 1));
     }
 }

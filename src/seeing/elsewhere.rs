@@ -1,0 +1,132 @@
+//! A vehicle that is looked at over the network, through its gateway.
+
+use std::{
+    cell::Cell,
+    thread,
+    time::{Duration, Instant},
+};
+
+use link::{Link, Stream};
+use observe::flow::Passage;
+use wire::{
+    command::Letter,
+    keys,
+    v1::{Envelope, GatewayReport},
+};
+
+use super::SeeError;
+use crate::{
+    remote::{RemoteError, Way},
+    track::Track,
+};
+
+/// How long a vehicle is looked for once somebody is connected; its gateway reports what it sends once a second.
+const FIND_LIMIT: Duration = Duration::from_secs(5);
+/// Between two questions.
+const ASK_INTERVAL: Duration = Duration::from_millis(100);
+/// A vehicle that has been out of reach for so long is not waited for.
+const REACH_LIMIT: Duration = Duration::from_secs(10);
+/// Parcels taken at a look at most; what comes later comes at the next.
+const PARCELS_MAX: usize = 4096;
+
+/// A vehicle that has been found.
+pub(crate) struct Vehicle {
+    name: String,
+    link: Link,
+    signs: Stream,
+    /// The topics that it sends.
+    topics: Vec<String>,
+    /// Since when it has been out of reach.
+    away: Cell<Option<Instant>>,
+}
+
+impl Vehicle {
+    /// Looks for a vehicle and asks what it sends.
+    pub(super) fn find(name: &str, way: &Way) -> Result<Self, SeeError> {
+        let link = way.open()?;
+        let signs = link.signs(&keys::key(name, keys::LIVE)).map_err(RemoteError::from)?;
+        let deadline = Instant::now() + FIND_LIMIT;
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let answers = link.ask(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(ASK_INTERVAL));
+            let answers = answers.map_err(RemoteError::from)?;
+            if let Some(report) = answers.iter().find_map(|(_, bytes)| GatewayReport::decoded(bytes).ok()) {
+                let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
+                return Ok(Self { name: name.into(), link, signs, topics, away: Cell::new(None) });
+            }
+            if left.is_zero() {
+                return Err(SeeError::NoVehicle { vehicle: name.into(), limit_s: FIND_LIMIT.as_secs_f64() });
+            }
+            thread::sleep(ASK_INTERVAL);
+        }
+    }
+
+    /// The samples of a topic as they come in.
+    pub(super) fn crossing(&self, topic: &'static str) -> Result<Crossing, SeeError> {
+        if !self.topics.iter().any(|sent| sent == topic) {
+            let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
+            return Err(SeeError::NotSent { vehicle, topic: topic.into(), sent });
+        }
+        let stream = self.link.stream(&keys::key(&self.name, topic)).map_err(RemoteError::from)?;
+        Ok(Crossing { topic, stream, track: Track::default(), last: None, passage: Passage::default() })
+    }
+
+    /// It lives and the way to it is open, or it has not been long otherwise.
+    pub(super) fn is_in_reach(&self) -> bool {
+        while let Some(sign) = self.signs.next(Duration::ZERO) {
+            self.away.set((!sign.is_there).then(Instant::now));
+        }
+        self.away.get().is_none_or(|since| since.elapsed() < REACH_LIMIT)
+    }
+
+    /// What people are told then.
+    pub(super) fn out_of_reach(&self) -> String {
+        format!("the vehicle {:?} has been out of reach for {:.0} s", self.name, REACH_LIMIT.as_secs_f64())
+    }
+}
+
+/// A topic between the board and here.
+pub(super) struct Crossing {
+    topic: &'static str,
+    stream: Stream,
+    track: Track,
+    last: Option<Envelope>,
+    passage: Passage,
+}
+
+impl Crossing {
+    /// Hands what has come to `take`, each message with what became of the others on the way, as long as it wants any.
+    pub(super) fn look(&mut self, message_bytes: usize, take: &mut dyn FnMut(Passage, Option<&[u8]>) -> bool) {
+        for _ in 0..PARCELS_MAX {
+            let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
+            let Some(Ok((envelope, messages))) = wire::open_topic(self.topic, &arrival.bytes) else {
+                self.passage.refused += 1;
+                take(self.passage, None);
+                continue;
+            };
+            let is_new = self.track.take(&envelope, (messages.len() / message_bytes) as u64);
+            if is_new {
+                self.passage.bytes += arrival.bytes.len() as u64;
+                self.count(&envelope);
+            }
+            let Track { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.track;
+            self.passage = Passage { arrived, lost, repeated, restarts, ..self.passage };
+            take(self.passage, None);
+            if is_new && !messages.chunks_exact(message_bytes).all(|message| take(self.passage, Some(message))) {
+                return;
+            }
+        }
+    }
+
+    /// Counts what was left on board since the first message: the envelope's counts are those of the gateway's life.
+    fn count(&mut self, envelope: &Envelope) {
+        let before = match &self.last {
+            None => envelope,
+            Some(last) if last.life == envelope.life => last,
+            Some(_) => &Envelope::default(),
+        };
+        self.passage.left_out += envelope.left_out.saturating_sub(before.left_out);
+        self.passage.dropped += envelope.dropped.saturating_sub(before.dropped);
+        self.last = Some(*envelope);
+    }
+}
