@@ -328,10 +328,11 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot()
             assert!(output.status.success() && !said.contains("warning"), "{said}");
         }
         fs::copy(target.join("release").join(&name), system.path(&format!("{name}-program"))).unwrap();
-        assert_eq!(judged(&name, &system.path("launch.toml")), (true, Vec::new()), "{name}");
     }
     let running = started(&system, &[]);
     for (slot, ours) in SLOTS {
+        let name = format!("my-{slot}");
+        assert_eq!(judged(&name, &system.path("launch.toml")), (true, Vec::new()), "{name}");
         exchanged(&system, slot, &format!("my-{slot}"));
         exchanged(&system, slot, ours);
     }
