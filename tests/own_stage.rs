@@ -69,23 +69,33 @@ fn ask(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Exchanges the fuser. Where the machine is too slow for the change of hands it is taken back with nothing lost, and asked for again.
+/// Exchanges the fuser.
 fn swapped(system: &System, to: &str) -> Value {
+    exchanged(system, "fuser", to)
+}
+
+/// Exchanges what fills a slot. Where the machine is too slow for the change of hands it is taken back with nothing lost, and asked for
+/// again.
+fn exchanged(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
-        let report = ask(system, &["swap", "fuser", to]);
+        let report = ask(system, &["swap", slot, to]);
         println!("{report}");
         assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
         if report["outcome"] == "committed" {
-            assert_eq!(fuser(system)["stage"], to);
+            assert_eq!(service(system, slot)["stage"], to);
             return report;
         }
     }
     panic!("{to} never took over");
 }
 
-fn fuser(system: &System) -> Value {
+fn service(system: &System, name: &str) -> Value {
     let services = ask(system, &["ps"]);
-    services.as_array().and_then(|all| all.iter().find(|one| one["service"] == "fuser").cloned()).unwrap_or_default()
+    services.as_array().and_then(|all| all.iter().find(|one| one["service"] == name).cloned()).unwrap_or_default()
+}
+
+fn fuser(system: &System) -> Value {
+    service(system, "fuser")
 }
 
 fn fuser_pid(system: &System) -> u32 {
@@ -252,6 +262,28 @@ fn a_bad_stage_in_python_fails_the_checks_that_are_made_for_its_mistakes() {
 }
 
 #[test]
+fn a_stage_that_talks_without_end_is_not_held_up_and_its_last_words_are_shown() {
+    let faulty = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
+    let own = format!("[stages.talks]\nslot = \"course\"\ncommand = [{faulty:?}, \"talks\"]\n");
+    let system = System::new(&format!("{SIM}[course]\nstage = \"talks\"\n{own}"));
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let course = || service(&system, "course");
+    // More than any pipe holds: 1 MiB at once, and 4 KiB with each tick.
+    until("400 ticks", || course()["ticks"].as_u64() > Some(400));
+    let first = course();
+    assert_eq!(first["restarts"], 0, "{first}");
+    signal(first["pid"].as_u64().unwrap() as u32, Signal::KILL);
+    until("another life", || course()["restarts"] == 1 && course()["state"] == "running");
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    assert!(run.people.contains("bytes are left out)\nxxx"), "{}", run.people);
+    assert_eq!(assert_in_order(&out) as f64, run.number("/ticks_out"));
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
 fn what_no_program_can_do_is_said() {
     let launch = format!("{SIM}[fuser]\nstage = \"mine\"\n[stages.mine]\nslot = \"fuser\"\n");
     let system = System::new(&format!("{launch}command = [\"/nowhere/mine\"]\n"));
@@ -275,27 +307,34 @@ fn what_no_program_can_do_is_said() {
 }
 
 #[test]
-fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out() {
-    let system = System::new("[stages.my-fuser]\nslot = \"fuser\"\ncommand = [\"./my-fuser-program\"]\n");
-    let folder = system.path("my-fuser");
+fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot() {
+    const SLOTS: [(&str, &str); 4] =
+        [("gyro", "mobius"), ("accel", "projector"), ("fuser", "wz"), ("course", "angles")];
+    let stage = |slot: &str| format!("[stages.my-{slot}]\nslot = \"{slot}\"\ncommand = [\"./my-{slot}-program\"]\n");
+    let system = System::new(&SLOTS.map(|(slot, _)| stage(slot)).concat());
     let source = env!("CARGO_MANIFEST_DIR");
-    written("rust", &folder, &["--source", source]);
-    fs::copy(Path::new(source).join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
     // What was built for this test is not built again, as far as it is the same.
     let target = Path::new(env!("CARGO_BIN_EXE_plumb")).parent().unwrap().parent().unwrap();
-    let cargo = |verb: &str| {
-        let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.args([verb, "--release", "--offline"]).current_dir(&folder).env("CARGO_TARGET_DIR", target);
-        let output = command.output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    };
-    cargo("test");
-    cargo("build");
-    fs::copy(target.join("release/my-fuser"), system.path("my-fuser-program")).unwrap();
-    assert_eq!(judged("my-fuser", &system.path("launch.toml")), (true, Vec::new()));
+    for (slot, _) in SLOTS {
+        let name = format!("my-{slot}");
+        let folder = system.path(&name);
+        written_as(&name, "rust", &folder, &["--slot", slot, "--source", source]);
+        fs::copy(Path::new(source).join("Cargo.lock"), folder.join("Cargo.lock")).unwrap();
+        for verb in ["test", "build"] {
+            let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+            command.args([verb, "--release", "--offline"]).current_dir(&folder).env("CARGO_TARGET_DIR", target);
+            let output = command.output().unwrap();
+            let said = [output.stdout, output.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
+            assert!(output.status.success() && !said.contains("warning"), "{said}");
+        }
+        fs::copy(target.join("release").join(&name), system.path(&format!("{name}-program"))).unwrap();
+    }
     let running = started(&system, &[]);
-    for to in ["my-fuser", "wz"] {
-        swapped(&system, to);
+    for (slot, ours) in SLOTS {
+        let name = format!("my-{slot}");
+        assert_eq!(judged(&name, &system.path("launch.toml")), (true, Vec::new()), "{name}");
+        exchanged(&system, slot, &format!("my-{slot}"));
+        exchanged(&system, slot, ours);
     }
     running.interrupt();
     running.wait().assert_whole();

@@ -1,7 +1,7 @@
 //! A course stage that does what none may: `faulty FAULT`, started by a system in whose launch file it is a stage of the user's own.
 #![allow(clippy::unwrap_used, reason = "a service of tests may panic")]
 
-use std::{rc::Rc, time::Duration};
+use std::{io::Write, rc::Rc, time::Duration};
 
 use bus::Subscriber;
 use course::{CourseMessage, CourseSlot};
@@ -60,6 +60,7 @@ impl Slot for Faulty {
             "hangs-when-ready" if self.ticks == 20 => std::thread::sleep(Duration::from_secs(3600)),
             "falls-behind" => std::thread::sleep(Duration::from_millis(2)),
             "misses-the-commit" => self.sleep_when_decided(),
+            "talks" => std::io::stderr().write_all(&vec![b'x'; if self.ticks == 20 { 1 << 20 } else { 4096 }]).unwrap(),
             _ => {}
         }
         let nan = self.fault == "gives-nan" && self.ticks > 20;

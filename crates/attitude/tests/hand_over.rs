@@ -1,69 +1,121 @@
 //! A hand-over between any two fusers in the middle of a real movement, as a swap makes it.
 //!
-//! Input: a trial of BROAD without magnetic disturbance. Output: the errors after the hand-over beside those that giver and receiver
-//! have alone over the same rows. The measure is the RMSE from the hand-over on: over the whole trial a giver that was the worse of the two
-//! before, and a receiver that is the worse of the two after, add up to more than either, with nothing wrong at the hand-over.
+//! Input: the trials of BROAD without magnetic disturbance, and one with a magnet beside the way; a swap after 30, 50 and 70 % of each.
+//! Output: the errors with the swap beside those that giver and receiver have alone, read in two ways: from the swap on, and over the
+//! whole trial. Over the whole trial a giver that is the worse of the two before and a receiver that is the worse of the two after
+//! add up to more than either with nothing wrong at the swap; what each is alone in its own part is therefore allowed, too.
 //! Failure: without the recordings nothing is tested, and the test says so.
 //!
-//! What holds on this trial, to 0.05° above the worse of the two: the inclination, with the magnetic field and without, and the whole
-//! attitude of all that know magnetic north, but for
+//! What holds, the whole attitude where both know magnetic north:
 //!
-//! - the inclination of `aided` after a giver without an estimate of the gyro's bias, 0.2°: alone it has found the bias at rest before the
-//!   movement, which such a giver cannot hand over; in the movement there is nothing to find it by without a receiver;
-//! - the whole attitude of `wz` after a giver that does not estimate the gyro's scale, 0.12°: alone it has learnt the scale from the
-//!   turns before, and finds it anew;
-//! - the whole attitude of `vqf`: it takes what the giver's heading is off by away with its own time constant of 9 s, and half as fast
-//!   until it knows the field of the place, in 20 s.
+//! - After a giver that has found the gyro's bias (`wz`, `vqf`), on all six trials, to every receiver but `vqf`: over the whole trial no
+//!   worse than the worse of the two plus 0.05°; to `vqf` plus 0.15°. From the swap on the level of `wz` takes 0.15° more on a fast
+//!   translation, that of `vqf` 0.25°, because the velocity of the body is not handed over; the headings 0.25°, `wz-open` 0.55° of 13°.
+//! - After one that has not, on the trials without disturbance: `LIMITS`. Nobody knows the bias then, and so a receiver that needs it
+//!   has to find it in the movement (`vqf` its heading, `aided` its level, which it found at rest when alone); and a giver that is
+//!   several degrees off at the swap hands these over, which a receiver of fixed gains takes away with its own time constant.
+//! - Beside the magnet after such a giver nothing holds: `wz-closed` is 70° off there, and `madgwick` keeps to what it is given.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 #[allow(dead_code, reason = "each test file uses its part")]
 mod common;
 
+use std::ops::Add;
+
 use attitude::{
     Quaternion,
     accel::Projector,
-    fuser::{Estimate, Fused, Fuser, FuserInput},
+    fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
 };
 use common::{DT_S, Row, broad};
 
-/// Most that the RMSE may be above the worse of the two, degrees.
-const WORSE_DEG: f64 = 0.05;
-/// The same for the inclination of `aided` after a giver without an estimate of the gyro's bias, degrees.
-const WORSE_WITHOUT_BIAS_DEG: f64 = 0.2;
-/// The same for the whole attitude of `wz`, which finds the gyro's scale anew, degrees.
-const WORSE_WITHOUT_SCALE_DEG: f64 = 0.12;
+/// The trials without magnetic disturbance, and one with a magnet beside the way.
+const UNDISTURBED: [usize; 5] = [0, 1, 2, 3, 4];
+const MAGNET: usize = 7;
+/// When it is swapped, as a share of the scored rows.
+const MOMENTS: [f64; 3] = [0.3, 0.5, 0.7];
 /// Their heading counts from magnetic north.
 const MAGNETIC: [&str; 6] = ["wz", "wz-closed", "wz-open", "madgwick", "madgwick-improved", "vqf"];
+/// They find the gyro's bias without a satellite receiver.
+const FIND_BIAS: [&str; 2] = ["wz", "vqf"];
+
+/// Most over the whole trial, after a giver that has found the bias, degrees.
+const WHOLE: Errors = degrees(0.05, 0.05);
+/// The same to `vqf`, which finds out by itself how well the bias is known.
+const WHOLE_VQF: Errors = degrees(0.15, 0.1);
+/// Most from the swap on after a giver that has found the bias; the same after one that has not, and over the whole trial, degrees.
+const LIMITS: [(&str, [Errors; 3]); 9] = [
+    ("wz", [degrees(0.15, 0.25), degrees(0.15, 0.25), degrees(0.05, 0.1)]),
+    ("wz-closed", [degrees(0.05, 0.05), degrees(0.05, 0.5), degrees(0.05, 0.25)]),
+    ("wz-open", [degrees(0.05, 0.55), degrees(0.15, 1.2), degrees(0.05, 0.75)]),
+    ("madgwick", [degrees(0.05, 0.2), degrees(2.0, 6.5), degrees(1.2, 1.4)]),
+    ("madgwick-improved", [degrees(0.05, 0.05), degrees(0.15, 1.2), degrees(0.05, 0.85)]),
+    ("levelling", [degrees(0.05, 0.05), degrees(1.6, 0.0), degrees(0.75, 0.0)]),
+    ("levelling-pi", [degrees(0.05, 0.05), degrees(1.6, 0.0), degrees(0.75, 0.0)]),
+    ("aided", [degrees(0.05, 0.05), degrees(3.6, 0.0), degrees(1.2, 0.0)]),
+    ("vqf", [degrees(0.25, 0.25), degrees(0.15, 1.2), degrees(0.06, 0.6)]),
+];
+
+const fn degrees(inclination: f64, total: f64) -> Errors {
+    Errors { inclination, total }
+}
 
 /// A trial as the fuser slot sees it.
 struct Trial {
     inputs: Vec<FuserInput>,
     truths: Vec<Option<Quaternion<f64>>>,
-    /// The row of the hand-over: half of the scored ones are before it.
-    middle: usize,
 }
 
-/// Root mean squares over scored rows, degrees.
-#[derive(Debug, Clone, Copy)]
+/// Sums of squares over scored rows, rad².
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    inclination: f64,
+    total: f64,
+    count: f64,
+}
+
+impl Add for Sums {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            inclination: self.inclination + other.inclination,
+            total: self.total + other.total,
+            count: self.count + other.count,
+        }
+    }
+}
+
+/// Root mean squares, degrees, or differences of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Errors {
     inclination: f64,
     total: f64,
 }
 
 impl Errors {
+    fn of(sums: Sums) -> Self {
+        let rmse = |sum: f64| (sum / sums.count).sqrt().to_degrees();
+        Self { inclination: rmse(sums.inclination), total: rmse(sums.total) }
+    }
+
     fn worse(self, other: Self) -> Self {
         Self { inclination: self.inclination.max(other.inclination), total: self.total.max(other.total) }
     }
+
+    fn above(self, other: Self) -> Self {
+        Self { inclination: self.inclination - other.inclination, total: self.total - other.total }
+    }
 }
 
-/// A fuser that ran through the first half, and its errors in the second, had it gone on.
+/// A fuser that ran through the trial: what it had at the swap, and its errors before and after.
 struct Alone {
     name: &'static str,
-    in_the_middle: Fuser,
-    common: Estimate,
-    later: Errors,
+    at_swap: Fuser,
+    before: Sums,
+    after: Sums,
 }
 
 impl Trial {
@@ -76,95 +128,130 @@ impl Trial {
                 inclination: Some(accel.step(&row.force_m_s2)),
                 field_ut: magnetic.then_some(row.field_ut),
                 rest_credible: true,
+                rate_credible: true,
                 ..FuserInput::default()
             }
         };
         let inputs = rows.iter().enumerate().map(input).collect();
-        let truths: Vec<_> = rows.iter().map(|row| row.scored).collect();
-        let scored: Vec<_> = (0..rows.len()).filter(|index| truths[*index].is_some()).collect();
-        Self { inputs, truths, middle: scored[scored.len() / 2] }
+        Self { inputs, truths: rows.iter().map(|row| row.scored).collect() }
     }
 
-    fn first_half(&self, fuser: &mut Fuser) {
-        self.inputs[..self.middle].iter().for_each(|input| {
-            fuser.step(input);
-        });
+    /// The row at which this share of the scored ones is over.
+    fn row(&self, share: f64) -> usize {
+        let scored: Vec<_> = (0..self.truths.len()).filter(|row| self.truths[*row].is_some()).collect();
+        scored[(scored.len() as f64 * share) as usize]
     }
 
-    /// Errors of a fuser that goes on from the middle.
-    fn second_half(&self, mut fuser: Fuser) -> Errors {
-        let (mut inclination, mut total, mut count) = (0.0, 0.0, 0.0);
-        for (input, truth) in self.inputs.iter().zip(&self.truths).skip(self.middle) {
+    fn run(&self, fuser: &mut Fuser, rows: std::ops::Range<usize>) -> Sums {
+        let mut sums = Sums::default();
+        for (input, truth) in self.inputs[rows.clone()].iter().zip(&self.truths[rows]) {
             let Fused { attitude, .. } = fuser.step(input);
             let Some(truth) = truth else { continue };
             let e = attitude.quaternion() * truth.conjugate();
-            inclination += (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).powi(2);
-            total += (2.0 * e.imag().norm().atan2(e.w.abs())).powi(2);
-            count += 1.0;
+            sums.inclination += (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).powi(2);
+            sums.total += (2.0 * e.imag().norm().atan2(e.w.abs())).powi(2);
+            sums.count += 1.0;
         }
-        let rmse = |sum: f64| (sum / count).sqrt().to_degrees();
-        Errors { inclination: rmse(inclination), total: rmse(total) }
+        sums
     }
 
-    fn alone(&self, name: &'static str) -> Alone {
+    fn alone(&self, name: &'static str, swap: usize) -> Alone {
         let mut fuser = Fuser::named(name).unwrap();
-        self.first_half(&mut fuser);
-        Alone { name, common: fuser.common(), later: self.second_half(fuser.clone()), in_the_middle: fuser }
+        let before = self.run(&mut fuser, 0..swap);
+        let at_swap = fuser.clone();
+        Alone { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
     }
 
-    fn after(&self, giver: &Alone, receiver: &str) -> Errors {
-        let mut receiver = Fuser::named(receiver).unwrap();
-        receiver.adopt(&giver.common).unwrap();
-        self.second_half(receiver)
+    /// By how much the errors with a swap are above what is allowed: from the swap on, and over the whole trial.
+    fn above(&self, swap: usize, giver: &Alone, receiver: &Alone) -> [Errors; 2] {
+        let mut fuser = Fuser::named(receiver.name).unwrap();
+        fuser.adopt(&giver.at_swap.common()).unwrap();
+        let after = self.run(&mut fuser, swap..self.inputs.len());
+        let whole = |alone: &Alone| Errors::of(alone.before + alone.after);
+        let parts = Errors::of(giver.before + receiver.after);
+        let allowed = whole(giver).worse(whole(receiver)).worse(parts);
+        let later = Errors::of(giver.after).worse(Errors::of(receiver.after));
+        [Errors::of(after).above(later), Errors::of(giver.before + after).above(allowed)]
     }
 }
 
-/// The most that inclination may be worse by, degrees.
-fn worse_deg(giver: &Alone, receiver: &str) -> f64 {
-    if receiver == "aided" && giver.common.bias_sd_rad_s.is_infinite() { WORSE_WITHOUT_BIAS_DEG } else { WORSE_DEG }
+/// What is allowed from the swap on, and over the whole trial.
+fn limits(giver: &str, receiver: &str) -> [Errors; 2] {
+    let (_, [found, later, whole]) = LIMITS.into_iter().find(|(name, _)| *name == receiver).unwrap();
+    let found_whole = if receiver == "vqf" { WHOLE_VQF } else { WHOLE };
+    if FIND_BIAS.contains(&giver) { [found, found_whole] } else { [later, whole] }
 }
 
-/// The first trial, with the magnetic field or without.
-fn trial(magnetic: bool) -> Option<Trial> {
-    Some(Trial::new(broad()?.first()?, magnetic))
+/// Swaps between all pairs in one trial; those that are worse than they may be.
+fn too_bad(index: usize, rows: &[Row], magnetic: bool) -> Vec<String> {
+    let trial = Trial::new(rows, magnetic);
+    let mut worse = Vec::new();
+    for share in MOMENTS {
+        let swap = trial.row(share);
+        let all = Fuser::NAMES.map(|name| trial.alone(name, swap));
+        for (giver, receiver) in all.iter().flat_map(|giver| all.iter().map(move |receiver| (giver, receiver))) {
+            if giver.name == receiver.name || index == MAGNET && !FIND_BIAS.contains(&giver.name) {
+                continue;
+            }
+            let above = trial.above(swap, giver, receiver);
+            let north = magnetic && [giver, receiver].iter().all(|fuser| MAGNETIC.contains(&fuser.name));
+            let line =
+                format!("trial {index}, field {magnetic}, {share}: {} to {}: {above:.3?}", giver.name, receiver.name);
+            println!("{line}");
+            let beyond = |above: &Errors, limit: &Errors| {
+                above.inclination > limit.inclination || north && above.total > limit.total
+            };
+            if above.iter().zip(&limits(giver.name, receiver.name)).any(|(above, limit)| beyond(above, limit)) {
+                worse.push(line);
+            }
+        }
+    }
+    worse
 }
 
 #[test]
-fn after_a_hand_over_the_error_is_no_worse_than_that_of_the_worse_alone() {
-    let mut worse = Vec::new();
-    for magnetic in [false, true] {
-        let Some(trial) = trial(magnetic) else { return };
-        let all: Vec<_> = Fuser::NAMES.iter().map(|name| trial.alone(name)).collect();
-        for alone in &all {
-            println!("field {magnetic}: {} alone {:.3?}", alone.name, alone.later);
-        }
-        for (giver, receiver) in all.iter().flat_map(|giver| all.iter().map(move |receiver| (giver, receiver))) {
-            if giver.name == receiver.name {
-                continue;
-            }
-            let (after, allowed) = (trial.after(giver, receiver.name), giver.later.worse(receiver.later));
-            let north = magnetic && [giver, receiver].iter().all(|fuser| MAGNETIC.contains(&fuser.name));
-            let level = after.inclination <= allowed.inclination + worse_deg(giver, receiver.name);
-            let whole_worse_deg = if receiver.name == "wz" { WORSE_WITHOUT_SCALE_DEG } else { WORSE_DEG };
-            let whole = after.total <= allowed.total + whole_worse_deg;
-            let line = format!("field {magnetic}: {} to {}: {after:.3?}", giver.name, receiver.name);
-            println!("{line}, the worse alone {allowed:.3?}");
-            if !level || north && !whole && receiver.name != "vqf" {
-                worse.push(format!("{line}, the worse alone {allowed:.3?}"));
-            }
-        }
-    }
+fn after_a_swap_the_error_is_no_worse_than_that_of_the_worse_alone() {
+    let Some(trials) = broad() else { return };
+    let worse = std::thread::scope(|scope| {
+        let runs = UNDISTURBED.into_iter().chain([MAGNET]).flat_map(|index| [(index, false), (index, true)]);
+        let start = |(index, magnetic): (usize, bool)| {
+            let rows = &trials[index];
+            scope.spawn(move || too_bad(index, rows, magnetic))
+        };
+        let runs: Vec<_> = runs.map(start).collect();
+        runs.into_iter().flat_map(|run| run.join().unwrap()).collect::<Vec<_>>()
+    });
     assert_eq!(worse, Vec::<String>::new());
 }
 
 #[test]
+fn a_stage_that_does_not_estimate_the_bias_hands_on_what_it_was_given() {
+    let Some(trials) = broad() else { return };
+    let trial = Trial::new(&trials[0], true);
+    let [out, back] = [0.3, 0.5].map(|share| trial.row(share));
+    let given = trial.alone("wz", out).at_swap.common();
+    for name in ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling"] {
+        let mut between = Fuser::named(name).unwrap();
+        between.adopt(&given).unwrap();
+        trial.run(&mut between, out..back);
+        let handed_on = between.common();
+        assert_eq!(handed_on.bias_rad_s, given.bias_rad_s, "{name}");
+        let aged = handed_on.bias_sd_rad_s / given.bias_sd_rad_s;
+        assert!((1.0..1.1).contains(&aged) && aged > 1.0, "{name}: {aged}");
+        assert!(Fuser::named(name).unwrap().common().bias_sd_rad_s.is_infinite(), "{name}");
+    }
+}
+
+#[test]
 fn a_restart_from_a_snapshot_goes_on_bit_for_bit() {
-    let Some(trial) = trial(true) else { return };
+    let Some(trials) = broad() else { return };
+    let trial = Trial::new(&trials[0], true);
+    let swap = trial.row(0.5);
     for name in Fuser::NAMES {
-        let mut stays = trial.alone(name).in_the_middle;
+        let mut stays = trial.alone(name, swap).at_swap;
         let mut restarted = Fuser::named(name).unwrap();
         restarted.restore(&stays.snapshot()).unwrap();
-        for (tick, input) in trial.inputs.iter().enumerate().skip(trial.middle) {
+        for (tick, input) in trial.inputs.iter().enumerate().skip(swap) {
             let (a, b) = (stays.step(input), restarted.step(input));
             let bits = |fused: &Fused| {
                 let (q, bias) = (fused.attitude.quaternion(), fused.bias_rad_s);

@@ -1,6 +1,7 @@
 //! How long after a fault the inclination is as good as without it.
 //!
-//! What is demanded of which stage is one table, `recovery.csv`; a stage that it does not name is measured against the column `any`.
+//! What is demanded of which stage is one table, `recovery.csv`; a fuser that it does not name is measured against the column `any`, a
+//! stage of another slot against the slot's first: a gyro by itself never recovers.
 
 use std::sync::LazyLock;
 
@@ -16,7 +17,7 @@ use crate::{
 const ROUNDING_S: f64 = 1e-9;
 /// Added to the multiple of the undisturbed RMSE, degrees.
 const ABOVE_DEG: f64 = 0.05;
-/// The column for every stage that has none.
+/// The column for every fuser that has none.
 const ANY: &str = "any";
 /// The row with the largest undisturbed RMSE, degrees.
 const RMSE: &str = "undisturbed RMSE °";
@@ -30,9 +31,10 @@ static TABLE: LazyLock<Vec<Vec<&'static str>>> = LazyLock::new(|| {
 });
 
 /// The table's entry; `None` where it says `none` or nothing.
-fn entry(row: &str, stage: &str) -> Option<f64> {
+fn entry<L: Slot>(row: &str, stage: &str) -> Option<f64> {
     let column = |name: &str| TABLE.first()?.iter().position(|column| *column == name);
-    let column = column(stage).or_else(|| column(ANY))?;
+    let other = if L::NAME == "fuser" { ANY } else { L::NAMES.first()? };
+    let column = column(stage).or_else(|| column(other))?;
     TABLE.iter().find(|cells| cells.first() == Some(&row))?.get(column)?.parse().ok()
 }
 
@@ -40,11 +42,11 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     let stage = make();
     let quiet = errors_deg::<L, S>(&mut make(), &S1);
     let rmse_deg = rms(quiet.iter().filter(|(t_s, _)| *t_s >= BEGIN_S).map(|(_, error_deg)| *error_deg));
-    let bound_deg = entry(FACTOR, stage.name()).unwrap_or(f64::INFINITY) * rmse_deg + ABOVE_DEG;
-    let undisturbed = Figure { value: Some(rmse_deg), limit: entry(RMSE, stage.name()), unit: "°" };
+    let bound_deg = entry::<L>(FACTOR, stage.name()).unwrap_or(f64::INFINITY) * rmse_deg + ABOVE_DEG;
+    let undisturbed = Figure { value: Some(rmse_deg), limit: entry::<L>(RMSE, stage.name()), unit: "°" };
     let mut checks = vec![Check::most("inclination RMSE on S1 with its errors", undisturbed, || "undisturbed".into())];
     for fault in CATALOGUE {
-        let limit = entry(fault.name, stage.name());
+        let limit = entry::<L>(fault.name, stage.name());
         let value = recovery_s(fault, &errors_deg::<L, S>(&mut make(), &fault.put_in(&S1)), bound_deg);
         let figure = Figure { value, limit, unit: "s" };
         let name = format!("recovers from {} to {bound_deg:.2}°", fault.name);

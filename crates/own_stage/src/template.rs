@@ -37,16 +37,9 @@ pub enum TemplateError {
     /// The name cannot be one of a stage and of a module.
     #[error("naming a stage: {0:?} is no name; begin with a letter and use a-z, 0-9 and -, 32 at most")]
     Name(String),
-    /// There is none for that slot.
-    #[error(
-        "writing a stage: there is no template in {language:?} for the slot `{slot}`; in Python there are gyro, accel, fuser and course, in Rust fuser"
-    )]
-    Slot {
-        /// Which one.
-        slot: Service,
-        /// In which language.
-        language: Language,
-    },
+    /// That is no slot.
+    #[error("writing a stage: `{0}` is no slot; these are gyro, accel, fuser and course")]
+    Slot(Service),
     /// Something is there.
     #[error("writing a stage to {0}: it is there already; name another place with --dir, or remove it")]
     Occupied(PathBuf),
@@ -114,8 +107,11 @@ impl Template {
             (Language::Python, Service::Accel) => include_str!("../templates/python/accel.py"),
             (Language::Python, Service::Fuser) => include_str!("../templates/python/fuser.py"),
             (Language::Python, Service::Course) => include_str!("../templates/python/course.py"),
+            (Language::Rust, Service::Gyro) => include_str!("../templates/rust/gyro.rs"),
+            (Language::Rust, Service::Accel) => include_str!("../templates/rust/accel.rs"),
             (Language::Rust, Service::Fuser) => include_str!("../templates/rust/fuser.rs"),
-            (language, slot) => return Err(TemplateError::Slot { slot, language }),
+            (Language::Rust, Service::Course) => include_str!("../templates/rust/course.rs"),
+            (_, slot) => return Err(TemplateError::Slot(slot)),
         })
     }
 

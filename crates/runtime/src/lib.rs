@@ -10,6 +10,7 @@
 //! | [`words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
+//! | [`said`] | what it says on standard error |
 //! | [`service`] | the loop over the bus |
 //! | [`shadow`] | a candidate beside the stage that owns the slot |
 //! | [`stage`] | filling a slot with what the launch file names |
@@ -20,6 +21,7 @@ pub mod checkpoint;
 pub mod clock;
 pub mod join;
 pub mod orders;
+pub mod said;
 pub mod service;
 pub mod shadow;
 pub mod slot;

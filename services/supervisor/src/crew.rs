@@ -1,7 +1,7 @@
 //! The services as processes: started, watched, started again, ended, and reaped.
 
 use std::{
-    io::{self, Read, Write},
+    io::{self, Write},
     os::{fd::OwnedFd, unix::process::CommandExt, unix::process::ExitStatusExt},
     process::{Child, Command, ExitStatus, Stdio},
     time::{Duration, Instant},
@@ -9,7 +9,7 @@ use std::{
 
 use launch::{OnLimit, Restart, Service};
 use messages::{Health, State};
-use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
+use runtime::{Orders, Role, orders::Resume, said::Said, service::FIRST_EPOCH};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
@@ -32,8 +32,6 @@ const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
 /// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
 const STANDSTILL: Duration = Duration::from_millis(100);
-/// What a service says last is kept up to this, bytes.
-const SAID_MAX: u64 = 8192;
 
 /// The services of a system, in the order of [`Service::ALL`].
 #[derive(Debug)]
@@ -126,6 +124,7 @@ struct Process {
     pid: u32,
     incarnation: u32,
     heard: Option<Heard>,
+    said: Said,
     child: Child,
     fd: Option<OwnedFd>,
     since: Instant,
@@ -254,7 +253,7 @@ impl Crew {
             post.kill_the_silent(service, &rule, news);
             for life in [&mut post.candidate, &mut post.retired] {
                 if let Some(mut gone) = life.take_if(|process| process.reap().is_some()) {
-                    let said = gone.said();
+                    let said = gone.said.text();
                     if !said.is_empty() {
                         news.lines.push(format!("{service}: process {} said:\n{said}", gone.pid));
                     }
@@ -303,7 +302,7 @@ impl Crew {
             (None, Some(signal)) => format!("was ended by signal {signal}"),
             (None, None) => "ended".into(),
         };
-        let said = process.said();
+        let said = process.said.text();
         news.deaths.push(Death { service, incarnation: process.incarnation, said: said.clone() });
         let said = if said.is_empty() { said } else { format!(":\n{said}") };
         post.at = None;
@@ -509,12 +508,12 @@ impl Process {
             // Ctrl-C is for the supervisor, which ends the services in their order.
             .process_group(0)
             .spawn()?;
-        let stdin = child.stdin.take();
+        let (stdin, said) = (child.stdin.take(), Said::on(child.stderr.take()));
         let pid = child.id();
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
         let incarnation = orders.incarnation;
         let since = Instant::now();
-        let process = Self { pid, incarnation, heard: None, child, fd, since, ended: None, asked: false };
+        let process = Self { pid, incarnation, heard: None, said, child, fd, since, ended: None, asked: false };
         // One that has ended before it read its orders is found when it is reaped.
         stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes())).or_else(|cause| match cause.kind() {
             io::ErrorKind::BrokenPipe => Ok(()),
@@ -523,7 +522,9 @@ impl Process {
         Ok(process)
     }
 
+    /// Whether it has ended; until then it is listened to, so that it need not wait for a reader.
     fn reap(&mut self) -> Option<ExitStatus> {
+        self.said.listen();
         if self.ended.is_none() {
             self.ended = self.child.try_wait().ok().flatten();
         }
@@ -538,16 +539,6 @@ impl Process {
             // A process that has just ended does not need the signal.
             let _ = kill_process(pid, signal);
         }
-    }
-
-    /// What an ended service said last.
-    fn said(&mut self) -> String {
-        let mut said = Vec::new();
-        if let Some(stderr) = self.child.stderr.take() {
-            // What cannot be read cannot be shown; the exit status is.
-            let _ = stderr.take(SAID_MAX).read_to_end(&mut said);
-        }
-        String::from_utf8_lossy(&said).trim_end().to_owned()
     }
 }
 

@@ -16,6 +16,7 @@
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
+mod carried;
 mod compass;
 mod finite;
 pub mod levelling;
@@ -113,13 +114,13 @@ pub struct Estimate {
     pub attitude: Attitude,
     /// What its heading is counted from.
     pub reference: Reference,
-    /// Gyro bias, rad/s, body axes.
+    /// Gyro bias, rad/s, body axes; that of an earlier giver where this one does not estimate it.
     pub bias_rad_s: Vector3<f64>,
     /// Standard deviation of the inclination, rad.
     pub inclination_sd_rad: f64,
     /// Standard deviation of the heading, rad; π where nothing is known.
     pub heading_sd_rad: f64,
-    /// Standard deviation of each component of the bias, rad/s; infinite where the giver does not estimate it.
+    /// Standard deviation of each component of the bias, rad/s; infinite where nobody estimated it.
     pub bias_sd_rad_s: f64,
 }
 

@@ -4,6 +4,7 @@
 
 use super::{
     Corrections, Estimate, Fused, FuserInput,
+    carried::Carried,
     compass::Compass,
     innovation_rad, low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
@@ -38,6 +39,7 @@ pub struct WzClosed {
     started: bool,
     tilt: Spread,
     compass: Compass,
+    carried: Carried,
 }
 
 impl Default for WzClosed {
@@ -48,6 +50,7 @@ impl Default for WzClosed {
             started: false,
             tilt: Spread::UNKNOWN,
             compass: Compass::default(),
+            carried: Carried::default(),
         }
     }
 }
@@ -85,6 +88,7 @@ impl Stage for WzClosed {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
+        self.carried.age(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {
@@ -123,20 +127,25 @@ impl Stage for WzClosed {
         self.started.visit(visit);
         self.tilt.visit(visit);
         self.compass.visit(visit);
+        self.carried.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude).or_else(|| self.tilt.flaw()).or_else(|| self.compass.flaw())
+        attitude_flaw(self.attitude)
+            .or_else(|| self.tilt.flaw())
+            .or_else(|| self.compass.flaw())
+            .or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
         Estimate {
             attitude: self.attitude,
             reference: self.compass.reference(),
-            bias_rad_s: Vector3::zeros(),
+            bias_rad_s,
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s: f64::INFINITY,
+            bias_sd_rad_s,
         }
     }
 
@@ -146,6 +155,7 @@ impl Stage for WzClosed {
         self.started = true;
         self.tilt = Spread::of(common.inclination_sd_rad);
         self.compass = Compass::of(common.reference, common.heading_sd_rad);
+        self.carried = Carried::of(common);
         Ok(())
     }
 }

@@ -6,6 +6,7 @@
 
 use super::{
     Corrections, Estimate, Fused, FuserInput,
+    carried::Carried,
     compass::Compass,
     innovation_rad, low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
@@ -45,6 +46,7 @@ pub struct WzOpen {
     started: bool,
     tilt: Spread,
     compass: Compass,
+    carried: Carried,
 }
 
 impl Default for WzOpen {
@@ -58,6 +60,7 @@ impl Default for WzOpen {
             started: false,
             tilt: Spread::UNKNOWN,
             compass: Compass::default(),
+            carried: Carried::default(),
         }
     }
 }
@@ -128,6 +131,7 @@ impl Stage for WzOpen {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
+        self.carried.age(dt_s);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             let Point { w, chart } = self.gyro.up;
@@ -169,6 +173,7 @@ impl Stage for WzOpen {
         self.started.visit(visit);
         self.tilt.visit(visit);
         self.compass.visit(visit);
+        self.carried.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
@@ -178,16 +183,18 @@ impl Stage for WzOpen {
             .or(apart.then_some("a difference between two attitudes that no two have"))
             .or_else(|| self.tilt.flaw())
             .or_else(|| self.compass.flaw())
+            .or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
         Estimate {
             attitude: self.fused(),
             reference: self.compass.reference(),
-            bias_rad_s: Vector3::zeros(),
+            bias_rad_s,
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
-            bias_sd_rad_s: f64::INFINITY,
+            bias_sd_rad_s,
         }
     }
 
@@ -199,6 +206,7 @@ impl Stage for WzOpen {
         (self.adopted, self.started) = (true, true);
         self.tilt = Spread::of(common.inclination_sd_rad);
         self.compass = Compass::of(common.reference, common.heading_sd_rad);
+        self.carried = Carried::of(common);
         Ok(())
     }
 }

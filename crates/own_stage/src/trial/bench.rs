@@ -1,7 +1,7 @@
 //! A program as the only stage of a small system: started as the supervisor does, fed in lockstep, its outputs collected.
 
 use std::{
-    io::{Read, Write},
+    io::Write,
     process::{Child, Stdio},
     sync::atomic::{AtomicU32, Ordering},
     time::{Duration, Instant},
@@ -15,6 +15,7 @@ use messages::{
 use runtime::{
     Role,
     orders::{BUFFER_BESIDE, Resume},
+    said::Said,
 };
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -26,11 +27,10 @@ const PATIENCE: Duration = Duration::from_secs(10);
 const GRACE: Duration = Duration::from_secs(2);
 /// Ticks that the stage may be behind; fewer than a buffer holds.
 const WINDOW: usize = 64;
-/// What a stage says last is shown up to this, bytes.
-const SAID_MAX: u64 = 2048;
 
 pub(super) struct Bench<P: Place> {
     child: Child,
+    said: Said,
     pub(super) outputs: Vec<P::Output>,
     pub(super) checkpoints: Vec<Checkpoint>,
     pub(super) health: Option<Health>,
@@ -72,8 +72,9 @@ impl<P: Place> Bench<P> {
             // One that has ended before it read its orders is found below.
             let _ = stdin.write_all(text.as_bytes());
         }
+        let said = Said::on(child.stderr.take());
         let (outputs, checkpoints) = (Vec::new(), Vec::new());
-        let mut bench = Self { child, outputs, checkpoints, health: None, ports, _claim: claim };
+        let mut bench = Self { child, said, outputs, checkpoints, health: None, ports, _claim: claim };
         bench.until("does not say that it is ready", |bench| bench.health.is_some())?;
         Ok(bench)
     }
@@ -120,9 +121,10 @@ impl<P: Place> Bench<P> {
         self.signal(Signal::TERM);
         let asked = Instant::now();
         loop {
+            self.said.listen();
             match self.child.try_wait() {
                 Ok(Some(status)) if status.success() => return Ok(()),
-                Ok(Some(status)) => return Err(format!("asked to end, it ended with {status}: {}", self.said())),
+                Ok(Some(status)) => return Err(format!("asked to end, it ended with {status}: {}", self.said.text())),
                 Err(cause) => return Err(format!("waiting for its end: {cause}")),
                 Ok(None) if asked.elapsed() > GRACE => return Err(format!("asked to end, it lives on for {GRACE:?}")),
                 Ok(None) => std::thread::sleep(Duration::from_millis(5)),
@@ -138,7 +140,7 @@ impl<P: Place> Bench<P> {
             if self.outputs.len() > before {
                 heard = Instant::now();
             } else if let Ok(Some(status)) = self.child.try_wait() {
-                return Err(format!("it ended by itself with {status}: {}", self.said()));
+                return Err(format!("it ended by itself with {status}: {}", self.said.text()));
             } else if heard.elapsed() > PATIENCE {
                 return Err(format!("it {otherwise}, for {} s", PATIENCE.as_secs()));
             } else {
@@ -149,10 +151,11 @@ impl<P: Place> Bench<P> {
     }
 
     fn hear(&mut self) -> Result<(), BusError> {
-        let Self { ports, outputs, checkpoints, health, .. } = self;
+        let Self { ports, said, outputs, checkpoints, health, .. } = self;
+        said.listen();
         ports.output.drain(WINDOW * 8, |output| outputs.push(output))?;
         ports.checkpoints.drain(BUFFER_BESIDE, |checkpoint| checkpoints.push(checkpoint))?;
-        ports.health.drain(BUFFER_BESIDE, |said| *health = Some(said))
+        ports.health.drain(BUFFER_BESIDE, |heard| *health = Some(heard))
     }
 
     fn signal(&self, signal: Signal) {
@@ -160,15 +163,6 @@ impl<P: Place> Bench<P> {
             // A process that has just ended does not need the signal.
             let _ = kill_process(pid, signal);
         }
-    }
-
-    fn said(&mut self) -> String {
-        let mut said = Vec::new();
-        if let Some(stderr) = self.child.stderr.take() {
-            // What cannot be read cannot be shown; how it ended is.
-            let _ = stderr.take(SAID_MAX).read_to_end(&mut said);
-        }
-        String::from_utf8_lossy(&said).trim_end().to_owned()
     }
 }
 

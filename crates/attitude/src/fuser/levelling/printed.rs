@@ -6,7 +6,7 @@ use super::{
 use crate::{
     Complex, Vector3,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain},
+    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad, low_pass_gain},
     gnss::Fix,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{Numbers, RestoreError, Stage, attitude_flaw},
@@ -53,6 +53,7 @@ pub struct Levelling {
     increment_s: f64,
     since_fix_s: f64,
     seen: bool,
+    carried: Carried,
 }
 
 impl Levelling {
@@ -128,6 +129,7 @@ impl Stage for Levelling {
         if let Some(motion) = &input.motion {
             self.attitude = self.attitude.turned(motion.turn).attitude;
         }
+        self.carried.age(dt_s);
         self.since_fix_s += dt_s;
         self.unlevelled_s += dt_s;
         if let Some(fix) = credible(input.fix.as_ref()) {
@@ -173,22 +175,26 @@ impl Stage for Levelling {
         self.increment_s.visit(visit);
         self.since_fix_s.visit(visit);
         self.seen.visit(visit);
+        self.carried.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
         let Self { unlevelled_s, unaveraged_s, speed_m_s, increment_s, since_fix_s, .. } = self;
         let negative = [unlevelled_s, unaveraged_s, speed_m_s, increment_s, since_fix_s].iter().any(|x| **x < 0.0);
-        attitude_flaw(self.attitude).or(negative.then_some("a time or a speed below zero"))
+        attitude_flaw(self.attitude)
+            .or(negative.then_some("a time or a speed below zero"))
+            .or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
         Estimate {
             attitude: self.attitude,
             reference: Reference::Arbitrary,
-            bias_rad_s: Vector3::zeros(),
+            bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: PI,
-            bias_sd_rad_s: f64::INFINITY,
+            bias_sd_rad_s,
         }
     }
 
@@ -199,6 +205,7 @@ impl Stage for Levelling {
         self.started = true;
         // The giver's level lags by what it lags by: what is left of the force then is not zero.
         self.unaveraged_s = self.settings.low_pass_s;
+        self.carried = Carried::of(common);
         Ok(())
     }
 }

@@ -19,7 +19,9 @@
 mod gradient;
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, north_rad,
+    Corrections, Estimate, Fused, FuserInput,
+    carried::Carried,
+    field_direction, innovation_rad, north_rad,
     spread::{BIAS_SD_RAD_S, Spread},
 };
 use crate::{
@@ -73,6 +75,7 @@ pub struct Madgwick {
     since_field_s: f64,
     tilt: Spread,
     heading: Spread,
+    carried: Carried,
 }
 
 impl Madgwick {
@@ -95,6 +98,7 @@ impl Madgwick {
             since_field_s: 0.0,
             tilt: Spread::UNKNOWN,
             heading: Spread::UNKNOWN,
+            carried: Carried::default(),
         }
     }
 
@@ -196,6 +200,7 @@ impl Stage for Madgwick {
             self.descend(motion, &seen);
             self.tilt.drift(BIAS_SD_RAD_S, motion.dt_s);
             self.heading.drift(BIAS_SD_RAD_S, motion.dt_s);
+            self.carried.age(motion.dt_s);
             if let (Some(inclination), Some(_)) = (&input.inclination, seen.up) {
                 innovation = innovation_rad(inclination, led);
                 self.tilt.corrected(innovation, self.gain(&self.tilt, motion.dt_s), motion.dt_s);
@@ -237,23 +242,25 @@ impl Stage for Madgwick {
         self.since_field_s.visit(visit);
         self.tilt.visit(visit);
         self.heading.visit(visit);
+        self.carried.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
         let off = libm::fabs(self.quaternion.norm_squared() - 1.0);
         let length = (off > 1e-6).then_some("a quaternion that is not of unit length");
         let time = (self.since_field_s < 0.0).then_some("a time below zero");
-        length.or(time).or_else(|| self.tilt.flaw()).or_else(|| self.heading.flaw())
+        length.or(time).or_else(|| self.tilt.flaw()).or_else(|| self.heading.flaw()).or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
         Estimate {
             attitude: Attitude::of_quaternion(self.quaternion),
             reference: self.reference(),
-            bias_rad_s: Vector3::zeros(),
+            bias_rad_s,
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
-            bias_sd_rad_s: f64::INFINITY,
+            bias_sd_rad_s,
         }
     }
 
@@ -265,6 +272,7 @@ impl Stage for Madgwick {
         self.magnetic = common.reference == Reference::Magnetic;
         self.tilt = Spread::of(common.inclination_sd_rad);
         self.heading = Spread::of(common.heading_sd_rad);
+        self.carried = Carried::of(common);
         Ok(())
     }
 }

@@ -8,7 +8,11 @@
 //! The loop stays what it is: of the filter's findings it is only told what the error of the bias, and of the first level, did to
 //! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro.
 
-use super::{T1_S, T2_S, doubt::Doubt, level::Error};
+use super::{
+    doubt::Doubt,
+    level::{Error, Response},
+    underway::Underway,
+};
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
     stage::{Numbers, bias_flaw},
@@ -36,8 +40,10 @@ const SD_LEVEL_RAD: f64 = 0.1;
 const FORCE_SD_MIN: f64 = 1e-3;
 /// Memory of the innovation's mean square, s.
 const INNOVATION_MEMORY_S: f64 = 5.0;
-/// Standard deviation of the innovation before there were any, and for how long they have been like that.
+/// Standard deviation of the innovation before there were any, at a beginning and in the middle of a movement, and for how long they
+/// have been like that.
 const FORCE_SD_BEFORE: f64 = 0.01;
+const FORCE_SD_MOVING: f64 = 0.1;
 const MEMORY_BEFORE_S: f64 = 0.5;
 /// Most innovations that count as one because they are alike: accelerations keep their direction for less than 1 s. For longer they
 /// are made up for by others, since they bring a velocity that ends.
@@ -66,6 +72,7 @@ pub(super) struct BiasFilter {
     tilt_sd_rad: f64,
     noise: Noise,
     doubt: Doubt,
+    underway: Underway,
 }
 
 /// The noise of the levelled force, from the innovations.
@@ -75,6 +82,8 @@ struct Noise {
     mean_product: f64,
     before: Complex<f64>,
     memory_s: f64,
+    /// The level is one of a single sample, so that what the force shows may be its error.
+    first_level: bool,
 }
 
 impl Default for BiasFilter {
@@ -102,7 +111,15 @@ impl BiasFilter {
             tilt_sd_rad: level_sd,
             noise: Noise::before(),
             doubt: Doubt::default(),
+            underway: Underway::default(),
         }
+    }
+
+    /// Goes on with a bias and a level that another stage found, perhaps in the middle of a movement: what the force shows is that
+    /// until it has lasted.
+    pub(super) fn found(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
+        let begun = Self::of(bias_rad_s, bias_sd_rad_s, level_sd_rad);
+        Self { noise: Noise::moving(), underway: Underway::begun(), ..begun }
     }
 
     /// The bias, rad/s, body axes.
@@ -202,8 +219,10 @@ impl BiasFilter {
         };
         self.tilt_rad += tilt - error.tilt;
         let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
+        let under_way = self.underway.saw(self.tilt_rad, variance, interval_s);
+        self.tilt_rad -= under_way.tilt;
         self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
-        error
+        Error { tilt: error.tilt + under_way.tilt, velocity: error.velocity + under_way.velocity }
     }
 
     /// The level was wrong by `wrong_rad` more than was known, so the velocity is its work: level and bias are as unknown as at the
@@ -239,21 +258,17 @@ impl BiasFilter {
         }
     }
 
-    /// The shares follow the loop over an interval: E' = −W/(T1 T2), W' = E − W/T1, half of the drift before and half after.
+    /// The shares follow the loop over an interval, half of the drift before and half after.
     fn share(&mut self, drift: &[Complex<f64>; 3], interval_s: f64) {
-        const A: f64 = 1.0 / (T1_S * T2_S);
-        const B: f64 = 1.0 / T1_S;
-        let t = interval_s;
-        // e^{At} by Cayley and Hamilton, to the third order.
-        let c0 = 1.0 - t * t * (A / 2.0 - t * (A * B / 6.0));
-        let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - A) / 6.0)));
+        let response = Response::over(interval_s);
         let [e0, w0] = self.tilt_share;
-        let [e1, w1] = [c0 * e0 - A * c1 * w0, c1 * e0 + (c0 - B * c1) * w0];
+        let [e1, w1] = response.after(e0, w0);
         for (share, drift) in self.bias_share.iter_mut().zip(drift) {
             let tilt = share.tilt + drift * (0.5 - 0.5 * e0);
             let velocity = share.velocity - drift * (0.5 * w0);
-            share.tilt = tilt * c0 - velocity * (A * c1) + drift * (0.5 - 0.5 * e1);
-            share.velocity = tilt * c1 + velocity * (c0 - B * c1) - drift * (0.5 * w1);
+            let [tilt, velocity] = response.after(tilt, velocity);
+            share.tilt = tilt + drift * (0.5 - 0.5 * e1);
+            share.velocity = velocity - drift * (0.5 * w1);
         }
         self.tilt_share = [e1, w1];
     }
@@ -284,6 +299,7 @@ impl BiasFilter {
         bias_flaw(self.bias_rad_s)
             .or(indefinite.then_some("a covariance that is not symmetric and positive"))
             .or_else(|| self.doubt.flaw())
+            .or_else(|| self.underway.flaw())
             .or((self.noise.mean_square < 0.0).then_some("a mean square below zero"))
             .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0 || self.noise.memory_s <= 0.0)
                 .then_some("a time or standard deviation below zero"))
@@ -298,7 +314,13 @@ impl Noise {
             mean_product: 0.0,
             before: Complex::new(0.0, 0.0),
             memory_s: MEMORY_BEFORE_S,
+            first_level: true,
         }
+    }
+
+    /// In the middle of a movement.
+    fn moving() -> Self {
+        Self { mean_square: FORCE_SD_MOVING * FORCE_SD_MOVING, first_level: false, ..Self::before() }
     }
 
     /// The variance that one innovation stands for, were the next independent of it, on a tilt of the variance `known`.
@@ -317,7 +339,7 @@ impl Noise {
         let (together, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
         let alike = if together < ALIKE_MAX * apart { (together / apart).max(1.0) } else { ALIKE_MAX };
         let variance = FORCE_SD_MIN * FORCE_SD_MIN + (self.mean_square * alike).max(square / OUTLIER2);
-        if self.memory_s < INNOVATION_MEMORY_S {
+        if self.first_level && self.memory_s < INNOVATION_MEMORY_S {
             variance.min(known * (self.memory_s - MEMORY_BEFORE_S) / interval_s)
         } else {
             variance
@@ -344,6 +366,8 @@ impl Numbers for BiasFilter {
         self.noise.mean_product.visit(visit);
         self.noise.before.visit(visit);
         self.noise.memory_s.visit(visit);
+        self.noise.first_level.visit(visit);
         self.doubt.visit(visit);
+        self.underway.visit(visit);
     }
 }

@@ -3,6 +3,8 @@
 //! What is horizontal is kept in the frame of fixed azimuth: the level frame turned back by z, so that turns about the vertical
 //! leave it where it is. It is one with the reference frame but for the azimuth at which it began.
 
+use core::ops::{Add, Mul, Sub};
+
 use super::{T1_S, T2_S};
 use crate::{
     Complex, GRAVITY_M_S2,
@@ -39,6 +41,37 @@ pub(super) struct Error {
     pub(super) tilt: Complex<f64>,
     /// Over g, s.
     pub(super) velocity: Complex<f64>,
+}
+
+/// What the loop makes of its own error over an interval: E' = −W/(T1 T2), W' = E − W/T1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Response {
+    c0: f64,
+    c1: f64,
+}
+
+impl Response {
+    const A: f64 = 1.0 / (T1_S * T2_S);
+    const B: f64 = 1.0 / T1_S;
+
+    /// e^{At} by Cayley and Hamilton, to the third order.
+    pub(super) fn over(interval_s: f64) -> Self {
+        const A: f64 = Response::A;
+        const B: f64 = Response::B;
+        let t = interval_s;
+        let c0 = 1.0 - t * t * (A / 2.0 - t * (A * B / 6.0));
+        let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - A) / 6.0)));
+        Self { c0, c1 }
+    }
+
+    /// A tilt and a velocity over g, after the interval.
+    pub(super) fn after<T>(self, tilt: T, velocity: T) -> [T; 2]
+    where
+        T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,
+    {
+        let Self { c0, c1 } = self;
+        [tilt * c0 - velocity * (Self::A * c1), tilt * c1 + velocity * (c0 - Self::B * c1)]
+    }
 }
 
 impl Level {

@@ -14,6 +14,7 @@ mod doubt;
 mod heading;
 mod level;
 mod rest;
+mod underway;
 
 use super::{Corrections, Estimate, Fused, FuserInput};
 
@@ -230,9 +231,10 @@ impl Stage for Wz {
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
-        self.heading = Heading::of(self.heading.settings, common.reference, common.heading_sd_rad);
+        self.heading =
+            Heading::of(self.heading.settings, common.reference, common.heading_sd_rad, common.bias_sd_rad_s);
         self.level = Level::of(common.attitude);
-        self.bias = BiasFilter::of(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
+        self.bias = BiasFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest = Rest::default();
         Ok(())
     }

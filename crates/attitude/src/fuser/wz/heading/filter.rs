@@ -31,7 +31,7 @@ const COLUMNS: usize = 16;
 /// Standard deviation of the field of a place that is not known, µT: the strongest on earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
-const DRIFT_SD_RAD_S: f64 = 0.01;
+pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
 /// Random walk of the drift rate while the body moves, rad/s/√s: a rest's bias ages by its own size in ten seconds of motion.
 const DRIFT_WALK_RAD_S: f64 = 1e-4;
 /// Error of the gyro's scale, each axis: data sheets of MEMS gyros allow 0.5 to 1 % at most.
@@ -146,11 +146,12 @@ impl Filter {
         self.p[i][i] = sd * sd;
     }
 
-    /// North is where it is within `sd_rad`; of the field's strength nothing is known but the sample.
+    /// North is where it is within `sd_rad`, and within what the place adds to the field by which it was found; of the field's strength
+    /// nothing is known but the sample.
     pub(super) fn face_north(&mut self, field_ut: [f64; 3], sd_rad: f64) {
         let horizontal = libm::hypot(field_ut[0], field_ut[1]);
         (self.x[E], self.x[E + 1], self.x[E + 2]) = (0.0, horizontal, field_ut[2]);
-        self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad;
+        self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad + PLACE_SD_UT * PLACE_SD_UT;
     }
 
     /// The gyro's heading may have turned by `variance_rad2` more.

@@ -34,7 +34,7 @@ use crate::{
 };
 use {
     contest::Contest,
-    filter::{B, Filter, Passage, TAU},
+    filter::{B, BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
     levelled::{Interval, Levelled},
 };
 
@@ -119,6 +119,8 @@ pub(super) struct Heading {
     settling_rad: f64,
     turn_rad: f64,
     sd_rad: f64,
+    /// Of the gyro's heading before the first field, rad/s.
+    drift_sd_rad_s: f64,
     /// The reference of a heading that another stage found.
     magnetic: bool,
     by_track: bool,
@@ -126,13 +128,13 @@ pub(super) struct Heading {
 
 impl Default for Heading {
     fn default() -> Self {
-        Self::of(Settings::default(), Reference::Arbitrary, PI)
+        Self::of(Settings::default(), Reference::Arbitrary, PI, f64::INFINITY)
     }
 }
 
 impl Heading {
-    /// Goes on from a heading that is already in the attitude.
-    pub(super) fn of(settings: Settings, reference: Reference, sd_rad: f64) -> Self {
+    /// Goes on from a heading that is already in the attitude, with a gyro whose bias is known within `bias_sd_rad_s`.
+    pub(super) fn of(settings: Settings, reference: Reference, sd_rad: f64, bias_sd_rad_s: f64) -> Self {
         Self {
             settings,
             levelled: Levelled::default(),
@@ -143,6 +145,7 @@ impl Heading {
             settling_rad: 0.0,
             turn_rad: 0.0,
             sd_rad: sd_rad.min(PI),
+            drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
             magnetic: reference == Reference::Magnetic,
             by_track: reference == Reference::True,
         }
@@ -278,6 +281,7 @@ impl Heading {
         if known {
             main.face_north(interval.field_ut, self.sd_rad);
         }
+        main.reset(BETA, self.drift_sd_rad_s);
         self.contest = Contest::of(main);
         if self.rested {
             self.contest.rested();
@@ -299,7 +303,9 @@ impl Heading {
 
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        let bounds = (0.0..=PI).contains(&self.sd_rad) && libm::fabs(self.turn_rad) <= PI && self.settling_rad >= 0.0;
+        let Self { settling_rad, turn_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI;
+        let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
         self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
     }
 }
@@ -310,7 +316,7 @@ impl Numbers for Heading {
         self.contest.visit(visit);
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
-        let Self { settling_rad, turn_rad, sd_rad, .. } = self;
-        [settling_rad, turn_rad, sd_rad].into_iter().for_each(visit);
+        let Self { settling_rad, turn_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        [settling_rad, turn_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
 }
