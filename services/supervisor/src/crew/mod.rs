@@ -1,33 +1,36 @@
 //! The services as processes: started, watched, started again, ended, and reaped.
 
+mod post;
+mod process;
+
 use std::{
-    io::{self, Write},
-    os::{fd::OwnedFd, unix::process::CommandExt, unix::process::ExitStatusExt},
-    process::{Child, Command, ExitStatus, Stdio},
+    os::unix::process::ExitStatusExt,
+    process::ExitStatus,
     time::{Duration, Instant},
 };
 
 use launch::{OnLimit, Restart, Service};
-use messages::{Health, State};
-use runtime::{Orders, Role, orders::Resume, said::Said, service::FIRST_EPOCH};
+use messages::Health;
+use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
-    process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
+    process::Signal,
 };
 
-use serde::{Deserialize, Serialize};
+pub(crate) use post::Post;
+pub use post::Standing;
+pub(crate) use process::{Heard, own_cpu_s};
+use process::{Process, cpu_s};
 
 use crate::{
     UpError,
-    lives::{Lives, Verdict},
+    lives::Verdict,
     memory::Memory,
     urgency::{self, Urgency},
 };
 
 /// From the first request to end until a process is killed.
 const GRACE: Duration = Duration::from_millis(400);
-/// A service beside the data path that says nothing for so long is killed: it may have to wait for the machine.
-const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 /// From a start until the service must be ready.
 pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
 /// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
@@ -42,52 +45,6 @@ pub(crate) struct Crew {
     incarnations: u32,
     /// When the services were looked after last.
     tended: Instant,
-}
-
-/// A service and its lives.
-#[derive(Debug, Default)]
-pub(crate) struct Post {
-    process: Option<Process>,
-    /// A stage that is to take over.
-    candidate: Option<Process>,
-    /// A stage that was taken over from.
-    retired: Option<Process>,
-    lives: Lives,
-    /// When it is started again.
-    due: Option<Instant>,
-    /// It is not started again.
-    away: bool,
-    /// It was asked to end with the system.
-    ending: bool,
-    /// The decision that its next life begins under, and the first tick that it publishes.
-    term: Option<(u32, u64)>,
-    /// Where it can be reached.
-    at: Option<String>,
-}
-
-/// How a service is, for whoever asks.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Standing {
-    /// Its name.
-    pub service: String,
-    /// What fills its slot.
-    pub stage: Option<String>,
-    /// What it does, in a word.
-    pub state: String,
-    /// Its process; 0 where there is none.
-    pub pid: u32,
-    /// Times it was started again.
-    pub restarts: u32,
-    /// Its life.
-    pub incarnation: u32,
-    /// The decision about its slot that it follows.
-    pub epoch: u32,
-    /// Ticks published.
-    pub ticks: u64,
-    /// Ticks that never came.
-    pub lost: u64,
-    /// Where it can be reached.
-    pub at: Option<String>,
 }
 
 /// What has happened to the services.
@@ -109,28 +66,6 @@ pub(crate) struct Death {
     pub(crate) incarnation: u32,
     /// Its last words.
     pub(crate) said: String,
-}
-
-/// What a service said last.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Heard {
-    pub(crate) health: Health,
-    pub(crate) at: Instant,
-}
-
-/// One life.
-#[derive(Debug)]
-struct Process {
-    pid: u32,
-    incarnation: u32,
-    heard: Option<Heard>,
-    said: Said,
-    child: Child,
-    fd: Option<OwnedFd>,
-    since: Instant,
-    ended: Option<ExitStatus>,
-    /// It was asked to end.
-    asked: bool,
 }
 
 impl Crew {
@@ -393,9 +328,7 @@ impl Crew {
         }
         for process in &mut processes {
             if process.reap().is_none() {
-                process.signal(Signal::KILL);
-                // A killed process ends; the wait is for the kernel only.
-                process.ended = process.child.wait().ok();
+                process.kill();
             }
         }
     }
@@ -411,148 +344,4 @@ impl Drop for Crew {
     fn drop(&mut self) {
         self.end();
     }
-}
-
-impl Post {
-    /// What it said last.
-    pub(crate) fn heard(&self) -> Option<&Heard> {
-        self.process.as_ref()?.heard.as_ref()
-    }
-
-    /// What its candidate said last.
-    pub(crate) fn candidate_heard(&self) -> Option<&Heard> {
-        self.candidate.as_ref()?.heard.as_ref()
-    }
-
-    /// The life that owns the slot; 0 where there is none.
-    pub(crate) fn incarnation(&self) -> u32 {
-        self.process.as_ref().map_or(0, |process| process.incarnation)
-    }
-
-    /// Its process; 0 where there is none.
-    pub(crate) fn pid(&self) -> u32 {
-        self.process.as_ref().map_or(0, |process| process.pid)
-    }
-
-    /// Times it was started again.
-    pub(crate) fn restarts(&self) -> u32 {
-        self.lives.restarts
-    }
-
-    /// What it does, in a word.
-    pub(crate) fn standing(&self, silence: Duration) -> &'static str {
-        match (&self.process, self.heard()) {
-            _ if self.away => "failed",
-            (None, _) => "backoff",
-            (Some(_), None) => "starting",
-            (Some(_), Some(heard)) if heard.at.elapsed() > silence => "silent",
-            (Some(_), Some(heard)) => State::name(heard.health.state),
-        }
-    }
-
-    /// It has opened its topics, or will not any more.
-    pub(crate) fn is_settled(&self) -> bool {
-        self.away || self.heard().is_some()
-    }
-
-    /// A time in which nobody could say anything.
-    fn forgive(&mut self, stood_still: Duration) {
-        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
-            process.since += stood_still;
-            process.heard.iter_mut().for_each(|heard| heard.at += stood_still);
-        }
-    }
-
-    fn kill_the_silent(&self, service: Service, rule: &Restart, news: &mut News) {
-        for process in [&self.process, &self.candidate].into_iter().flatten() {
-            let (silent, limit) = match &process.heard {
-                Some(heard) => {
-                    let limit = Duration::from_secs_f64(rule.silence_s);
-                    (heard.at.elapsed(), if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit })
-                }
-                None => (process.since.elapsed(), READY_LIMIT),
-            };
-            if silent > limit && process.ended.is_none() {
-                let ms = silent.as_millis();
-                news.lines.push(format!("{service}: process {} has said nothing for {ms} ms", process.pid));
-                process.signal(Signal::KILL);
-            }
-        }
-    }
-}
-
-impl Process {
-    fn start(service: Service, orders: &Orders) -> Result<Self, UpError> {
-        let of_ones_own =
-            orders.launch.program(service).map_or(String::new(), |program| format!(" ({})", program.command.join(" ")));
-        Self::spawn(service, orders)
-            .map_err(|cause| UpError::System { doing: format!("starting the service {service}{of_ones_own}"), cause })
-    }
-
-    /// Starts this executable as the service, or what the launch file names for the slot.
-    fn command(service: Service, orders: &Orders) -> io::Result<Command> {
-        if let Some(program) = orders.launch.program(service) {
-            return Ok(program.command());
-        }
-        let mut command = Command::new(std::env::current_exe()?);
-        command.args(["service", service.name()]);
-        Ok(command)
-    }
-
-    fn spawn(service: Service, orders: &Orders) -> io::Result<Self> {
-        let text = orders.text(service).map_err(io::Error::other)?;
-        let mut child = Self::command(service, orders)?
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            // Ctrl-C is for the supervisor, which ends the services in their order.
-            .process_group(0)
-            .spawn()?;
-        let (stdin, said) = (child.stdin.take(), Said::on(child.stderr.take()));
-        let pid = child.id();
-        let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-        let incarnation = orders.incarnation;
-        let since = Instant::now();
-        let process = Self { pid, incarnation, heard: None, said, child, fd, since, ended: None, asked: false };
-        // One that has ended before it read its orders is found when it is reaped.
-        stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes())).or_else(|cause| match cause.kind() {
-            io::ErrorKind::BrokenPipe => Ok(()),
-            _ => Err(cause),
-        })?;
-        Ok(process)
-    }
-
-    /// Whether it has ended; until then it is listened to, so that it need not wait for a reader.
-    fn reap(&mut self) -> Option<ExitStatus> {
-        self.said.listen();
-        if self.ended.is_none() {
-            self.ended = self.child.try_wait().ok().flatten();
-        }
-        self.ended
-    }
-
-    fn signal(&self, signal: Signal) {
-        if self.ended.is_some() {
-            return;
-        }
-        if let Some(pid) = Pid::from_raw(self.pid as i32) {
-            // A process that has just ended does not need the signal.
-            let _ = kill_process(pid, signal);
-        }
-    }
-}
-
-/// CPU time of this process, s.
-pub(crate) fn own_cpu_s() -> f64 {
-    cpu_s("self")
-}
-
-/// CPU time of the threads of a process, s; 0 when it is no more.
-fn cpu_s(process: &str) -> f64 {
-    let threads = std::fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
-    let ns = threads.filter_map(|thread| {
-        let text = std::fs::read_to_string(thread.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse::<f64>().ok()
-    });
-    ns.sum::<f64>() * 1e-9
 }

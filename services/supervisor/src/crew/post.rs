@@ -1,0 +1,132 @@
+//! A service of the crew, whoever lives in it.
+
+use std::time::{Duration, Instant};
+
+use launch::{Restart, Service};
+use messages::State;
+use rustix::process::Signal;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    News, READY_LIMIT,
+    process::{Heard, Process},
+};
+use crate::lives::Lives;
+
+/// A service beside the data path that says nothing for so long is killed: it may have to wait for the machine.
+const SILENCE_BESIDE: Duration = Duration::from_secs(5);
+
+/// A service and its lives.
+#[derive(Debug, Default)]
+pub(crate) struct Post {
+    pub(super) process: Option<Process>,
+    /// A stage that is to take over.
+    pub(super) candidate: Option<Process>,
+    /// A stage that was taken over from.
+    pub(super) retired: Option<Process>,
+    pub(super) lives: Lives,
+    /// When it is started again.
+    pub(super) due: Option<Instant>,
+    /// It is not started again.
+    pub(super) away: bool,
+    /// It was asked to end with the system.
+    pub(super) ending: bool,
+    /// The decision that its next life begins under, and the first tick that it publishes.
+    pub(super) term: Option<(u32, u64)>,
+    /// Where it can be reached.
+    pub(super) at: Option<String>,
+}
+
+/// How a service is, for whoever asks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Standing {
+    /// Its name.
+    pub service: String,
+    /// What fills its slot.
+    pub stage: Option<String>,
+    /// What it does, in a word.
+    pub state: String,
+    /// Its process; 0 where there is none.
+    pub pid: u32,
+    /// Times it was started again.
+    pub restarts: u32,
+    /// Its life.
+    pub incarnation: u32,
+    /// The decision about its slot that it follows.
+    pub epoch: u32,
+    /// Ticks published.
+    pub ticks: u64,
+    /// Ticks that never came.
+    pub lost: u64,
+    /// Where it can be reached.
+    pub at: Option<String>,
+}
+
+impl Post {
+    /// What it said last.
+    pub(crate) fn heard(&self) -> Option<&Heard> {
+        self.process.as_ref()?.heard.as_ref()
+    }
+
+    /// What its candidate said last.
+    pub(crate) fn candidate_heard(&self) -> Option<&Heard> {
+        self.candidate.as_ref()?.heard.as_ref()
+    }
+
+    /// The life that owns the slot; 0 where there is none.
+    pub(crate) fn incarnation(&self) -> u32 {
+        self.process.as_ref().map_or(0, |process| process.incarnation)
+    }
+
+    /// Its process; 0 where there is none.
+    pub(crate) fn pid(&self) -> u32 {
+        self.process.as_ref().map_or(0, |process| process.pid)
+    }
+
+    /// Times it was started again.
+    pub(crate) fn restarts(&self) -> u32 {
+        self.lives.restarts
+    }
+
+    /// What it does, in a word.
+    pub(crate) fn standing(&self, silence: Duration) -> &'static str {
+        match (&self.process, self.heard()) {
+            _ if self.away => "failed",
+            (None, _) => "backoff",
+            (Some(_), None) => "starting",
+            (Some(_), Some(heard)) if heard.at.elapsed() > silence => "silent",
+            (Some(_), Some(heard)) => State::name(heard.health.state),
+        }
+    }
+
+    /// It has opened its topics, or will not any more.
+    pub(crate) fn is_settled(&self) -> bool {
+        self.away || self.heard().is_some()
+    }
+
+    /// A time in which nobody could say anything.
+    pub(super) fn forgive(&mut self, stood_still: Duration) {
+        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
+            process.since += stood_still;
+            process.heard.iter_mut().for_each(|heard| heard.at += stood_still);
+        }
+    }
+
+    /// Kills who says nothing any more.
+    pub(super) fn kill_the_silent(&mut self, service: Service, rule: &Restart, news: &mut News) {
+        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
+            let (silent, limit) = match &process.heard {
+                Some(heard) => {
+                    let limit = Duration::from_secs_f64(rule.silence_s);
+                    (heard.at.elapsed(), if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit })
+                }
+                None => (process.since.elapsed(), READY_LIMIT),
+            };
+            if silent > limit && process.ended.is_none() && !std::mem::replace(&mut process.given_up, true) {
+                let ms = silent.as_millis();
+                news.lines.push(format!("{service}: process {} has said nothing for {ms} ms", process.pid));
+                process.signal(Signal::KILL);
+            }
+        }
+    }
+}
