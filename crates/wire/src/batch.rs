@@ -15,6 +15,8 @@ use crate::{
 /// The fields of every batch.
 const ENVELOPE: u32 = 1;
 const SAMPLES: u32 = 2;
+/// Of an envelope at most: six numbers of 64 bits, its tag and its length.
+const ENVELOPE_BYTES: usize = 70;
 
 /// The name of a message's batch in the schema, with its package.
 pub fn batch_name<M: Payload>() -> String {
@@ -23,14 +25,16 @@ pub fn batch_name<M: Payload>() -> String {
 
 /// Samples as they stand in a batch; [`seal`] puts the envelope to them.
 pub fn samples<'m, M: Payload + 'm>(messages: impl IntoIterator<Item = &'m M>) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    messages.into_iter().for_each(|message| encoding::message::encode(SAMPLES, &message.form(), &mut bytes));
+    let messages = messages.into_iter();
+    // A message on the wire is about as long as on the bus.
+    let mut bytes = Vec::with_capacity(messages.size_hint().0 * (size_of::<M>() + 16));
+    messages.for_each(|message| encoding::message::encode(SAMPLES, &message.form(), &mut bytes));
     bytes
 }
 
 /// A batch: the envelope and the samples. The order of a message's fields is of no consequence.
 pub fn seal(envelope: &Envelope, samples: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(samples.len() + 40);
+    let mut bytes = Vec::with_capacity(samples.len() + ENVELOPE_BYTES);
     encoding::message::encode(ENVELOPE, envelope, &mut bytes);
     bytes.extend_from_slice(samples);
     bytes

@@ -1,0 +1,58 @@
+//! Instructions of a message's way onto the wire and off it, counted by callgrind: `cargo bench -p kernels --bench wire`.
+//!
+//! Input: 1000 messages as they are on the bus, made before anything is counted. Output: the instructions (`Ir`) of 1000 messages: from
+//! the payload to the bytes that go out, envelope and allocation included, and from the bytes to checked payloads. Time: none.
+//! Failure: without valgrind and gungraun-runner 0.20 nothing is counted.
+#![allow(missing_docs, reason = "gungraun makes public modules of the functions and groups")]
+
+mod drawn;
+
+use std::hint::black_box;
+
+use gungraun::prelude::*;
+use messages::{AttitudeOutput, FusedState, Health, ImuSample};
+use wire::Payload;
+
+use drawn::{Drawn, envelope};
+
+const MESSAGES: u64 = 1000;
+
+#[library_benchmark]
+#[bench::attitude(batches::<AttitudeOutput>(1))]
+#[bench::attitude_by_five(batches::<AttitudeOutput>(5))]
+#[bench::fused(batches::<FusedState>(1))]
+#[bench::imu(batches::<ImuSample>(1))]
+#[bench::health(batches::<Health>(1))]
+fn encode<M: Payload>(batches: Vec<Vec<M>>) -> Vec<Vec<M>> {
+    for batch in &batches {
+        black_box(wire::seal(&envelope(), &wire::samples(batch)));
+    }
+    batches
+}
+
+#[library_benchmark]
+#[bench::attitude(encoded::<AttitudeOutput>(1))]
+#[bench::attitude_by_five(encoded::<AttitudeOutput>(5))]
+#[bench::fused(encoded::<FusedState>(1))]
+#[bench::imu(encoded::<ImuSample>(1))]
+#[bench::health(encoded::<Health>(1))]
+fn decode<M: Payload>(encoded: Encoded<M>) -> Encoded<M> {
+    for bytes in &encoded.0 {
+        black_box(wire::open::<M>(bytes).expect("what was encoded here"));
+    }
+    encoded
+}
+
+library_benchmark_group!(name = messages_on_the_wire, benchmarks = [encode, decode]);
+main!(library_benchmark_groups = messages_on_the_wire);
+
+struct Encoded<M>(Vec<Vec<u8>>, std::marker::PhantomData<M>);
+
+fn batches<M: Payload + Drawn>(samples: u64) -> Vec<Vec<M>> {
+    (0..MESSAGES).map(|batch| (0..samples).map(|sample| M::drawn(batch * samples + sample)).collect()).collect()
+}
+
+fn encoded<M: Payload + Drawn>(samples: u64) -> Encoded<M> {
+    let bytes = |batch: &Vec<M>| wire::seal(&envelope(), &wire::samples(batch));
+    Encoded(batches(samples).iter().map(bytes).collect(), std::marker::PhantomData)
+}
