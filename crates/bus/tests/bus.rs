@@ -3,6 +3,7 @@
 
 use std::{
     fs,
+    os::unix::fs::FileExt,
     path::PathBuf,
     sync::atomic::{AtomicU32, Ordering},
     time::Duration,
@@ -158,6 +159,22 @@ fn every_reader_of_a_topic_is_woken_by_one_call() {
             }
         }
     });
+}
+
+/// Who is frozen said that he waits before that, and says nothing more.
+#[test]
+fn a_reader_that_is_frozen_while_it_waits_costs_one_call_of_the_kernel() {
+    let Pair { here, domain, .. } = &pair();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    let facts = domain.facts();
+    let place = messages::TOPICS.iter().position(|topic| *topic == ImuSample::TOPIC).unwrap();
+    let waiting = (facts.word_bytes * (1 + place) + size_of::<u32>()) as u64;
+    let page = fs::File::options().read(true).write(true).open(facts.page).unwrap();
+    page.write_all_at(&1_u32.to_ne_bytes(), waiting).unwrap();
+    publisher.wake();
+    let mut said = [0xff; 4];
+    page.read_exact_at(&mut said, waiting).unwrap();
+    assert_eq!(u32::from_ne_bytes(said), 0, "the next message would call the kernel as well");
 }
 
 #[test]

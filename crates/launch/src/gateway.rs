@@ -24,7 +24,8 @@ pub struct Gateway {
     pub listen: Vec<String>,
     /// Whom it connects to: routers and stations.
     pub connect: Vec<String>,
-    /// Messages per second of a topic at most, Hz: a topic that is faster goes several samples to a message.
+    /// Messages per second of a topic at most, Hz: a topic that is faster goes several samples to a message; a path that is not is waited
+    /// for, and goes out at once.
     pub messages_hz: f64,
     /// How much of each topic goes out, by its name; nothing of a topic that is not there.
     pub rates: BTreeMap<String, Rate>,
@@ -92,7 +93,7 @@ const UNTIMED: [&str; 5] = ["credit", "checkpoint", "difference", "control", "he
 pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
     let name = |name: &str| system_name(name).map(Some);
     section.text("vehicle", r#"1 to 32 of a-z, 0-9, "_" and "-""#, name, &mut out.vehicle);
-    section.number("messages_hz", 20.0..=1000.0, &mut out.messages_hz);
+    section.number("messages_hz", 20.0..=10_000.0, &mut out.messages_hz);
     section.text("access", "a path", |path| Some(Some(path.into())), &mut out.access);
     section.section("tls", |section| {
         let mut tls = Tls::default();

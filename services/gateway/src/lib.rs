@@ -1,15 +1,17 @@
 //! The gateway: what goes beyond the board, and what comes from there.
 //!
 //! Input: the topics of the bus, and questions from the network. Output: protobuf under the keys of [`wire::keys`], and answers. Time:
-//! the clock, to look at the bus some 200 times a second; it waits for nobody and nobody waits for it. Failure: what the network does not
+//! the clock or the ticks of a slow path say when it looks at the bus; nobody waits for it. Failure: what the network does not
 //! take is dropped, oldest first, and counted; a network that is dead, slow or blocked is not noticed on board.
 //!
-//! Two threads: one looks at the bus and puts what is to go out into a queue that has an end; the other takes it to the network. Each
-//! question that takes time has a thread of its own, up to a limit.
+//! Two threads: one looks at the bus, puts what is to go out into a queue that has an end, and takes it to the network; while the other
+//! is at the network, with signs of life or a report, it takes along what is in the queue. Each question that takes time has a thread
+//! of its own, up to a limit.
 //!
 //! | module | what it holds |
 //! | --- | --- |
 //! | `tap` | a topic of the bus, thinned out to its rate |
+//! | `pace` | when to look at the bus again |
 //! | `queue` | between bus and network; newest wins |
 //! | `sender` | to the network, each message in its envelope |
 //! | `answers` | last values, schema, services |
@@ -19,6 +21,7 @@
 
 mod answers;
 pub mod desk;
+mod pace;
 pub mod queue;
 mod sender;
 pub mod split;
@@ -27,7 +30,7 @@ pub mod thinning;
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
     thread,
@@ -44,6 +47,7 @@ use wire::Refusals;
 
 use crate::{
     desk::Desk,
+    pace::Pace,
     queue::Queue,
     sender::Sender,
     split::{End, Split},
@@ -54,8 +58,6 @@ use crate::{
 const QUEUE_MAX: usize = 512;
 /// How much more than the services of the path the gateway lets others have the machine.
 const NICENESS: i32 = 5;
-/// Longest time between two words about its health.
-const LOOK_LIMIT: Duration = Duration::from_millis(50);
 /// How long the supervisor is sought for, to be told where the gateway listens.
 const DOOR_LIMIT: Duration = Duration::from_secs(30);
 /// A service that has said nothing for so long does not live.
@@ -113,6 +115,9 @@ impl Shared {
     }
 }
 
+/// The network's end of the queue, once the network is open: of whoever has something to send.
+type Sending = Arc<OnceLock<Mutex<Sender>>>;
+
 /// What another thread left, even if it panicked: there are only counts and queues in it.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -139,13 +144,19 @@ pub fn run() -> Result<(), GatewayError> {
         ends: AtomicBool::new(false),
     });
     let mut split = Split::open(&member, &shared)?;
+    let sending = Sending::default();
     let network = thread::spawn({
         let (shared, end, life) = (shared.clone(), split.end(), runtime::clock::monotonic_ns());
-        move || send(&shared, &end, &launch, life)
+        let sending = sending.clone();
+        move || send(&shared, &sending, &end, &launch, life)
     });
-    let pause = Duration::from_secs_f64(member.orders.launch.gateway.messages_hz.recip()).min(LOOK_LIMIT);
+    let mut pace = Pace::of(&member.orders);
     while !member.ends() && !network.is_finished() {
         taps.look(&shared.queue)?;
+        match sending.get().map(Mutex::try_lock) {
+            Some(Ok(mut sender)) => sender.empty(),
+            _ => shared.queue.wake(),
+        }
         health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.hear(&health))?;
         split.turn(&member)?;
         let (ticks, lost) =
@@ -153,7 +164,7 @@ pub fn run() -> Result<(), GatewayError> {
         let refused = locked(&shared.refusals).total();
         let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
         member.say(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
-        split.wait(pause);
+        pace.rest(|limit| split.wait(&taps, limit));
     }
     if let Some((ticks, lost)) = split.ticks_and_lost() {
         split.turn(&member)?;
@@ -164,7 +175,7 @@ pub fn run() -> Result<(), GatewayError> {
 }
 
 /// The network's side, to the end.
-fn send(shared: &Arc<Shared>, end: &End, launch: &Launch, life: u64) -> Result<(), GatewayError> {
+fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, life: u64) -> Result<(), GatewayError> {
     let gateway = &launch.gateway;
     let tls = gateway.tls.clone().map(|tls| link::ends::Tls { ca: tls.ca, cert: tls.cert, key: tls.key });
     let ends = link::Ends {
@@ -179,10 +190,12 @@ fn send(shared: &Arc<Shared>, end: &End, launch: &Launch, life: u64) -> Result<(
     let at = ends.listen.join(" ");
     tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
     let carrying = end.carry(&link, shared)?;
-    let mut sender = Sender::open(&link, shared.clone(), launch, life)?;
+    let sender = Sender::open(&link, shared.clone(), launch, life)?;
     let _answering = answers::open(&link, shared, &launch.name, sender.last())?;
+    let sender = sending.get_or_init(|| Mutex::new(sender));
     while !shared.ends() {
-        sender.turn()?;
+        shared.queue.wait(sender::TURN_LIMIT);
+        locked(sender).turn()?;
     }
     // It ends with the rest; one that panicked has nothing more to send.
     let _ = carrying.map(thread::JoinHandle::join);

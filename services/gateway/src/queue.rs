@@ -1,4 +1,6 @@
 //! Between bus and network: a queue with an end. When it is full the oldest goes, for the newest is what counts.
+//!
+//! Whoever fills it empties it as well where he can; only what he cannot send is left to the other thread, which is then woken.
 
 use std::{
     collections::VecDeque,
@@ -54,14 +56,22 @@ impl Queue {
             *dropped += oldest.samples;
         }
         inner.parcels.push_back(parcel);
+    }
+
+    /// Wakes who waits for a parcel.
+    pub fn wake(&self) {
         self.filled.notify_one();
     }
 
-    /// The oldest parcel, and how many samples of its topic were dropped so far; waits for one no longer than `limit`.
-    pub fn take(&self, limit: Duration) -> Option<(Parcel, u64)> {
-        let inner = locked(&self.inner);
-        let filled = self.filled.wait_timeout_while(inner, limit, |inner| inner.parcels.is_empty());
-        let (mut inner, _) = filled.unwrap_or_else(PoisonError::into_inner);
+    /// Waits for a parcel, no longer than `limit`.
+    pub fn wait(&self, limit: Duration) {
+        let filled = self.filled.wait_timeout_while(locked(&self.inner), limit, |inner| inner.parcels.is_empty());
+        drop(filled.unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// The oldest parcel, and how many samples of its topic were dropped so far.
+    pub fn take(&self) -> Option<(Parcel, u64)> {
+        let mut inner = locked(&self.inner);
         let parcel = inner.parcels.pop_front()?;
         let dropped = inner.dropped.get(parcel.topic).copied().unwrap_or(0);
         Some((parcel, dropped))
@@ -86,7 +96,7 @@ mod tests {
         let queue = Queue::new(3, 2);
         (1..=5).for_each(|samples| queue.push(parcel(samples as usize % 2, samples)));
         assert_eq!(queue.depth(), (3, 3));
-        let take = || queue.take(Duration::ZERO).map(|(parcel, dropped)| (parcel.samples, dropped));
+        let take = || queue.take().map(|(parcel, dropped)| (parcel.samples, dropped));
         assert_eq!([take(), take(), take(), take()], [Some((3, 1)), Some((4, 2)), Some((5, 1)), None]);
     }
 
@@ -94,6 +104,6 @@ mod tests {
     fn whoever_puts_in_does_not_wait_for_whoever_takes_out() {
         let queue = Queue::new(8, 1);
         (0..100_000).for_each(|_| queue.push(parcel(0, 1)));
-        assert_eq!(queue.take(Duration::ZERO).map(|(_, dropped)| dropped), Some(100_000 - 8));
+        assert_eq!(queue.take().map(|(_, dropped)| dropped), Some(100_000 - 8));
     }
 }

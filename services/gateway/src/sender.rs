@@ -19,10 +19,10 @@ use wire::{
     v1::{Envelope, GatewayReport, TopicReport},
 };
 
-use crate::{Shared, locked, queue::Parcel};
+use crate::{QUEUE_MAX, Shared, locked, queue::Parcel};
 
-/// Longest wait for something to send.
-const TURN_LIMIT: Duration = Duration::from_millis(100);
+/// Longest time between two turns.
+pub(crate) const TURN_LIMIT: Duration = Duration::from_millis(100);
 /// Between two reports.
 const REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -80,11 +80,17 @@ impl Sender {
         self.last.clone()
     }
 
-    /// Sends what there is, or waits a moment for something.
-    pub(crate) fn turn(&mut self) -> Result<(), LinkError> {
-        if let Some((parcel, dropped)) = self.shared.queue.take(TURN_LIMIT) {
+    /// Sends what there is.
+    pub(crate) fn empty(&mut self) {
+        for _ in 0..QUEUE_MAX {
+            let Some((parcel, dropped)) = self.shared.queue.take() else { break };
             self.send(&parcel, dropped);
         }
+    }
+
+    /// Sends what there is, and from time to time what is not on the bus.
+    pub(crate) fn turn(&mut self) -> Result<(), LinkError> {
+        self.empty();
         if self.looked.elapsed() > TURN_LIMIT {
             self.looked = Instant::now();
             self.see_who_lives()?;

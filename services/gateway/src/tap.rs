@@ -1,10 +1,12 @@
 //! A topic of the bus, thinned out to its rate and put into parcels.
 
+use std::{thread, time::Duration};
+
 use bus::{BusError, Subscriber};
 use launch::Rate;
 use messages::{
-    AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, GnssFix, GyroStep, Health,
-    ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading, TOPICS, Ticked,
+    AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, EVERY_TICK, FusedState, GnssFix, GyroStep,
+    Health, ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading, TOPICS, Ticked,
 };
 use runtime::{Member, clock::monotonic_ns, orders::BUFFER_BESIDE, service::FIRST_EPOCH};
 use swap::Inlet;
@@ -15,21 +17,29 @@ use crate::{
     thinning::Thinning,
 };
 
-/// The topics that go out.
+/// The topics that go out, in the order of the path.
 pub(crate) struct Taps(Vec<Box<dyn Tapping>>);
 
 impl Taps {
     /// Opens every topic that the launch file gives a rate.
     pub(crate) fn open(member: &Member) -> Result<Self, BusError> {
         let rates = &member.orders.launch.gateway.rates;
-        let named = |(name, rate): (&String, &Rate)| Some((TOPICS.iter().position(|topic| topic == name)?, *rate));
-        let taps = rates.iter().filter_map(named).map(|(topic, rate)| tap(member, topic, rate));
+        let rated = |(topic, name): (usize, &&str)| Some((topic, *rates.get(*name)?));
+        let taps = TOPICS.iter().enumerate().filter_map(rated).map(|(topic, rate)| tap(member, topic, rate));
         Ok(Self(taps.collect::<Result<_, _>>()?))
     }
 
     /// Takes what has come.
     pub(crate) fn look(&mut self, queue: &Queue) -> Result<(), BusError> {
         self.0.iter_mut().try_for_each(|tap| tap.look(queue))
+    }
+
+    /// Sleeps until a tick has come as far along the path as topics go out, no longer than `limit`.
+    pub(crate) fn wait(&self, limit: Duration) {
+        match self.0.iter().rfind(|tap| tap.has_every_tick()) {
+            Some(tap) => tap.wait(limit),
+            None => thread::sleep(limit),
+        }
     }
 
     /// Samples taken to go out.
@@ -40,6 +50,8 @@ impl Taps {
 
 trait Tapping {
     fn look(&mut self, queue: &Queue) -> Result<(), BusError>;
+    fn has_every_tick(&self) -> bool;
+    fn wait(&self, limit: Duration);
     fn samples(&self) -> u64;
 }
 
@@ -153,6 +165,15 @@ where
         }
         taken.clear();
         Ok(())
+    }
+
+    fn has_every_tick(&self) -> bool {
+        EVERY_TICK.contains(&M::TOPIC)
+    }
+
+    fn wait(&self, limit: Duration) {
+        // Woken or not, the caller looks.
+        self.subscriber.wait(limit);
     }
 
     fn samples(&self) -> u64 {

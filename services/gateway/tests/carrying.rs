@@ -99,6 +99,31 @@ fn take_all(merge: &mut Merge) -> Vec<Record> {
 }
 
 #[test]
+fn the_stream_waits_for_the_topic_that_is_behind() {
+    let mut merge = Merge::starting(all(), LATENESS);
+    offer(&mut merge, gyro(0));
+    assert_eq!(merge.lacks(), place("accel"));
+    offer(&mut merge, accel(0));
+    offer(&mut merge, accel(1));
+    assert_eq!(merge.lacks(), place("gyro"));
+}
+
+#[test]
+fn something_is_ready_when_and_only_when_it_can_be_taken() {
+    let mut cache = Cache::new(4);
+    let mut arrivals = Arrivals::new(all(), RATE_HZ, None, 0, u64::MAX);
+    assert!(!arrivals.is_ready());
+    (0..6).for_each(|tick| cache.push(whole(tick)));
+    let (bytes, _) = Frame::encode(&head(&cache, 4), cache.from(4));
+    arrivals.offer(Frame::decode(&bytes).unwrap()).unwrap();
+    assert!(arrivals.is_ready() && arrivals.take() == Some(Turn::Lost(0..2)));
+    assert!(!arrivals.is_ready() && arrivals.take().is_none(), "2 and 3 can still come");
+    let (bytes, _) = Frame::encode(&head(&cache, 2), cache.from(2));
+    arrivals.offer(Frame::decode(&bytes).unwrap()).unwrap();
+    assert!(arrivals.is_ready() && matches!(arrivals.take(), Some(Turn::Record(record)) if record.tick == 2));
+}
+
+#[test]
 fn topics_in_any_order_become_whole_ticks() {
     let mut merge = Merge::starting(all(), LATENESS);
     let mut records = Vec::new();

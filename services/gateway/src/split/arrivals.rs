@@ -88,13 +88,23 @@ impl Arrivals {
             self.next_tick += 1;
             return Some(Turn::Record(record));
         }
-        let first_ahead = self.ahead.first_key_value().map_or(u64::MAX, |(tick, _)| *tick);
-        let lost = self.next_tick..self.kept.start.min(first_ahead).min(self.end_tick);
+        let lost = self.lost();
         if lost.is_empty() {
             return None;
         }
         self.next_tick = lost.end;
         Some(Turn::Lost(lost))
+    }
+
+    /// Something has its turn.
+    pub fn is_ready(&self) -> bool {
+        !self.is_whole() && (self.ahead.contains_key(&self.next_tick) || !self.lost().is_empty())
+    }
+
+    /// The ticks from the next one on that can no longer come.
+    fn lost(&self) -> Range<u64> {
+        let first_ahead = self.ahead.first_key_value().map_or(u64::MAX, |(tick, _)| *tick);
+        self.next_tick..self.kept.start.min(first_ahead).min(self.end_tick)
     }
 
     /// The ticks to ask for: those before what has come, or all that the exporter has beyond.

@@ -97,6 +97,15 @@ impl Export {
         }
         self.notes.note(member, self.next_tick, self.run)
     }
+
+    /// Sleeps until there is something of the topic that the next tick waits for, no longer than `limit`.
+    pub(crate) fn wait(&self, limit: Duration) {
+        let lacking = self.merge.lacks().and_then(|place| self.sources.iter().find(|source| source.place() == place));
+        match lacking {
+            Some(source) => source.wait(limit),
+            None => thread::sleep(limit),
+        }
+    }
 }
 
 impl Kept {
@@ -164,6 +173,8 @@ impl Kept {
 /// A topic of the bus.
 trait Source {
     fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
+    fn place(&self) -> usize;
+    fn wait(&self, limit: Duration);
     fn next_tick(&self, member: &Member) -> u64;
 }
 
@@ -219,6 +230,15 @@ impl<M: Ticked> Source for Tap<M> {
             Some(inlet) => inlet.offer(message, &mut |message, _| offer(message)),
             None => offer(message),
         })?)
+    }
+
+    fn place(&self) -> usize {
+        self.place
+    }
+
+    fn wait(&self, limit: Duration) {
+        // Woken or not, the caller looks.
+        self.subscriber.wait(limit);
     }
 
     fn next_tick(&self, member: &Member) -> u64 {

@@ -167,9 +167,11 @@ impl Intake {
         locked(&self.arrivals).is_whole()
     }
 
+    /// Sleeps until something has its turn, no longer than `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
         // Whether something came or not, the caller looks.
-        drop(self.come.wait_timeout(locked(&self.arrivals), limit).unwrap_or_else(PoisonError::into_inner));
+        let come = self.come.wait_timeout_while(locked(&self.arrivals), limit, |arrivals| !arrivals.is_ready());
+        drop(come.unwrap_or_else(PoisonError::into_inner));
     }
 
     /// Takes frames and asks for what is missing, until the gateway ends.

@@ -86,6 +86,13 @@ impl Merge {
         Some(self.record(tick))
     }
 
+    /// The topic that the next tick waits for: its place.
+    pub fn lacks(&self) -> Option<usize> {
+        let dense = places(self.mask).filter(|(_, topic)| topic.is_dense);
+        let next_tick = |(place, _): &(usize, &Topic)| self.lanes.get(*place).map(|lane| lane.next_tick);
+        dense.min_by_key(next_tick).map(|(place, _)| place)
+    }
+
     fn record(&mut self, tick: u64) -> Record {
         let mut record = Record::empty(tick);
         for (place, _) in places(self.mask) {

@@ -23,12 +23,7 @@ pub mod losses;
 pub mod merge;
 pub mod record;
 
-use std::{
-    fs,
-    sync::Arc,
-    thread::{self, JoinHandle},
-    time::Duration,
-};
+use std::{fs, sync::Arc, thread::JoinHandle, time::Duration};
 
 use bus::Publisher;
 use launch::Service;
@@ -36,7 +31,7 @@ use link::{Link, LinkError};
 use messages::Checkpoint;
 use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
 
-use crate::Shared;
+use crate::{Shared, tap::Taps};
 use export::{Export, Kept};
 use import::{Import, Intake};
 
@@ -82,10 +77,11 @@ impl Split {
     }
 
     /// Sleeps until ticks have come, no longer than `limit`.
-    pub(crate) fn wait(&self, limit: Duration) {
+    pub(crate) fn wait(&self, taps: &Taps, limit: Duration) {
         match self {
+            Self::Not => taps.wait(limit),
+            Self::Export(export) => export.wait(limit),
             Self::Import(import) => import.intake.wait(limit),
-            _ => thread::sleep(limit),
         }
     }
 
