@@ -94,7 +94,7 @@ pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> 
         process.line(ready_by)?;
     }
     let source = processes.last_mut().expect("the row has a source");
-    source.begin()?;
+    source.tell("")?;
     let said_by = Instant::now() + Duration::from_secs_f64(WARM_S + seconds) + LIMIT;
     let (mut cpu_s_per_s, mut received) = (0.0, None);
     for process in &mut processes {

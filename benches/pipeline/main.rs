@@ -15,6 +15,7 @@
 
 mod bus;
 mod chain;
+#[path = "../common/process.rs"]
 mod process;
 mod raw;
 mod real;

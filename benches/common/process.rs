@@ -47,9 +47,14 @@ impl Process {
         }
     }
 
-    /// The line that it waits for.
-    pub(crate) fn begin(&mut self) -> Result<(), Failure> {
-        Ok(self.stdin.as_mut().map_or(Ok(()), |stdin| stdin.write_all(b"\n"))?)
+    /// Its number.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Writes to its standard input and closes that: it may begin.
+    pub(crate) fn tell(&mut self, text: &str) -> Result<(), Failure> {
+        Ok(self.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()))?)
     }
 }
 

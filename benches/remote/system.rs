@@ -1,0 +1,98 @@
+//! As much of a system as a gateway needs: a name, a door at which nobody objects, and the gateway, started as the supervisor does.
+
+use std::{
+    ffi::OsStr,
+    fs,
+    io::{BufRead, BufReader, Write},
+    net::TcpListener,
+    os::unix::net::UnixListener,
+    thread,
+    time::{Duration, Instant},
+};
+
+use bus::{Bus, Claim, Domain};
+use launch::{Gateway, Launch, Service};
+use messages::Health;
+use runtime::{
+    Orders, Role,
+    orders::{BUFFER_BESIDE, Pace},
+    service::FIRST_EPOCH,
+};
+
+use crate::{Failure, process::Process};
+
+/// From the start of a gateway until it must run and listen.
+const LIMIT: Duration = Duration::from_secs(15);
+
+/// A system without services.
+pub(crate) struct System {
+    orders: Orders,
+    domain: Domain,
+    port: u16,
+    _claim: Claim,
+}
+
+impl System {
+    /// A system of this name whose gateway is as `gateway` says.
+    pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
+        let domain = Domain::new(name)?;
+        let claim = domain.claim()?;
+        let door = domain.door();
+        door.parent().map_or(Ok(()), fs::create_dir_all)?;
+        let listener = UnixListener::bind(door)?;
+        // It ends with the process.
+        thread::spawn(move || {
+            for mut stream in listener.incoming().flatten() {
+                let _ = BufReader::new(&stream).read_line(&mut String::new());
+                let _ = stream.write_all(b"{\"ok\":null}\n");
+            }
+        });
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let gateway = Gateway { listen: vec![format!("tcp/127.0.0.1:{port}")], ..gateway };
+        let launch = Launch { name: name.into(), gateway, ..Launch::default() };
+        Ok(Self { orders: orders(launch, rate_hz), domain, port, _claim: claim })
+    }
+
+    /// Where its gateway listens.
+    pub(crate) fn endpoint(&self) -> String {
+        format!("tcp/127.0.0.1:{}", self.port)
+    }
+
+    /// Its gateway, once it looks at the bus and listens.
+    pub(crate) fn gateway(&self) -> Result<Process, Failure> {
+        let bus = Bus::join(&self.domain, "bench")?;
+        let health = bus.subscriber::<Health>(BUFFER_BESIDE)?;
+        let mut process = Process::start(OsStr::new(env!("CARGO_BIN_EXE_plumb")), ["service", "gateway"])?;
+        process.tell(&self.orders.text(Service::Gateway)?)?;
+        let deadline = Instant::now() + LIMIT;
+        let is_free = || TcpListener::bind(("127.0.0.1", self.port)).is_ok();
+        let mut runs = false;
+        while !runs || is_free() {
+            if Instant::now() > deadline {
+                return Err("the gateway did not start in time".into());
+            }
+            thread::sleep(Duration::from_millis(10));
+            runs = runs || health.receive()?.is_some();
+        }
+        Ok(process)
+    }
+}
+
+/// Messages that a topic of the path holds.
+pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
+    orders(Launch::default(), rate_hz).buffer_ticks()
+}
+
+fn orders(launch: Launch, rate_hz: u32) -> Orders {
+    Orders {
+        launch,
+        rate_hz: f64::from(rate_hz),
+        pace: Pace::Speed(1.0),
+        ticks_max: None,
+        incarnation: 1,
+        epoch: FIRST_EPOCH,
+        role: Role::Owner { from_tick: 0 },
+        resume: None,
+        supervisor_pid: std::process::id(),
+    }
+}
