@@ -39,10 +39,10 @@ impl Process {
     pub(crate) fn line(&mut self, deadline: Instant) -> Result<String, Failure> {
         match self.lines.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
             Ok(line) => Ok(line?),
-            Err(RecvTimeoutError::Timeout) => Err(format!("process {} said nothing in time", self.child.id()).into()),
+            Err(RecvTimeoutError::Timeout) => Err(format!("process {} said nothing in time", self.id()).into()),
             Err(RecvTimeoutError::Disconnected) => {
                 let said = self.child.stderr.take().map(io::read_to_string).transpose()?.unwrap_or_default();
-                Err(format!("process {} ended early: {}", self.child.id(), said.trim_end()).into())
+                Err(format!("process {} ended early: {}", self.id(), said.trim_end()).into())
             }
         }
     }
