@@ -123,9 +123,12 @@ impl Running {
     }
 
     pub fn service(&self, name: &str) -> u32 {
-        let wait = || self.services().into_iter().find(|(service, _)| service == name);
-        until("the service to start", || wait().is_some());
-        wait().unwrap().1
+        let mut found = None;
+        until("the service to start", || {
+            found = self.services().into_iter().find(|(service, _)| service == name);
+            found.is_some()
+        });
+        found.unwrap().1
     }
 
     /// As Ctrl-C does.

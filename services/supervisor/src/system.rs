@@ -23,6 +23,7 @@ use crate::{
     memory::Memory,
     notify::Notifier,
     report::{Account, ServiceReport},
+    urgency,
     view::View,
     watch::Watches,
 };
@@ -92,6 +93,7 @@ impl System {
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
         let cleaner = Cleaner::new(domain.clone())?;
+        urgency::set_own();
         let crew = Crew::start(&plan.orders)?;
         let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
         let door = Door::open(&domain)?;

@@ -106,7 +106,7 @@ impl Crew {
         let Some(post) = self.posts.get_mut(health.service as usize) else { return };
         let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
         for process in lives.into_iter().flatten().filter(|process| process.incarnation == health.incarnation) {
-            process.heard = Some(Heard { health, at: Instant::now() });
+            process.heard = Some(Heard { health, at: Instant::now(), forgiven: false });
         }
     }
 

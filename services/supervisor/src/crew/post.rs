@@ -104,11 +104,13 @@ impl Post {
         self.away || self.heard().is_some()
     }
 
-    /// A time in which nobody could say anything.
+    /// A time in which nobody could say anything. Of a service that still says nothing no second one is forgiven: on a machine with too much to
+    /// do the supervisor is late again and again.
     pub(super) fn forgive(&mut self, stood_still: Duration) {
-        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
-            process.since += stood_still;
-            process.heard.iter_mut().for_each(|heard| heard.at += stood_still);
+        let lives = [&mut self.process, &mut self.candidate].into_iter().flatten();
+        for heard in lives.filter_map(|process| process.heard.as_mut()).filter(|heard| !heard.forgiven) {
+            heard.at += stood_still;
+            heard.forgiven = true;
         }
     }
 

@@ -36,6 +36,8 @@ pub(super) struct Process {
 pub(crate) struct Heard {
     pub(crate) health: Health,
     pub(crate) at: Instant,
+    /// Its silence since then has been forgiven once.
+    pub(super) forgiven: bool,
 }
 
 impl Process {
