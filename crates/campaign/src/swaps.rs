@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use launch::{Service, Stage};
+use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
 use serde::Serialize;
@@ -60,6 +61,8 @@ pub struct SwapsReport {
     pub same_bytes: Option<bool>,
     /// The longest interval between two attitudes across each exchange.
     pub gap_ms: DistributionMs,
+    /// The same where nothing is exchanged, over as long a time after each: what the machine does by itself.
+    pub quiet_gap_ms: DistributionMs,
     /// From each request to its answer.
     pub answer_ms: DistributionMs,
     /// The largest jump of the attitude, degrees.
@@ -73,7 +76,7 @@ impl Swaps {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let name = format!("swaps-{}", std::process::id());
         let text = launch_file(&name, rate_hz);
-        let (mut gap_ns, mut answer_ns) = (times_ns(), times_ns());
+        let (mut gap_ns, mut quiet_gap_ns, mut answer_ns) = (times_ns(), times_ns(), times_ns());
         let (mut committed, mut failed, mut jump_max_deg) = (0, Vec::new(), 0.0_f64);
         let (outcome, bytes) = {
             let _load = Load::start(load);
@@ -82,7 +85,11 @@ impl Swaps {
                 let wish = any(&mut random, same);
                 let at_ns = monotonic_ns();
                 let report = exchange(&mut patient, &name, wish)?;
-                answer_ns.saturating_record(monotonic_ns() - at_ns);
+                let took_ns = monotonic_ns() - at_ns;
+                answer_ns.saturating_record(took_ns);
+                patient.forget();
+                patient.watch_until(monotonic_ns() + took_ns)?;
+                quiet_gap_ns.saturating_record(longest_interval_ns(patient.outputs()));
                 patient.forget();
                 gap_ns.saturating_record((report.gap_us * 1e3) as u64);
                 jump_max_deg = jump_max_deg.max(report.jump_deg);
@@ -107,6 +114,7 @@ impl Swaps {
             out_of_order: disorder(&bytes),
             same_bytes: same_bytes.map(|undisturbed| bytes == undisturbed),
             gap_ms: DistributionMs::of(&gap_ns),
+            quiet_gap_ms: DistributionMs::of(&quiet_gap_ns),
             answer_ms: DistributionMs::of(&answer_ns),
             jump_max_deg,
         })
@@ -138,6 +146,7 @@ impl fmt::Display for SwapsReport {
             None => {}
         }
         writeln!(f, "longest interval between attitudes: {}", self.gap_ms)?;
+        writeln!(f, "the same where nothing is exchanged: {}", self.quiet_gap_ms)?;
         writeln!(f, "from the request to the answer: {}", self.answer_ms)?;
         write!(f, "largest jump {:.3}°", self.jump_max_deg)
     }
@@ -178,6 +187,12 @@ fn exchange(patient: &mut Patient, name: &str, wish: Wish) -> Result<SwapReport,
             }
         }
     })
+}
+
+/// Between two attitudes, from publication to publication.
+fn longest_interval_ns(outputs: &[AttitudeOutput]) -> u64 {
+    let intervals = outputs.windows(2).map(|pair| pair[1].header.t_sent_ns.saturating_sub(pair[0].header.t_sent_ns));
+    intervals.max().unwrap_or(0)
 }
 
 /// Lines of an attitude file whose time is not after that of the line before.
