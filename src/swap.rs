@@ -203,18 +203,13 @@ fn line(difference: &Difference, json: bool) -> String {
 }
 
 fn show(report: &SwapReport, json: bool) -> ExitCode {
-    let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
-    let committed = *outcome == supervisor::Outcome::Committed;
+    let committed = report.outcome == supervisor::Outcome::Committed;
     let printed = if json {
         print(&serde_json::to_string(report).unwrap_or_default())
-    } else if let (true, Some(tick)) = (committed, commit_tick) {
-        print(&format_args!(
-            "{slot}: {from} → {to} from tick {tick}; lost {lost}, duplicated {duplicated}, longest interval {:.1} ms, jump {jump_deg:.3}°",
-            gap_us * 1e-3
-        ))
+    } else if committed {
+        print(report)
     } else {
-        let reason = reason.as_deref().unwrap_or("no reason given");
-        supervisor::tell(format_args!("{slot}: {from} stays: {reason}"));
+        supervisor::tell(format_args!("{report}"));
         ExitCode::SUCCESS
     };
     if committed { printed } else { ExitCode::FAILURE }

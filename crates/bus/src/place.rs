@@ -7,10 +7,10 @@ use std::{
 
 use rustix::process::{Pid, getppid};
 
-use crate::{BusError, Domain, wake::Page};
+use crate::{BusError, Domain, domain::LOOK, wake::Page};
 
-/// How long whoever clears away after a dead owner waits for the others to end.
-const OTHERS_LIMIT: Duration = Duration::from_secs(1);
+/// Looks at whether the owner is dying: a service hears of its death a moment before that shows.
+const LOOKS: u32 = 3;
 
 /// The page of wake words, and the lock that says that somebody takes part.
 #[derive(Debug)]
@@ -27,16 +27,17 @@ impl Place {
         let page = domain.page()?;
         Ok(Self { page, member: Some(domain.take_part()?), domain: domain.clone(), parent: getppid() })
     }
-}
 
-impl Place {
     /// Whoever started this process has died, or is dying: its threads do not end at once.
     fn is_orphaned(&self) -> bool {
         let state = |pid: Pid| {
             let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).ok()?;
             stat.rsplit_once(')')?.1.trim_start().chars().next()
         };
-        getppid() != self.parent || self.parent.and_then(state) == Some('Z')
+        (0..LOOKS).any(|look| {
+            std::thread::sleep(LOOK * look.min(1));
+            getppid() != self.parent || self.parent.and_then(state) == Some('Z')
+        })
     }
 }
 
@@ -45,8 +46,8 @@ impl Drop for Place {
     fn drop(&mut self) {
         self.member = None;
         if self.is_orphaned() && self.domain.page_path().exists() {
-            // Where another service does it, or somebody starts anew, there is nothing to do.
-            drop(self.domain.claim_within(OTHERS_LIMIT));
+            // While others take part it fails, and the last of them does it; so it does where somebody starts anew.
+            drop(self.domain.claim_within(Duration::ZERO));
         }
     }
 }

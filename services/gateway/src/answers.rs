@@ -42,8 +42,10 @@ pub(crate) fn open(link: &Link, shared: &Arc<Shared>, system: &str, last: Last) 
 }
 
 fn look(question: Question, vehicle: &str, last: &Last, system: &str, clerks: &Clerks) {
-    for (key, (message, bytes)) in locked(last).iter().filter(|(key, _)| question.is_about(key)) {
-        question.answer(key, message, bytes.clone());
+    // An answer may have to wait for its reader; the sender must not wait for `last` meanwhile.
+    let last: Vec<_> = locked(last).iter().filter(|(key, _)| question.is_about(key)).map(own).collect();
+    for (key, (message, bytes)) in last {
+        question.answer(&key, &message, bytes);
     }
     let key = keys::key(vehicle, keys::SCHEMA);
     if question.is_about(&key) {
@@ -63,6 +65,10 @@ fn look(question: Question, vehicle: &str, last: &Last, system: &str, clerks: &C
             }
         });
     }
+}
+
+fn own<K: Clone, V: Clone>((key, value): (&K, &V)) -> (K, V) {
+    (key.clone(), value.clone())
 }
 
 fn swap(question: Question, key: &str, shared: &Arc<Shared>, clerks: &Clerks) {

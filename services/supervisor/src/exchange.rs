@@ -3,7 +3,7 @@
 //! Input: requests, what the services say, deaths and births. Output: candidates that begin and end, decisions, answers. Time: the
 //! clock, for deadlines. Failure: a request that cannot be met is answered with the reason, and the slot stays as it was.
 
-use std::time::Instant;
+use std::{fmt, time::Instant};
 
 use bus::{Bus, Publisher};
 use launch::{Launch, Service, Stage};
@@ -64,6 +64,26 @@ pub struct SwapReport {
     pub reason: Option<String>,
 }
 
+impl fmt::Display for SwapReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = self;
+        match (outcome, commit_tick) {
+            (Outcome::Committed, Some(tick)) => {
+                let gap_ms = gap_us * 1e-3;
+                write!(
+                    f,
+                    "{slot}: {from} → {to} from tick {tick}; lost {lost}, duplicated {duplicated}, longest interval {gap_ms:.1} ms, jump {jump_deg:.3}°"
+                )
+            }
+            _ => {
+                let reason = reason.as_deref().unwrap_or("no reason given");
+                let stays = if from.is_empty() { String::new() } else { format!(" {from} stays:") };
+                write!(f, "{slot}:{stays} {reason}")
+            }
+        }
+    }
+}
+
 /// The slots of a system.
 pub(crate) struct Exchange {
     slots: Vec<Slot>,
@@ -94,6 +114,8 @@ struct Waiting {
     to: String,
     lost: u64,
     duplicated: u64,
+    /// The longest interval between two attitudes so far.
+    gap_ns: u64,
     /// It was answered then, and the attitudes after it are collected.
     done: Option<Done>,
 }
@@ -168,7 +190,7 @@ impl Exchange {
             self.refuse(id, slot, from, stage.stage, reason);
             return id;
         }
-        collector.take_gap_ns();
+        self.note_gap(collector);
         let sequence = collector.sequence();
         self.waiting.push(Waiting {
             id,
@@ -177,6 +199,7 @@ impl Exchange {
             to: stage.stage.clone(),
             lost: sequence.lost,
             duplicated: sequence.duplicated,
+            gap_ns: 0,
             done: None,
         });
         let Some(slot) = self.slot(service) else { return id };
@@ -379,6 +402,7 @@ impl Exchange {
 
     /// Answers what is settled, once the attitudes after it have come.
     fn finish(&mut self, collector: &mut Collector) {
+        self.note_gap(collector);
         let now_ms = self.started.elapsed().as_millis() as u64;
         let next_tick = collector.sequence().next_tick;
         let settled = |waiting: &Waiting| {
@@ -387,7 +411,7 @@ impl Exchange {
             })
         };
         while let Some(place) = self.waiting.iter().position(settled) {
-            let Waiting { id, service, from, to, lost, duplicated, done } = self.waiting.swap_remove(place);
+            let Waiting { id, service, from, to, lost, duplicated, gap_ns, done } = self.waiting.swap_remove(place);
             let Some(Done { report, reason, .. }) = done else { continue };
             let sequence = collector.sequence();
             let (lost, duplicated) = (sequence.lost - lost, sequence.duplicated - duplicated);
@@ -401,13 +425,19 @@ impl Exchange {
                     commit_tick: report.commit_tick,
                     lost,
                     duplicated,
-                    gap_us: collector.take_gap_ns() as f64 * 1e-3,
+                    gap_us: gap_ns as f64 * 1e-3,
                     jump_deg,
                     outcome: report.outcome,
                     reason,
                 },
             );
         }
+    }
+
+    /// An interval belongs to every request that waits.
+    fn note_gap(&mut self, collector: &mut Collector) {
+        let gap_ns = collector.take_gap_ns();
+        self.waiting.iter_mut().for_each(|waiting| waiting.gap_ns = waiting.gap_ns.max(gap_ns));
     }
 
     fn refuse(&mut self, id: u64, slot: String, from: String, to: String, reason: String) {

@@ -258,6 +258,7 @@ impl System {
         }
         waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {
             (Some(report), _) => {
+                view.announce(&[report.to_string()]);
                 door.answer(*caller, &report);
                 false
             }

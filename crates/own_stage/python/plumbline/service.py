@@ -50,7 +50,8 @@ def _orders():
         supervisor = orders["supervisor_pid"]
     except (ValueError, TypeError, KeyError) as cause:
         raise ValueError("reading the orders: none on standard input; stages are started by `plumb up` or `plumb swap`") from cause
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    # A signal that can be caught is not caught in a step that never ends.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != supervisor:
         raise ValueError("reading the orders: the supervisor that wrote them has ended")
     return orders
