@@ -134,3 +134,21 @@ fn a_supervisor_that_dies_in_any_phase_of_an_exchange_leaves_nothing_and_the_nex
     }
     system.run(&["--for", "1s"]).assert_whole();
 }
+
+#[test]
+fn a_stage_that_hangs_does_not_outlive_its_supervisor() {
+    let system = system("hangs-when-ready");
+    let running = started(&system, &[]);
+    let mut asking = plumb(&["swap", "course", "hangs-when-ready", "--system", &system.name]);
+    let mut asking = asking.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    until("the candidate to start", || children_of(running.pid()).len() == 6);
+    // It hangs by then, and has not been silent for long enough to be killed.
+    std::thread::sleep(Duration::from_millis(250));
+    let children = children_of(running.pid());
+    assert_eq!(children.len(), 6);
+    signal(running.pid(), Signal::KILL);
+    running.output();
+    asking.wait().unwrap();
+    until("its services to end", || !children.iter().any(|pid| lives(*pid)));
+    until("what is left to be removed", || system.remains().is_empty());
+}

@@ -9,6 +9,8 @@ use rustix::process::{Pid, getppid};
 
 use crate::{BusError, Domain, domain::LOOK, wake::Page};
 
+/// How long whoever clears away after a dead owner waits for the others: one that hangs is ended after a second.
+const OTHERS_LIMIT: Duration = Duration::from_secs(2);
 /// Looks at whether the owner is dying: a service hears of its death a moment before that shows.
 const LOOKS: u32 = 3;
 
@@ -46,8 +48,8 @@ impl Drop for Place {
     fn drop(&mut self) {
         self.member = None;
         if self.is_orphaned() && self.domain.page_path().exists() {
-            // While others take part it fails, and the last of them does it; so it does where somebody starts anew.
-            drop(self.domain.claim_within(Duration::ZERO));
+            // Where another service does it, or somebody starts anew, there is nothing to do.
+            drop(self.domain.claim_within(OTHERS_LIMIT));
         }
     }
 }

@@ -5,7 +5,7 @@ use std::{
     io::{self, Read},
     os::unix::net::UnixStream,
     sync::{
-        Arc,
+        Arc, Weak,
         atomic::{AtomicBool, Ordering},
     },
     time::Duration,
@@ -27,6 +27,8 @@ use crate::{
 
 /// Longest sleep: after it a service looks for work, and whether it is to end, by itself.
 const WAIT_LIMIT: Duration = Duration::from_millis(50);
+/// Signals that ask it to end.
+const HANDLERS: usize = 2;
 /// From being asked to end until it has ended.
 const END_LIMIT: Duration = Duration::from_secs(1);
 /// How often a service says how it is.
@@ -173,7 +175,8 @@ impl Member {
                 signal_hook::flag::register(signal, self.ends.clone())
                     .map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
             }
-            end_in_any_case().map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
+            end_in_any_case(Arc::downgrade(&self.ends))
+                .map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
         }
         let now_ns = monotonic_ns();
         let candidate = self.orders.role == Role::Candidate;
@@ -208,14 +211,17 @@ impl Member {
 }
 
 /// A service that is asked to end and is in a step that never does is ended all the same: its supervisor may be no more.
-fn end_in_any_case() -> io::Result<()> {
+fn end_in_any_case(at_work: Weak<AtomicBool>) -> io::Result<()> {
     let (asked, mut heard) = UnixStream::pair()?;
     signal_hook::low_level::pipe::register(signal_hook::consts::SIGTERM, asked)?;
     std::thread::Builder::new().name("end".into()).spawn(move || {
         if heard.read_exact(&mut [0]).is_ok() {
             std::thread::sleep(END_LIMIT);
         }
-        signal_hook::low_level::exit(1);
+        // The handlers of the two signals hold it too.
+        if at_work.strong_count() > HANDLERS {
+            signal_hook::low_level::exit(1);
+        }
     })?;
     Ok(())
 }
