@@ -393,6 +393,7 @@ fn nothing_outlives_a_supervisor_that_is_killed_and_the_next_start_is_clean() {
     let system = System::new("");
     let running = system.start(&[]);
     let services = running.all_services();
+    system.all_run();
     signal(running.pid(), Signal::KILL);
     assert_eq!(running.output().status.code(), None);
     until("the services to end by themselves", || services.iter().all(|(_, pid)| !lives(*pid)));
