@@ -3,18 +3,11 @@
 
 mod common;
 
-use std::{path::PathBuf, process::Stdio, time::Duration};
+use std::{process::Stdio, time::Duration};
 
-use common::{Running, System, children_of, lives, plumb, signal, until};
+use common::{Running, System, children_of, faulty, lives, plumb, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
-
-/// The service with the faults, which is built with the tests.
-fn faulty() -> PathBuf {
-    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
-    assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
-    file
-}
 
 /// A system in whose launch file `fault` is a stage.
 fn system(fault: &str) -> System {

@@ -263,8 +263,7 @@ fn a_bad_stage_in_python_fails_the_checks_that_are_made_for_its_mistakes() {
 
 #[test]
 fn a_stage_that_talks_without_end_is_not_held_up_and_its_last_words_are_shown() {
-    let faulty = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
-    let own = format!("[stages.talks]\nslot = \"course\"\ncommand = [{faulty:?}, \"talks\"]\n");
+    let own = format!("[stages.talks]\nslot = \"course\"\ncommand = [{:?}, \"talks\"]\n", common::faulty());
     let system = System::new(&format!("{SIM}[course]\nstage = \"talks\"\n{own}"));
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);

@@ -94,13 +94,14 @@ fn a_service_that_freezes_is_killed_and_goes_on() {
 #[test]
 fn a_machine_that_stands_still_and_goes_on_costs_no_service_its_life() {
     let run = assert_undisturbed("", &[], |running| {
-        for _ in 0..3 {
+        // The last is longer than what the topics hold.
+        for stands_still_ms in [900, 900, 3000] {
             pause(500);
             let services = running.all_services();
             // The supervisor goes on first, as it may on a machine that was suspended.
             let pids: Vec<_> = [running.pid()].into_iter().chain(services.iter().map(|(_, pid)| *pid)).collect();
             pids.iter().rev().for_each(|pid| signal(*pid, Signal::STOP));
-            pause(900);
+            pause(stands_still_ms);
             for pid in pids {
                 signal(pid, Signal::CONT);
                 pause(30);
@@ -108,6 +109,27 @@ fn a_machine_that_stands_still_and_goes_on_costs_no_service_its_life() {
         }
     });
     assert!(["ingest", "gyro", "accel", "fuser", "course"].iter().all(|service| restarts(&run, service) == 0));
+}
+
+#[test]
+fn a_service_that_cannot_start_yet_is_waited_for_where_the_rule_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = folder.path().join("there");
+    let command = format!("test -e {} && exec {} none", there.display(), common::faulty().display());
+    let rule = "limit = 1\nbackoff_s = 0.01\nbackoff_max_s = 0.1\non_limit = \"hold\"";
+    let stage = format!("slot = \"course\"\ncommand = [\"sh\", \"-c\", {command:?}]");
+    let system = System::new(&format!("[course]\nstage = \"late\"\n[stages.late]\n{stage}\n[restart]\n{rule}"));
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    // It is asked how it is while it starts.
+    until("the third attempt", || system.ps().iter().any(|one| one["restarts"].as_u64() >= Some(2)));
+    std::fs::write(there, "").unwrap();
+    system.all_run();
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+    assert_eq!(system.remains(), Vec::<String>::new());
 }
 
 #[test]

@@ -71,11 +71,13 @@ impl System {
 
     /// Waits until the system answers that every service runs.
     pub fn all_run(&self) {
-        until("every service to run", || {
-            let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
-            let services: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap_or_default();
-            services.iter().filter(|one| one["state"] == "running").count() == 5
-        });
+        until("every service to run", || self.ps().iter().filter(|one| one["state"] == "running").count() == 5);
+    }
+
+    /// How its services are; none where it does not answer.
+    pub fn ps(&self) -> Vec<Value> {
+        let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
+        serde_json::from_slice(&output.stdout).unwrap_or_default()
     }
 
     /// Shared memory and files that carry the system's name.
@@ -200,6 +202,13 @@ pub fn plumb(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).stdin(Stdio::null());
     command
+}
+
+/// The service with the faults, which is built with the tests.
+pub fn faulty() -> PathBuf {
+    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
+    assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
+    file
 }
 
 pub fn signal(pid: u32, signal: Signal) {

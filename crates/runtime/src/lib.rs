@@ -11,6 +11,8 @@
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`said`] | what it says on standard error |
+//! | [`member`] | a service's place in a running system |
+//! | [`reader`] | a topic as a slot reads it |
 //! | [`service`] | the loop over the bus |
 //! | [`shadow`] | a candidate beside the stage that owns the slot |
 //! | [`stage`] | filling a slot with what the launch file names |
@@ -19,8 +21,11 @@
 
 pub mod checkpoint;
 pub mod clock;
+mod error;
 pub mod join;
+pub mod member;
 pub mod orders;
+pub mod reader;
 pub mod said;
 pub mod service;
 pub mod shadow;
@@ -28,9 +33,12 @@ pub mod slot;
 pub mod stage;
 pub mod words;
 
+pub use error::RuntimeError;
 pub use join::{Beside, Join, Joined};
+pub use member::Member;
 pub use orders::{Orders, Pace, Role};
-pub use service::{Input, Member, Reader, RuntimeError, serve};
+pub use reader::{Input, Reader};
+pub use service::serve;
 pub use slot::{EachTick, Sequence, Slot, Work};
 
 /// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.

@@ -9,11 +9,7 @@ use attitude::{Quaternion, metrics::AttitudeError, state::Attitude};
 use bus::{Publisher, Subscriber};
 use messages::{AccelPoint, AttitudeOutput, Difference, FusedState, GyroStep, Header, Ticked};
 
-use crate::{
-    clock::monotonic_ns,
-    orders::BUFFER_BESIDE,
-    service::{Member, RuntimeError},
-};
+use crate::{Member, RuntimeError, clock::monotonic_ns, orders::BUFFER_BESIDE};
 
 /// How often the difference is said.
 const INTERVAL_NS: u64 = 100_000_000;

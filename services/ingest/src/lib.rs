@@ -135,14 +135,15 @@ impl Ingest {
                 continue;
             }
             let t_end_ns = sample.imu.header.t_end_ns;
+            let now_ns = monotonic_ns();
             if self.start_ns == 0 {
-                self.start_ns = monotonic_ns();
+                self.start_ns = now_ns;
             }
             let due_ns = match self.member.orders.pace {
                 Pace::Max => 0,
-                Pace::Speed(speed) => self.start_ns + ((t_end_ns - first_ns) as f64 / speed) as u64,
+                Pace::Speed(speed) => self.due_ns(t_end_ns - first_ns, speed, now_ns),
             };
-            if monotonic_ns() < due_ns {
+            if now_ns < due_ns {
                 sleep_until_ns(due_ns, SLEEP_LIMIT);
                 self.say(State::RUNNING)?;
                 continue;
@@ -166,6 +167,20 @@ impl Ingest {
             self.say(State::RUNNING)?;
         }
         Ok(())
+    }
+
+    /// When a reading is due that was taken so long after the first. What stood still with the machine goes on from where it was: the
+    /// readings of that time would come at once, more of them than a reader that has just been replaced can be given.
+    fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
+        let Orders { rate_hz, .. } = self.member.orders;
+        let due_ns = self.start_ns + (after_first_ns as f64 / speed) as u64;
+        let late_ns = now_ns.saturating_sub(due_ns);
+        let late_ticks = late_ns as f64 * 1e-9 * speed * rate_hz;
+        if late_ticks < self.member.orders.buffer_ticks() as f64 / 2.0 {
+            return due_ns;
+        }
+        self.start_ns += late_ns;
+        now_ns
     }
 
     /// Publishes the readings of the topic `sensor` as they come.

@@ -8,7 +8,7 @@ use std::{fmt, time::Instant};
 use bus::{Bus, Publisher};
 use launch::{Launch, Service, Stage};
 use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, ImuSample};
-use runtime::{Orders, orders::BUFFER_BESIDE, service::FIRST_EPOCH};
+use runtime::{Orders, service::FIRST_EPOCH};
 use serde::{Deserialize, Serialize};
 use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Report, Standing, State};
 
@@ -130,7 +130,7 @@ struct Done {
 
 impl Exchange {
     /// The slots, each owned by the stage that was started in it first.
-    pub(crate) fn new(bus: &Bus, orders: &Orders, crew: &Crew) -> Result<Self, UpError> {
+    pub(crate) fn new(control: Publisher<Control>, orders: &Orders, crew: &Crew) -> Self {
         let margin_ticks = if orders.lockstep() { orders.window_ticks() } else { (orders.rate_hz * 0.05) as u64 };
         let limits = Limits {
             ready_ms: 10_000,
@@ -153,16 +153,16 @@ impl Exchange {
                     last_words: String::new(),
                 },
             );
-        Ok(Self {
+        Self {
             slots: slots.collect(),
-            control: bus.publisher(BUFFER_BESIDE)?,
+            control,
             started: Instant::now(),
             orders: orders.clone(),
             requests: 0,
             queued: Vec::new(),
             waiting: Vec::new(),
             answers: Vec::new(),
-        })
+        }
     }
 
     /// An exchange is under way.

@@ -104,14 +104,6 @@ pub enum UpError {
         /// What it said last, on lines of its own.
         said: String,
     },
-    /// A service did not say that it is ready.
-    #[error("starting the service {service}: not ready within {deadline_s} s; is the machine overloaded?")]
-    NotReady {
-        /// Which one.
-        service: Service,
-        /// How long it was waited for.
-        deadline_s: u64,
-    },
     /// What was asked for needs all slots on this host.
     #[error("splitting the system over hosts: {why}; run it live, from \"sim\" or \"bus\"")]
     Split {

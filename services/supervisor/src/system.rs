@@ -17,7 +17,7 @@ use crate::{
     Plan, Report, UpError,
     cleaner::Cleaner,
     collector::Collector,
-    crew::{Crew, News, READY_LIMIT, own_cpu_s},
+    crew::{Crew, News, own_cpu_s},
     door::{Ask, Door},
     exchange::{Exchange, published_tick},
     memory::Memory,
@@ -92,13 +92,15 @@ impl System {
         let claim = domain.claim()?;
         let ports = Ports::open(plan, &domain)?;
         let view = View::new(plan);
-        let cleaner = Cleaner::new(domain.clone())?;
-        urgency::set_own();
-        let crew = Crew::start(&plan.orders)?;
-        let exchange = Exchange::new(&ports.bus, &plan.orders, &crew)?;
-        let door = Door::open(&domain)?;
         let watched = !plan.orders.launch.watch.is_empty();
         let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
+        let control = ports.bus.publisher(BUFFER_BESIDE)?;
+        let door = Door::open(&domain)?;
+        let cleaner = Cleaner::new(domain)?;
+        urgency::set_own();
+        // The supervisor has opened all of its topics: a signal that ends the start would break off a wait for another's.
+        let crew = Crew::start(&plan.orders)?;
+        let exchange = Exchange::new(control, &plan.orders, &crew);
         let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
         Ok(Self {
@@ -117,23 +119,17 @@ impl System {
         })
     }
 
-    /// Waits until every service has opened its topics: from then on nothing that is published is missed.
+    /// Waits until every service has opened its topics: from then on nothing that is published is missed. How long one may take, and what
+    /// comes then, is the rule of its lives.
     fn await_ready(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let deadline = Instant::now() + READY_LIMIT;
-        loop {
-            self.hear()?;
-            let Some(late) = self.crew.path().find(|(_, post)| !post.is_settled()).map(|(service, _)| service) else {
-                return Ok(());
-            };
+        self.hear()?;
+        while !self.is_ready() && !self.asked_to_end.load(Ordering::SeqCst) {
             self.tend(collector)?;
-            if self.asked_to_end.load(Ordering::SeqCst) {
-                return Ok(());
-            }
-            if Instant::now() > deadline {
-                return Err(UpError::NotReady { service: late, deadline_s: READY_LIMIT.as_secs() });
-            }
+            self.answer(collector);
             std::thread::sleep(Duration::from_millis(1));
+            self.hear()?;
         }
+        Ok(())
     }
 
     fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
@@ -208,11 +204,14 @@ impl System {
     fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         let Self { crew, cleaner, exchange, memory, ports, view, .. } = self;
         let mut news = News::default();
-        let tended = crew.tend(&mut news);
+        let mut tended = crew.tend(&mut news);
         if !news.deaths.is_empty() {
             cleaner.heed();
         }
-        let tended = tended.and_then(|()| exchange.go_on(&ports.bus, &mut news, collector, crew, memory));
+        if tended.is_ok() {
+            tended = exchange.go_on(&ports.bus, &mut news, collector, crew, memory);
+        }
+        // Also what led to an error.
         view.announce(&news.lines);
         tended
     }

@@ -3,7 +3,7 @@
 //! Input: a process and its standing. Output: its priority. Time: none. Failure: where a priority cannot be had the process runs all the
 //! same, as the kernel has it.
 //!
-//! A process that starts or ends computes for some ten milliseconds, and a tick that waits for a processor would wait for a whole slice of that, 3 ms.
+//! A process that starts or ends computes for some ten milliseconds, and a tick that waits for a processor would wait for a whole slice of that, some milliseconds.
 //! Whoever is on the path has therefore the shortest slices that the kernel knows (Linux 6.12 and later let it run at once when it is
 //! woken; others ignore it), and whoever starts beside the path or leaves it is nicer than the others. A policy that somebody chose for
 //! the whole system, such as `chrt --fifo`, stays that of the path.
@@ -17,7 +17,7 @@ use rustix::{
 
 /// The shortest slice, ns; a tick takes less.
 const SHORT_NS: u64 = 100_000;
-/// That of the supervisor, ns: after the path, before everybody else; usual are 3 ms.
+/// That of the supervisor, ns: after the path, before everybody else, who has milliseconds.
 const SUPERVISOR_NS: u64 = 1_000_000;
 /// By how much a process beside the path is nicer: a tenth of the weight, so that it starts on a loaded machine too.
 const NICER: i32 = 10;
@@ -30,18 +30,18 @@ const OWN: u32 = 0;
 pub(crate) enum Urgency {
     /// On the path: it runs when it is woken.
     Path,
+    /// Beside the path, like any other program.
+    Beside,
     /// It starts, to be on the path later: the path runs first.
     Starting,
     /// It leaves for good: likewise.
     Leaving,
 }
 
-/// Gives a process its standing. One that starts and could not be given the path's again is left as it is.
+/// Gives a process its standing. One that starts and could not be given the path's again is no nicer than others.
 pub(crate) fn set(pid: u32, urgency: Urgency) {
     let Ok(own) = scheduling_of(OWN) else { return };
-    if urgency == Urgency::Starting && !may_return(&own) {
-        return;
-    }
+    let urgency = if urgency == Urgency::Starting && !may_return(&own) { Urgency::Beside } else { urgency };
     // One that has just ended needs no priority, and a kernel that does not know slices goes without.
     let _ = schedule(pid, &attributes(own, urgency));
 }
@@ -59,7 +59,8 @@ fn attributes(own: libc::sched_attr, urgency: Urgency) -> libc::sched_attr {
     let usual = own.sched_policy == libc::SCHED_OTHER as u32;
     match urgency {
         Urgency::Path if usual => libc::sched_attr { sched_runtime: SHORT_NS, ..own },
-        Urgency::Path => own,
+        Urgency::Beside if usual => libc::sched_attr { sched_runtime: 0, ..own },
+        Urgency::Path | Urgency::Beside => own,
         Urgency::Starting | Urgency::Leaving => libc::sched_attr {
             sched_policy: libc::SCHED_OTHER as u32,
             sched_nice: (own.sched_nice + NICER).min(NICEST),
@@ -145,9 +146,10 @@ mod tests {
         if may_return(&own) {
             assert_eq!(sleeper.under(Urgency::Starting), (policy, nicer, own.sched_runtime));
         } else {
-            assert_eq!(sleeper.under(Urgency::Starting), (policy, own.sched_nice, short_ns));
+            assert_eq!(sleeper.under(Urgency::Starting), (policy, own.sched_nice, own.sched_runtime));
         }
         assert_eq!(sleeper.under(Urgency::Path), (policy, own.sched_nice, short_ns));
+        assert_eq!(sleeper.under(Urgency::Beside), (policy, own.sched_nice, own.sched_runtime));
         assert_eq!(sleeper.under(Urgency::Leaving), (policy, nicer, own.sched_runtime));
     }
 
@@ -156,6 +158,7 @@ mod tests {
         let own = scheduling_of(OWN).unwrap();
         let chosen = libc::sched_attr { sched_policy: libc::SCHED_FIFO as u32, sched_priority: 20, ..own };
         assert_eq!(attributes(chosen, Urgency::Path).sched_priority, 20);
+        assert_eq!(attributes(chosen, Urgency::Beside).sched_priority, 20);
         let starting = attributes(chosen, Urgency::Starting);
         assert_eq!((starting.sched_policy, starting.sched_priority), (libc::SCHED_OTHER as u32, 0));
     }

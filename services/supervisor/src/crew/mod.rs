@@ -32,7 +32,7 @@ use crate::{
 /// From the first request to end until a process is killed.
 const GRACE: Duration = Duration::from_millis(400);
 /// From a start until the service must be ready.
-pub(crate) const READY_LIMIT: Duration = Duration::from_secs(10);
+const READY_LIMIT: Duration = Duration::from_secs(10);
 /// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
 const STANDSTILL: Duration = Duration::from_millis(100);
 
@@ -195,12 +195,9 @@ impl Crew {
                     news.deaths.push(Death { service, incarnation: gone.incarnation, said });
                 }
             }
-            let ended = post.process.as_mut().and_then(|process| Some((process.reap()?, process.since.elapsed())));
-            if let Some((status, lived)) = ended {
-                if post.ending {
-                    continue;
-                }
-                self.bury(service, status, lived, news)?;
+            let ended = post.process.as_mut().and_then(Process::reap);
+            if let Some(status) = ended.filter(|_| !post.ending) {
+                self.bury(service, status, news)?;
             }
         }
         Ok(())
@@ -229,7 +226,7 @@ impl Crew {
     }
 
     /// A life has ended, and the rule says what comes of it.
-    fn bury(&mut self, service: Service, status: ExitStatus, lived: Duration, news: &mut News) -> Result<(), UpError> {
+    fn bury(&mut self, service: Service, status: ExitStatus, news: &mut News) -> Result<(), UpError> {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
         let how = match (status.code(), status.signal()) {
@@ -241,6 +238,8 @@ impl Crew {
         news.deaths.push(Death { service, incarnation: process.incarnation, said: said.clone() });
         let said = if said.is_empty() { said } else { format!(":\n{said}") };
         post.at = None;
+        // One that never said anything has failed, however long it took.
+        let lived = process.heard.map_or(Duration::ZERO, |_| process.since.elapsed());
         let rule = self.orders.launch.restart;
         let on_limit = if service.is_beside() { OnLimit::Hold } else { rule.on_limit };
         match post.lives.ended(lived, &Restart { on_limit, ..rule }) {
@@ -269,9 +268,7 @@ impl Crew {
         let role = Role::Owner { from_tick };
         let orders = Orders { incarnation: self.incarnations, epoch, role, resume, ..self.orders.clone() };
         let process = Process::start(service, &orders)?;
-        if !service.is_beside() {
-            urgency::set(process.pid, Urgency::Path);
-        }
+        urgency::set(process.pid, if service.is_beside() { Urgency::Beside } else { Urgency::Path });
         post.process = Some(process);
         post.due = None;
         post.lives.restarts += u32::from(again);
