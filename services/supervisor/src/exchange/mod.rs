@@ -3,14 +3,19 @@
 //! Input: requests, what the services say, deaths and births. Output: candidates that begin and end, decisions, answers. Time: the
 //! clock, for deadlines. Failure: a request that cannot be met is answered with the reason, and the slot stays as it was.
 
-use std::{fmt, time::Instant};
+mod desk;
+mod wish;
+
+use std::time::Instant;
 
 use bus::{Bus, Publisher};
 use launch::{Launch, Service, Stage};
 use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, ImuSample};
 use runtime::{Orders, service::FIRST_EPOCH};
-use serde::{Deserialize, Serialize};
-use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Report, Standing, State};
+use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Standing, State};
+
+use desk::Desk;
+pub use wish::{SwapReport, Wish};
 
 use crate::{
     UpError,
@@ -18,71 +23,6 @@ use crate::{
     crew::{Crew, Death, Heard, News},
     memory::{Memory, readers},
 };
-
-/// Attitudes after the commitment that belong to the longest interval across it.
-const TICKS_AFTER: u64 = 50;
-/// For how long they are waited for, ms.
-const WAIT_AFTER_MS: u64 = 500;
-/// Answers kept until they are fetched.
-const ANSWERS_MAX: usize = 64;
-
-/// What somebody asks for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Wish {
-    /// The slot.
-    pub slot: String,
-    /// What is to fill it.
-    pub stage: Stage,
-    /// It is to compute beside the active stage and no more.
-    pub shadow: bool,
-    /// The last decision about the slot that whoever asks knows of; with another it is refused.
-    pub expected_epoch: Option<u32>,
-}
-
-/// How it went.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SwapReport {
-    /// The slot.
-    pub slot: String,
-    /// The stage that filled it.
-    pub from: String,
-    /// The stage that was to.
-    pub to: String,
-    /// The first tick of the new stage.
-    pub commit_tick: Option<u64>,
-    /// Ticks lost since the request.
-    pub lost: u64,
-    /// Attitudes that came again since the request.
-    pub duplicated: u64,
-    /// The longest interval between two attitudes since the request, µs.
-    pub gap_us: f64,
-    /// By how much the attitude jumped at the commit tick, degrees.
-    pub jump_deg: f64,
-    /// "committed", "refused" or "aborted".
-    pub outcome: Outcome,
-    /// Why not, for people.
-    pub reason: Option<String>,
-}
-
-impl fmt::Display for SwapReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = self;
-        match (outcome, commit_tick) {
-            (Outcome::Committed, Some(tick)) => {
-                let gap_ms = gap_us * 1e-3;
-                write!(
-                    f,
-                    "{slot}: {from} → {to} from tick {tick}; lost {lost}, duplicated {duplicated}, longest interval {gap_ms:.1} ms, jump {jump_deg:.3}°"
-                )
-            }
-            _ => {
-                let reason = reason.as_deref().unwrap_or("no reason given");
-                let stays = if from.is_empty() { String::new() } else { format!(" {from} stays:") };
-                write!(f, "{slot}:{stays} {reason}")
-            }
-        }
-    }
-}
 
 /// The slots of a system.
 pub(crate) struct Exchange {
@@ -93,8 +33,7 @@ pub(crate) struct Exchange {
     requests: u64,
     /// Requests for slots whose last exchange is being cleared away.
     queued: Vec<(u64, Service, Stage, bool)>,
-    waiting: Vec<Waiting>,
-    answers: Vec<(u64, SwapReport)>,
+    desk: Desk,
 }
 
 struct Slot {
@@ -104,28 +43,6 @@ struct Slot {
     ready: bool,
     /// What the life said that ended last.
     last_words: String,
-}
-
-/// A request that is under way.
-struct Waiting {
-    id: u64,
-    service: Service,
-    from: String,
-    to: String,
-    lost: u64,
-    duplicated: u64,
-    /// The longest interval between two attitudes so far.
-    gap_ns: u64,
-    /// It was answered then, and the attitudes after it are collected.
-    done: Option<Done>,
-}
-
-/// How an exchange went, why not, and when that was known, ms.
-#[derive(Clone)]
-struct Done {
-    report: Report,
-    reason: Option<String>,
-    at_ms: u64,
 }
 
 impl Exchange {
@@ -160,14 +77,13 @@ impl Exchange {
             orders: orders.clone(),
             requests: 0,
             queued: Vec::new(),
-            waiting: Vec::new(),
-            answers: Vec::new(),
+            desk: Desk::default(),
         }
     }
 
     /// An exchange is under way.
     pub(crate) fn is_busy(&self) -> bool {
-        !self.waiting.is_empty() || self.slots.iter().any(|slot| slot.coordinator.state() != State::Idle)
+        self.desk.is_busy() || self.slots.iter().any(|slot| slot.coordinator.state() != State::Idle)
     }
 
     /// Takes a wish; the number under which it is answered.
@@ -179,7 +95,7 @@ impl Exchange {
         let (service, from) = match checked {
             Ok((service, from)) => (service, from),
             Err((from, reason)) => {
-                self.refuse(id, slot, from, stage.stage, reason);
+                self.desk.refuse(id, slot, from, stage.stage, reason);
                 return id;
             }
         };
@@ -187,21 +103,10 @@ impl Exchange {
         if let Some(expected) = expected_epoch.filter(|expected| *expected != epoch) {
             let reason =
                 format!("the last decision about `{slot}` is number {epoch}, not {expected}; ask how it is, and again");
-            self.refuse(id, slot, from, stage.stage, reason);
+            self.desk.refuse(id, slot, from, stage.stage, reason);
             return id;
         }
-        self.note_gap(collector);
-        let sequence = collector.sequence();
-        self.waiting.push(Waiting {
-            id,
-            service,
-            from,
-            to: stage.stage.clone(),
-            lost: sequence.lost,
-            duplicated: sequence.duplicated,
-            gap_ns: 0,
-            done: None,
-        });
+        self.desk.open(id, service, from, stage.stage.clone(), collector);
         let Some(slot) = self.slot(service) else { return id };
         if matches!(slot.coordinator.state(), State::Committed { .. } | State::Retiring { .. } | State::Aborting)
             && !self.queued.iter().any(|(_, queued, ..)| *queued == service)
@@ -254,8 +159,7 @@ impl Exchange {
 
     /// The answer to a request, once.
     pub(crate) fn take_answer(&mut self, id: u64) -> Option<SwapReport> {
-        let place = self.answers.iter().position(|(answered, _)| *answered == id)?;
-        Some(self.answers.swap_remove(place).1)
+        self.desk.take_answer(id)
     }
 
     /// Whether a checkpoint may be kept.
@@ -318,7 +222,8 @@ impl Exchange {
                 self.tell(service, Event::Ready { incarnation: heard.health.incarnation }, crew, memory);
             }
         }
-        self.finish(collector);
+        let now_ms = self.now_ms();
+        self.desk.finish(now_ms, collector);
         Ok(())
     }
 
@@ -330,12 +235,16 @@ impl Exchange {
         Ok(())
     }
 
+    fn now_ms(&self) -> u64 {
+        self.started.elapsed().as_millis() as u64
+    }
+
     fn slot(&mut self, service: Service) -> Option<&mut Slot> {
         self.slots.iter_mut().find(|slot| slot.service == service)
     }
 
     fn tell(&mut self, service: Service, event: Event, crew: &mut Crew, memory: &mut Memory) {
-        let now_ms = self.started.elapsed().as_millis() as u64;
+        let now_ms = self.now_ms();
         let mut events = vec![event];
         // Whatever is asked for is answered by one event at most, so this ends.
         while let Some(event) = events.pop() {
@@ -379,89 +288,11 @@ impl Exchange {
                         if report.outcome != Outcome::Committed && !busy {
                             slot.candidate = None;
                         }
-                        let request = report.id;
-                        // A promotion answers who asked for the shadow and who asked for the exchange.
-                        let asked = |waiting: &&mut Waiting| {
-                            waiting.service == service && waiting.done.is_none() && (!busy || waiting.id == request)
-                        };
-                        let reason = report.reason.as_ref().map(|reason| match reason {
-                            Reason::CandidateDied if !slot.last_words.is_empty() => {
-                                format!("{reason}; it said:\n{}", slot.last_words)
-                            }
-                            _ => reason.to_string(),
-                        });
-                        let done = Done { report, reason, at_ms: now_ms };
-                        for waiting in self.waiting.iter_mut().filter(asked) {
-                            waiting.done = Some(done.clone());
-                        }
+                        self.desk.settle(service, &report, &slot.last_words, now_ms);
                     }
                 }
             }
         }
-    }
-
-    /// Answers what is settled, once the attitudes after it have come.
-    fn finish(&mut self, collector: &mut Collector) {
-        self.note_gap(collector);
-        let now_ms = self.started.elapsed().as_millis() as u64;
-        let next_tick = collector.sequence().next_tick;
-        let settled = |waiting: &Waiting| {
-            waiting.done.as_ref().is_some_and(|Done { report, at_ms, .. }| {
-                report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER || now_ms > at_ms + WAIT_AFTER_MS)
-            })
-        };
-        while let Some(place) = self.waiting.iter().position(settled) {
-            let Waiting { id, service, from, to, lost, duplicated, gap_ns, done } = self.waiting.swap_remove(place);
-            let Some(Done { report, reason, .. }) = done else { continue };
-            let sequence = collector.sequence();
-            let (lost, duplicated) = (sequence.lost - lost, sequence.duplicated - duplicated);
-            let jump_deg = report.commit_tick.map_or(0.0, |tick| collector.jump_rad(tick).to_degrees());
-            self.answer(
-                id,
-                SwapReport {
-                    slot: service.name().into(),
-                    from,
-                    to,
-                    commit_tick: report.commit_tick,
-                    lost,
-                    duplicated,
-                    gap_us: gap_ns as f64 * 1e-3,
-                    jump_deg,
-                    outcome: report.outcome,
-                    reason,
-                },
-            );
-        }
-    }
-
-    /// An interval belongs to every request that waits.
-    fn note_gap(&mut self, collector: &mut Collector) {
-        let gap_ns = collector.take_gap_ns();
-        self.waiting.iter_mut().for_each(|waiting| waiting.gap_ns = waiting.gap_ns.max(gap_ns));
-    }
-
-    fn refuse(&mut self, id: u64, slot: String, from: String, to: String, reason: String) {
-        let (commit_tick, outcome, reason) = (None, Outcome::Refused, Some(reason));
-        let report = SwapReport {
-            slot,
-            from,
-            to,
-            commit_tick,
-            lost: 0,
-            duplicated: 0,
-            gap_us: 0.0,
-            jump_deg: 0.0,
-            outcome,
-            reason,
-        };
-        self.answer(id, report);
-    }
-
-    fn answer(&mut self, id: u64, report: SwapReport) {
-        if self.answers.len() == ANSWERS_MAX {
-            self.answers.remove(0);
-        }
-        self.answers.push((id, report));
     }
 }
 
