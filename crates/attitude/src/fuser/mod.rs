@@ -21,6 +21,7 @@ mod compass;
 mod finite;
 pub mod levelling;
 pub mod madgwick;
+mod rest;
 mod spread;
 pub mod vqf;
 pub mod wz;

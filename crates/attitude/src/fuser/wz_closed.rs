@@ -88,7 +88,7 @@ impl Stage for WzClosed {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.age(dt_s);
+        self.carried.heed(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {

@@ -131,7 +131,7 @@ impl Stage for WzOpen {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.age(dt_s);
+        self.carried.heed(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             let Point { w, chart } = self.gyro.up;

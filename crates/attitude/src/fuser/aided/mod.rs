@@ -39,7 +39,7 @@ pub use settings::Settings;
 
 use core::f64::consts::PI;
 
-use super::Corrections;
+use super::{Corrections, carried::Carried};
 use crate::{Vector3, course::Reference, state::Attitude};
 use covariance::{ACCEL, Covariance, Error, GYRO, HEADING, LATENCY, ROTATION, VELOCITY};
 use {fixes::Aiding, past::Past, standstill::Standstill, strapdown::Sums};
@@ -72,6 +72,7 @@ pub struct Aided {
     turn_rate_rad_s: f64,
     aiding: Aiding,
     standstill: Standstill,
+    carried: Carried,
     since_field_s: f64,
 }
 
@@ -101,6 +102,7 @@ impl Aided {
             turn_rate_rad_s: 0.0,
             aiding: Aiding::default(),
             standstill: Standstill::default(),
+            carried: Carried::default(),
             since_field_s: 0.0,
         };
         for axis in 0..3 {

@@ -6,7 +6,7 @@ use super::{Aided, GYRO, HEADING, Settings, square, strapdown};
 use crate::{
     Vector3,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad},
+    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad},
     parameters::{Parameter, ParameterError, Parameters},
     stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
 };
@@ -42,6 +42,7 @@ impl Stage for Aided {
             corrections.aligned = true;
         }
         let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::credible);
+        self.carried.heed(input);
         if let Some(motion) = &input.motion {
             self.advance(motion, force_m_s2);
             corrections.tilt = self.started;
@@ -94,6 +95,7 @@ impl Stage for Aided {
         self.turn_rate_rad_s.visit(visit);
         self.aiding.visit(visit);
         self.standstill.visit(visit);
+        self.carried.visit(visit);
         self.since_field_s.visit(visit);
     }
 
@@ -107,17 +109,19 @@ impl Stage for Aided {
             .or(latency)
             .or_else(|| self.covariance.flaw())
             .or_else(|| self.sums.flaw())
+            .or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
         let bias_variance = (GYRO..GYRO + 3).map(|axis| self.covariance.variance(axis)).fold(0.0, f64::max);
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.or(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
         Estimate {
             attitude: self.attitude,
             reference: self.reference,
-            bias_rad_s: self.gyro_bias_rad_s,
+            bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s: libm::sqrt(bias_variance),
+            bias_sd_rad_s,
         }
     }
 
@@ -131,7 +135,9 @@ impl Stage for Aided {
         for axis in GYRO..GYRO + 3 {
             adopted.covariance.begin(axis, square(common.bias_sd_rad_s).min(limit_rad_s));
         }
-        adopted.begin_level(common.inclination_sd_rad.clamp(1e-4, 1.0));
+        // What the giver knows of its level is how far its own innovations scatter.
+        adopted.begin_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
+        adopted.carried = Carried::of(common);
         adopted.reference = common.reference;
         adopted.course_known = common.reference == Reference::True;
         adopted.covariance.begin(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));

@@ -129,7 +129,7 @@ impl Stage for Levelling {
         if let Some(motion) = &input.motion {
             self.attitude = self.attitude.turned(motion.turn).attitude;
         }
-        self.carried.age(dt_s);
+        self.carried.heed(input);
         self.since_fix_s += dt_s;
         self.unlevelled_s += dt_s;
         if let Some(fix) = credible(input.fix.as_ref()) {

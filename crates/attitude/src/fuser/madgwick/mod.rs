@@ -188,6 +188,7 @@ impl Stage for Madgwick {
         let mut room = None;
         let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
+        self.carried.heed(input);
         let field = input.field_ut.and_then(field_direction);
         let seen = Seen {
             up: input.inclination.filter(|_| self.levelled).map(|inclination| inclination.up.direction()),
@@ -200,7 +201,6 @@ impl Stage for Madgwick {
             self.descend(motion, &seen);
             self.tilt.drift(BIAS_SD_RAD_S, motion.dt_s);
             self.heading.drift(BIAS_SD_RAD_S, motion.dt_s);
-            self.carried.age(motion.dt_s);
             if let (Some(inclination), Some(_)) = (&input.inclination, seen.up) {
                 innovation = innovation_rad(inclination, led);
                 self.tilt.corrected(innovation, self.gain(&self.tilt, motion.dt_s), motion.dt_s);

@@ -15,6 +15,7 @@ use super::{
 };
 use crate::{
     Complex, GRAVITY_M_S2, J, Vector3,
+    fuser::rest::SD_REST_RAD_S,
     stage::{Numbers, bias_flaw},
     state::Axes,
 };
@@ -30,8 +31,6 @@ const WALK_RAD_S: f64 = 3e-5;
 const WALK_BY_RATE: f64 = 2e-4;
 /// Random walk of the tilt, rad/√s: noise and coning of a consumer MEMS gyro.
 const TILT_WALK_RAD: f64 = 5e-4;
-/// Standard deviation of the bias found at rest, rad/s.
-const SD_REST_RAD_S: f64 = 5e-4;
 /// Standard deviation of the first level, rad: a hand that swings the body, by 3 m/s² at that moment.
 const SD_FIRST_RAD: f64 = 0.3;
 /// Standard deviation of a level that was found, rad: a vehicle that accelerates by 1 m/s² at that moment.

@@ -13,10 +13,9 @@ mod bias;
 mod doubt;
 mod heading;
 mod level;
-mod rest;
 mod underway;
 
-use super::{Corrections, Estimate, Fused, FuserInput};
+use super::{Corrections, Estimate, Fused, FuserInput, rest::Rest};
 
 use crate::{
     Complex, Vector3,
@@ -30,7 +29,6 @@ use {
     bias::BiasFilter,
     heading::{Heading, Settings, Sighting},
     level::Level,
-    rest::Rest,
 };
 
 /// Memory of the leaky velocity, s.

@@ -19,7 +19,7 @@ use crate::{
     Complex, Vector3,
     accel::Inclination,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, innovation_rad, low_pass_gain},
+    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad, low_pass_gain},
     gnss::Fix,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
@@ -118,6 +118,7 @@ pub struct LevellingPi {
     /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
     lag_rad: Complex<f64>,
     still: Still,
+    carried: Carried,
 }
 
 impl Default for LevellingPi {
@@ -138,6 +139,7 @@ impl Default for LevellingPi {
             unaveraged_s: 0.0,
             lag_rad: none,
             still: Still::default(),
+            carried: Carried::default(),
         }
     }
 }
@@ -216,6 +218,7 @@ impl Stage for LevellingPi {
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let sensed_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
+        self.carried.heed(input);
         if let Some(motion) = &input.motion {
             let bias_turn = Turn::of_rotation_vector(self.bias_rad_s * -dt_s);
             self.attitude = self.attitude.turned(motion.turn.then(bias_turn)).attitude;
@@ -273,6 +276,7 @@ impl Stage for LevellingPi {
         self.unaveraged_s.visit(visit);
         self.lag_rad.visit(visit);
         self.still.visit(visit);
+        self.carried.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
@@ -283,16 +287,20 @@ impl Stage for LevellingPi {
             .or_else(|| self.aiding.flaw())
             .or_else(|| self.heading.flaw())
             .or_else(|| self.still.flaw())
+            .or_else(|| self.carried.flaw())
     }
 
     fn common(&self) -> Estimate {
+        // At first it is assumed, not found.
+        let own_sd_rad_s = Some(self.bias_sd_rad_s()).filter(|sd_rad_s| *sd_rad_s < BIAS_SD_RAD_S);
+        let (bias_rad_s, bias_sd_rad_s) = self.carried.or(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY));
         Estimate {
             attitude: self.attitude,
             reference: self.reference(),
-            bias_rad_s: self.bias_rad_s,
+            bias_rad_s,
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
-            bias_sd_rad_s: self.bias_sd_rad_s(),
+            bias_sd_rad_s,
         }
     }
 
@@ -301,11 +309,13 @@ impl Stage for LevellingPi {
         let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
         if common.bias_sd_rad_s.is_finite() {
             adopted.bias_rad_s = bounded(common.bias_rad_s, BIAS_MAX_RAD_S);
-            let variance = common.bias_sd_rad_s * common.bias_sd_rad_s;
-            adopted.bias_variance_rad2_s2 = variance.min(adopted.bias_variance_rad2_s2);
+            // As well as that it is known only where the level is, too, and the speed: what the giver has is levelled as in the beginning.
+            let sd_rad_s = common.bias_sd_rad_s.max(BIAS_KNOWN_SD_RAD_S);
+            adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
         }
         // The giver's level lags by what it lags by: what is left of the force then is not zero.
-        adopted.unaveraged_s = if adopted.bias_known() { 0.0 } else { self.settings.cold_low_pass_s };
+        adopted.unaveraged_s = self.settings.cold_low_pass_s;
+        adopted.carried = Carried::of(common);
         if common.reference == Reference::True {
             adopted.heading = Heading::of(common.heading_sd_rad);
         }
