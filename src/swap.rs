@@ -250,7 +250,7 @@ impl OnBoard {
 }
 
 fn setting(text: &str) -> Result<(String, f64), String> {
-    let expected = || "expected KEY=VALUE with a number".to_owned();
-    let (key, value) = text.split_once('=').ok_or_else(expected)?;
-    Ok((key.trim().into(), value.trim().parse().map_err(|_| expected())?))
+    let parted = text.split_once('=');
+    let read = parted.and_then(|(key, value)| Some((key.trim().to_owned(), value.trim().parse::<f64>().ok()?)));
+    read.filter(|(_, value)| value.is_finite()).ok_or_else(|| "expected KEY=VALUE with a finite number".into())
 }

@@ -212,6 +212,15 @@ fn wrong_usage_is_told_apart_from_a_wrong_file() {
 }
 
 #[test]
+fn a_parameter_that_is_not_a_finite_number_is_wrong_usage() {
+    for value in ["nan", "-inf", "infinity", "1e999", "three", ""] {
+        let mut command = plumb(&["swap", "fuser", "madgwick", "--set"]);
+        command.arg(format!("beta={value}"));
+        assert_refused(command, 2, &[&format!("beta={value}"), "expected KEY=VALUE with a finite number"]);
+    }
+}
+
+#[test]
 fn a_service_started_by_hand_says_who_starts_it() {
     for service in ["ingest", "gyro", "accel", "fuser", "course"] {
         let said = [&*format!("reading the orders of service {service}: "), "services are started by `plumb up`"];
