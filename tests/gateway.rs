@@ -184,6 +184,35 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
 }
 
 #[test]
+fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    let endpoint = endpoint(&system);
+    signal(running.pid(), Signal::STOP);
+    let (here, elsewhere) = (["--system", &system.name], ["--remote", &system.name, "--connect", &endpoint]);
+    for (arguments, place) in [
+        (&["ps"][..], &here[..]),
+        (&["ps"], &elsewhere),
+        (&["swap", "fuser", "vqf"], &here),
+        (&["swap", "fuser", "vqf"], &elsewhere),
+        (&["shadow", "fuser", "vqf"], &here),
+    ] {
+        let output = plumb(&[arguments, place].concat()).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
+        assert!(said.contains("has not answered for 2 s"), "{arguments:?}: {said}");
+    }
+    let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(here).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("has been stopped") && said.contains("kill -CONT"), "{said}");
+    signal(running.pid(), Signal::CONT);
+    until("the supervisor to answer", || ps(&system).len() == 6);
+    running.interrupt();
+    assert_eq!(running.wait().code, Some(0));
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
 fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
     let system = with_gateway(free_port(), "");
     let out = system.path("out.csv");
