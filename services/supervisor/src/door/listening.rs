@@ -108,6 +108,7 @@ impl Door {
 }
 
 impl Caller {
+    /// The question, once it is whole. That of a caller who has gone is none: it was told that nobody answers.
     fn question(&mut self) -> Option<Result<Ask, String>> {
         let mut chunk = [0; 4096];
         loop {

@@ -107,12 +107,13 @@ fn whoever_waits_for_an_answer_stays() {
 }
 
 #[test]
-fn a_supervisor_that_says_nothing_is_not_waited_for() {
-    let house = House::new();
+fn a_supervisor_that_says_nothing_is_not_waited_for_and_does_not_do_it_later() {
+    let mut house = House::new();
     for question in [Ask::Ps, Ask::Orders, shadow()] {
         let error = ask::<u32>(&house.1, &question).unwrap_err();
         assert!(matches!(error, DoorError::Silent { .. }), "{error}");
     }
+    assert_eq!(house.2.questions(), []);
 }
 
 #[test]
