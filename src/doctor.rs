@@ -4,7 +4,10 @@ use std::{process::ExitCode, time::Duration};
 
 use bus::{BusError, Domain};
 use clap::Args;
-use observe::doctor::{Check, Diagnosis, Outcome, leftovers, machine, running::Seen};
+use observe::{
+    doctor::{Check, Diagnosis, Outcome, leftovers, machine, running::Seen},
+    process::is_stopped,
+};
 use runtime::Orders;
 use supervisor::{Ask, DoorError, Standing, ask};
 
@@ -38,7 +41,7 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     let mut checks = machine::checks();
     checks.extend(leftovers::checks(system.is_named().then_some(&domain), fix));
     checks.extend(match domain.owner_pid() {
-        Ok(Some(_)) => examine(&name, seconds).unwrap_or_else(|check| vec![check]),
+        Ok(Some(pid)) => examine(&name, pid, seconds).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![Check::ok("system", format!("{name:?} does not run"))],
         Err(error) => vec![Check::warning("system", error.to_string(), "ask its owner")],
     });
@@ -49,10 +52,14 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     if diagnosis.count(Outcome::Problem) > 0 { ExitCode::FAILURE } else { printed }
 }
 
-/// What is to be said about the running system; if it cannot be looked at, that.
-fn examine(name: &str, seconds: Duration) -> Result<Vec<Check>, Check> {
+/// What is to be said about the running system of this supervisor; if it cannot be looked at, that.
+fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>, Check> {
     let unseen = |error: BusError| Check::warning("system", error.to_string(), "try again");
     let unanswered = |error: DoorError| {
+        if is_stopped(supervisor) {
+            let found = format!("the supervisor of {name:?}, process {supervisor}, has been stopped");
+            return Check::problem("system", found, format!("let it go on: kill -CONT {supervisor}"));
+        }
         Check::problem("system", error.to_string(), "look again; if it stays so, start the system anew")
     };
     let observer = observer(name, "doctor").map_err(unseen)?;

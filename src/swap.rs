@@ -24,6 +24,8 @@ use crate::{
 
 /// How often the difference of a shadow is shown.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
+/// How long a shadow takes at most to end once that was asked for.
+const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// Which system on this machine is asked.
 #[derive(Args)]
@@ -122,6 +124,16 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     let by_itself = answer.is_finished();
     if !by_itself && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
+    }
+    let asked = Instant::now();
+    while !answer.is_finished() {
+        if asked.elapsed() > END_LIMIT {
+            return fail(
+                &"ending the shadow: the system has not said that it ended; `plumb doctor` tells how it is",
+                1,
+            );
+        }
+        std::thread::sleep(Duration::from_millis(5));
     }
     match answer.join() {
         Ok(Ok(report)) if by_itself => show(&report, json),
@@ -250,7 +262,7 @@ impl OnBoard {
 }
 
 fn setting(text: &str) -> Result<(String, f64), String> {
-    let expected = || "expected KEY=VALUE with a number".to_owned();
-    let (key, value) = text.split_once('=').ok_or_else(expected)?;
-    Ok((key.trim().into(), value.trim().parse().map_err(|_| expected())?))
+    let parted = text.split_once('=');
+    let read = parted.and_then(|(key, value)| Some((key.trim().to_owned(), value.trim().parse::<f64>().ok()?)));
+    read.filter(|(_, value)| value.is_finite()).ok_or_else(|| "expected KEY=VALUE with a finite number".into())
 }

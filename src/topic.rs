@@ -136,19 +136,20 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
 
 fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, SeeError> {
     let json = watch.system.json();
-    let mut told = Instant::now();
+    let mut told = None;
     let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
-        if json || told.elapsed() < LINE_INTERVAL {
+        if json || told.get_or_insert_with(Instant::now).elapsed() < LINE_INTERVAL {
             return true;
         }
-        told = Instant::now();
+        told = Some(Instant::now());
         print(&line(&flow.report())) == ExitCode::SUCCESS
     })?;
     // Numbers and strings always serialise.
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }
 
-/// Follows a topic for so many messages, as long as both callers want more; what there is to be said about its flow then.
+/// Follows a topic for so many messages, as long as both callers want more; what there is to be said about its flow then. `round` is
+/// shown the flow before each look, so not that of the end.
 fn follow(
     Watch { topic, system, seconds, .. }: &Watch,
     messages: Option<u64>,
@@ -160,14 +161,13 @@ fn follow(
     let mut watched = place.watch(topic)?;
     let mut until = Until::new(|| place.is_running(), *seconds);
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
-    while wanted && left > 0 && !until.is_over() {
+    while wanted && left > 0 && !until.is_over() && round(&watched.flow) {
         std::thread::sleep(LOOK);
         watched.look(&mut |layout, bytes| {
             left -= 1;
             wanted = take(layout, bytes);
             wanted && left > 0
         })?;
-        wanted &= round(&watched.flow);
     }
     if until.system_ended() {
         supervisor::tell(place.ended(system));

@@ -169,6 +169,22 @@ fn a_value_out_of_range_is_underlined_with_the_range() {
 }
 
 #[test]
+fn a_gateway_that_is_set_and_not_started_is_underlined_with_the_remedy() {
+    let said = [
+        "gateway: it is not among the services",
+        "launch.toml:2:2",
+        "2 | [gateway.rates]\n  |  ^^^^^^^ nothing goes out",
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]",
+        "1 problem",
+    ];
+    assert_launch_refused("[gateway.rates]\nimu = \"all\"\n", &said);
+    let left_out =
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[gateway.rates]\nimu = \"all\"\n";
+    let output = plumb(&["config", "check"]).arg(System::new(left_out).path("launch.toml")).output().unwrap();
+    assert!(output.status.success(), "who lists the services has left it out: {}", text(&output.stderr));
+}
+
+#[test]
 fn every_problem_of_a_launch_file_is_shown_at_once() {
     let launch = "buffer_s = 0\n[gyro]\nstage = \"moebius\"\n[ingest]\nsource = \"simulation\"\n";
     let said = ["launch.toml:2:12", "launch.toml:4:9", "did you mean \"mobius\"?", "launch.toml:6:10", "3 problems"];
@@ -208,6 +224,15 @@ fn wrong_usage_is_told_apart_from_a_wrong_file() {
     }
     for duration in ["soon", "10x", "s", "-1s", "nan", "0s"] {
         assert_refused(plumb(&["up", &format!("--for={duration}")]), 2, &["--for", "expected "]);
+    }
+}
+
+#[test]
+fn a_parameter_that_is_not_a_finite_number_is_wrong_usage() {
+    for value in ["nan", "-inf", "infinity", "1e999", "three", ""] {
+        let mut command = plumb(&["swap", "fuser", "madgwick", "--set"]);
+        command.arg(format!("beta={value}"));
+        assert_refused(command, 2, &[&format!("beta={value}"), "expected KEY=VALUE with a finite number"]);
     }
 }
 

@@ -15,7 +15,7 @@ use common::{
     beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},
     plumb, signal, until,
 };
-use link::{Ends, Link};
+use link::{Ends, Link, LinkError};
 use rustix::process::Signal;
 use serde_json::Value;
 use wire::{
@@ -162,15 +162,54 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     assert!(ask(&late).reason.contains("after its deadline"));
     let wrong = SwapRequest { expected_epoch: epoch(&after), ..request("four", "kalman") };
     assert!(ask(&wrong).reason.contains("there is no stage `kalman`"));
-    // What is no request is refused and counted.
-    assert!(link.ask(&keys::key(&system.name, keys::SWAP), vec![0xff; 100], LIMIT).unwrap().is_empty());
+    // What is no request is refused, counted, and whoever asked reads why.
+    let refused = |payload: Vec<u8>, why: &str| {
+        let key = keys::key(&system.name, keys::SWAP);
+        let error = link.ask_one::<SwapAnswer>(&key, payload, LIMIT).unwrap_err();
+        assert!(matches!(&error, LinkError::Refused { reason, .. } if reason.contains(why)), "{error}");
+    };
+    refused(vec![0xff; 100], "reading a SwapRequest");
+    refused(
+        SwapRequest { set: [("beta".into(), f64::NAN)].into(), ..request("five", "madgwick") }.encoded(),
+        "`set` is not finite",
+    );
     until("the refusal in its health", || {
         let report =
             link.ask_one::<wire::v1::GatewayReport>(&keys::key(&system.name, keys::GATEWAY), Vec::new(), LIMIT);
-        report.is_ok_and(|report| report.refused.unwrap().malformed == 1)
+        report
+            .is_ok_and(|report| report.refused.is_some_and(|refused| (refused.malformed, refused.not_finite) == (1, 1)))
     });
     assert_eq!(epoch(&services(&link, &system.name)), epoch(&after));
     end(running);
+}
+
+#[test]
+fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    let endpoint = endpoint(&system);
+    signal(running.pid(), Signal::STOP);
+    let (here, elsewhere) = (["--system", &system.name], ["--remote", &system.name, "--connect", &endpoint]);
+    for (arguments, place) in [
+        (&["ps"][..], &here[..]),
+        (&["ps"], &elsewhere),
+        (&["swap", "fuser", "vqf"], &here),
+        (&["swap", "fuser", "vqf"], &elsewhere),
+        (&["shadow", "fuser", "vqf"], &here),
+    ] {
+        let output = plumb(&[arguments, place].concat()).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
+        assert!(said.contains("has not answered for 2 s"), "{arguments:?}: {said}");
+    }
+    let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(here).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("has been stopped") && said.contains("kill -CONT"), "{said}");
+    signal(running.pid(), Signal::CONT);
+    until("the supervisor to answer", || ps(&system).len() == 6);
+    running.interrupt();
+    assert_eq!(running.wait().code, Some(0));
+    assert_eq!(system.remains(), Vec::<String>::new());
 }
 
 #[test]

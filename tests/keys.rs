@@ -106,6 +106,10 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
     assert_eq!(count(), before);
+    for arguments in [&["vehicle", "alpha", "--host", "a b"][..], &["router", "--router", "a b", "--force"]] {
+        let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
+        assert!(said.contains("the host `a b`: expected"), "{said}");
+    }
     let nowhere = keys(&folder.path().join("nowhere"), &["vehicle", "alpha"]);
     assert_eq!(nowhere.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&nowhere.stderr).contains("plumb keys init"));

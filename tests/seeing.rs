@@ -194,6 +194,20 @@ fn every_verb_shows_a_running_system_as_it_is() {
 }
 
 #[test]
+fn a_rate_is_shown_once_a_second_and_once_at_the_end() {
+    let system = System::new("");
+    let running = started(&system, &[]);
+    for verb in ["hz", "bw"] {
+        let output = plumb(&["topic", verb, "attitude", "--seconds", "2", "--system", &system.name]).output().unwrap();
+        let shown = String::from_utf8(output.stdout).unwrap();
+        let lines: Vec<_> = shown.lines().collect();
+        assert!((1..=2).contains(&lines.len()) && lines.iter().all(|line| line.starts_with("attitude: ")), "{shown}");
+    }
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
 fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
     let system = System::new("");
     let running = started(&system, &[]);

@@ -144,6 +144,8 @@ fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() 
         std::thread::sleep(Duration::from_millis(300));
         let second = swap(&system, &["fuser", "aided"]);
         assert_eq!(second["outcome"], "refused", "two at once: {second}");
+        let reason = second["reason"].as_str().unwrap();
+        assert!(reason.contains("still under way") && reason.contains("Ctrl-C"), "{reason}");
         let victim = lives(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
         signal(victim, Signal::KILL);
         let said = String::from_utf8(asking.wait_with_output().unwrap().stderr).unwrap();

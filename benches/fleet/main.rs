@@ -9,6 +9,10 @@
 mod part;
 #[path = "../common/process.rs"]
 mod process;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/sample.rs"]
+mod sample;
 #[path = "../common/usage.rs"]
 mod usage;
 
@@ -67,17 +71,7 @@ struct Cost {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let ended = match &cli.part {
-        Some(part) => serde_json::from_str(part).map_err(Failure::from).and_then(|part: Part| part.be()),
-        None => measure(&cli),
-    };
-    match ended {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(cli.part.as_deref(), Part::be, || measure(&cli))
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {

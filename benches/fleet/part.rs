@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use wire::{batch::batch_name, keys, v1::Envelope};
 use zenoh::{Config, Wait};
 
-use crate::Failure;
+use crate::{Failure, sample::attitude};
 
 /// What a vehicle sends by default, Hz.
 const RATE_HZ: u64 = 50;
@@ -110,7 +110,7 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
             }
             let t_sent_ns = monotonic_ns();
             let envelope = Envelope { sequence, life, samples_before: sequence, t_sent_ns, ..Envelope::default() };
-            outlet.send(&wire::seal(&envelope, &wire::samples([&attitude(sequence, t_sent_ns)])))?;
+            outlet.send(&wire::seal(&envelope, &wire::samples([&attitude(header(sequence, t_sent_ns))])))?;
         }
     }
     Ok(())
@@ -154,27 +154,14 @@ fn station(at: &str, vehicles: usize) -> Result<(), Failure> {
     Ok(())
 }
 
-fn attitude(tick: u64, now_ns: u64) -> AttitudeOutput {
+fn header(tick: u64, now_ns: u64) -> Header {
     let t_end_ns = now_ns.cast_signed();
-    let header = Header {
+    Header {
         tick,
         t_start_ns: t_end_ns - 1_000_000,
         t_end_ns,
         t_born_ns: now_ns,
         t_sent_ns: now_ns,
         ..Header::zeroed()
-    };
-    AttitudeOutput {
-        header,
-        quaternion: [0.5, -0.5, 0.5, -0.5],
-        yaw_rad: 2.1,
-        pitch_rad: -0.1,
-        roll_rad: 0.2,
-        course_rad: 1.9,
-        course_sd_rad: 0.03,
-        rate_rad_s: [0.013, -0.2, 1.1],
-        inclination_sd_rad: 0.002,
-        jump: [1.0, 0.0, 0.0, 0.0],
-        ..AttitudeOutput::zeroed()
     }
 }

@@ -5,6 +5,11 @@
 //! Time: CPU time of interleaved rounds over the same samples; medians, so that a busy machine harms both alike. Failure: without the
 //! recordings only S1 is timed.
 
+#[path = "../common/median.rs"]
+mod median;
+#[path = "../common/own_time.rs"]
+mod own_time;
+
 use std::{env, hint::black_box, path::PathBuf};
 
 use attitude::{
@@ -15,9 +20,11 @@ use attitude::{
     stage::Stage,
 };
 use recording::Reader;
-use rustix::time::{ClockId, clock_gettime};
 use scenario::{Errors, Motion, Sensors};
 use vqf_rs::VQF;
+
+use median::median;
+use own_time::cpu_ns;
 
 const ROUNDS: usize = 31;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
@@ -40,9 +47,9 @@ fn main() {
             ns[0].push(time_ns(&samples, wz));
             ns[1].push(time_ns(&samples, vqf));
         }
-        let mut ratios: Vec<f64> = ns[0].iter().zip(&ns[1]).map(|(wz, vqf)| wz / vqf).collect();
-        let [wz, vqf] = &mut ns;
-        println!("| {} | {:.1} | {:.1} | {:.3} |", samples.name, median(wz), median(vqf), median(&mut ratios));
+        let ratio = median(ns[0].iter().zip(&ns[1]).map(|(wz, vqf)| wz / vqf));
+        let [wz, vqf] = ns.map(median);
+        println!("| {} | {wz:.1} | {vqf:.1} | {ratio:.3} |", samples.name);
     }
 }
 
@@ -50,17 +57,6 @@ fn time_ns(samples: &Samples, run: fn(&Samples)) -> f64 {
     let start_ns = cpu_ns();
     run(samples);
     (cpu_ns() - start_ns) as f64 / samples.readings.len() as f64
-}
-
-/// CPU time of this thread: what other processes take does not count.
-fn cpu_ns() -> i64 {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    now.tv_sec * 1_000_000_000 + now.tv_nsec
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 fn wz(samples: &Samples) {

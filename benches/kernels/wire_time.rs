@@ -4,14 +4,19 @@
 //! payloads, and the bytes. Time: CPU time of this thread, medians of interleaved rounds. Failure: none.
 
 mod drawn;
+#[path = "../common/median.rs"]
+mod median;
+#[path = "../common/own_time.rs"]
+mod own_time;
 
 use std::{env, hint::black_box};
 
 use messages::{AttitudeOutput, FusedState, Health, ImuSample};
-use rustix::time::{ClockId, clock_gettime};
 use wire::Payload;
 
 use drawn::{Drawn, envelope};
+use median::median;
+use own_time::cpu_ns;
 
 const ROUNDS: usize = 31;
 /// Messages timed together.
@@ -47,7 +52,7 @@ fn main() {
     }
     println!("| message | bytes | encode, ns | decode, ns |\n| --- | --- | --- | --- |");
     for Row { name, bytes, rounds, .. } in &rows {
-        let median = |pick: fn(&Ns) -> f64| median(rounds.iter().map(pick).collect());
+        let median = |pick: fn(&Ns) -> f64| median(rounds.iter().map(pick));
         println!("| {name} | {bytes} | {:.0} | {:.0} |", median(|ns| ns.encode), median(|ns| ns.decode));
     }
 }
@@ -68,15 +73,4 @@ fn round<M: Payload + Drawn>(samples: u64) -> Ns {
     }
     let of_one = |ns: i64| ns as f64 / MESSAGES as f64;
     Ns { encode: of_one(encoded_ns - start_ns), decode: of_one(cpu_ns() - encoded_ns) }
-}
-
-/// CPU time of this thread: what other processes take does not count.
-fn cpu_ns() -> i64 {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    now.tv_sec * 1_000_000_000 + now.tv_nsec
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }

@@ -15,8 +15,12 @@
 
 mod bus;
 mod chain;
+#[path = "../common/median.rs"]
+mod median;
 #[path = "../common/process.rs"]
 mod process;
+#[path = "../common/program.rs"]
+mod program;
 mod raw;
 mod real;
 mod table;
@@ -92,17 +96,7 @@ struct LatencyUs {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let ended = match &cli.part {
-        Some(part) => serde_json::from_str(part).map_err(Failure::from).and_then(|part| be(&part)),
-        None => measure(&cli),
-    };
-    match ended {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(cli.part.as_deref(), be, || measure(&cli))
 }
 
 fn be(part: &Part) -> Result<(), Failure> {

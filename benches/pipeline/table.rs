@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{Cost, Failure, LatencyUs, Mode, RATES_HZ, Variant};
+use crate::{Cost, Failure, LatencyUs, Mode, RATES_HZ, Variant, median::median};
 
 /// All runs of all rounds.
 #[derive(Serialize)]
@@ -98,13 +98,6 @@ impl Table {
     fn costs(&self, place: Place) -> Vec<Cost> {
         self.runs.iter().filter(|run| run.place == place).map(|run| run.cost).collect()
     }
-}
-
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 { values[middle] } else { (values[middle - 1] + values[middle]) / 2.0 }
 }
 
 impl fmt::Display for Table {

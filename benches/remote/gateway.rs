@@ -13,6 +13,7 @@ use wire::keys;
 use crate::{
     Cost, Failure, Variant,
     part::{self, End, Part, WAIT_LIMIT},
+    sample::attitude,
     system::{self, System},
     watched,
 };
@@ -43,7 +44,7 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
             let bus = Bus::join(&Domain::new(&part.at)?, "near")?;
             let publisher = bus.publisher::<AttitudeOutput>(system::buffer_ticks(part.rate_hz))?;
             part::send(part, |tick, now_ns| {
-                publisher.send(&attitude(tick, now_ns))?;
+                publisher.send(&attitude(header(tick, now_ns)))?;
                 publisher.wake();
                 Ok(())
             })
@@ -75,23 +76,7 @@ pub(crate) fn message_bytes() -> usize {
         t_sent_ns: now_ns,
         ..Default::default()
     };
-    wire::seal(&envelope, &wire::samples([&attitude(1000, now_ns)])).len()
-}
-
-fn attitude(tick: u64, now_ns: u64) -> AttitudeOutput {
-    AttitudeOutput {
-        header: header(tick, now_ns),
-        quaternion: [0.5, -0.5, 0.5, -0.5],
-        yaw_rad: 2.1,
-        pitch_rad: -0.1,
-        roll_rad: 0.2,
-        course_rad: 1.9,
-        course_sd_rad: 0.03,
-        rate_rad_s: [0.013, -0.2, 1.1],
-        inclination_sd_rad: 0.002,
-        jump: [1.0, 0.0, 0.0, 0.0],
-        ..AttitudeOutput::zeroed()
-    }
+    wire::seal(&envelope, &wire::samples([&attitude(header(1000, now_ns))])).len()
 }
 
 /// The header of a tick that is born now.

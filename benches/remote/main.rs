@@ -19,9 +19,15 @@
 mod bare;
 mod carried;
 mod gateway;
+#[path = "../common/median.rs"]
+mod median;
 mod part;
 #[path = "../common/process.rs"]
 mod process;
+#[path = "../common/program.rs"]
+mod program;
+#[path = "../common/sample.rs"]
+mod sample;
 mod system;
 mod table;
 mod tunnel;
@@ -89,17 +95,7 @@ struct Cost {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let ended = match &cli.part {
-        Some(part) => serde_json::from_str(part).map_err(Failure::from).and_then(|part: Part| be(&part)),
-        None => measure(&cli),
-    };
-    match ended {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(cli.part.as_deref(), be, || measure(&cli))
 }
 
 fn be(part: &Part) -> Result<(), Failure> {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::{Cost, Failure, RATES_HZ, Variant};
+use crate::{Cost, Failure, RATES_HZ, Variant, median::median};
 
 /// All runs of all rounds.
 #[derive(Serialize)]
@@ -63,32 +63,24 @@ impl Table {
 
     fn row(&self, rate_hz: u32, variant: Variant) -> Option<Row> {
         let (costs, bare) = (self.costs(rate_hz, variant), self.costs(rate_hz, Variant::Zenoh));
-        let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick).collect());
-        let ratio = |pick: fn(&Cost) -> f64| {
-            median(costs.iter().zip(&bare).map(|(cost, bare)| pick(cost) / pick(bare)).collect())
-        };
+        let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
+        let ratio =
+            |pick: fn(&Cost) -> f64| median(costs.iter().zip(&bare).map(|(cost, bare)| pick(cost) / pick(bare)));
         let lost = costs.iter().map(|cost| cost.lost).sum();
         let cost = Cost {
-            p50_us: over(|cost| cost.p50_us)?,
-            p99_us: over(|cost| cost.p99_us)?,
-            cpu_us: over(|cost| cost.cpu_us)?,
+            p50_us: over(|cost| cost.p50_us),
+            p99_us: over(|cost| cost.p99_us),
+            cpu_us: over(|cost| cost.cpu_us),
             lost,
         };
-        let (ratio_p50, ratio_cpu) = (ratio(|cost| cost.p50_us)?, ratio(|cost| cost.cpu_us)?);
-        Some(Row { rate_hz, variant, cost, ratio_p50, ratio_cpu })
+        let (ratio_p50, ratio_cpu) = (ratio(|cost| cost.p50_us), ratio(|cost| cost.cpu_us));
+        (!costs.is_empty()).then_some(Row { rate_hz, variant, cost, ratio_p50, ratio_cpu })
     }
 
     /// Round by round.
     fn costs(&self, rate_hz: u32, variant: Variant) -> Vec<Cost> {
         self.runs.iter().filter(|run| (run.rate_hz, run.variant) == (rate_hz, variant)).map(|run| run.cost).collect()
     }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    let upper = *values.get(middle)?;
-    Some(if values.len() % 2 == 1 { upper } else { (values[middle - 1] + upper) / 2.0 })
 }
 
 impl fmt::Display for Table {

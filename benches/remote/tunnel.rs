@@ -6,6 +6,7 @@
 use std::{ffi::OsStr, fs, path::Path, thread, time::Duration};
 
 use iceoryx2::prelude::{Config, FileName, Node, NodeBuilder, SemanticString, ServiceName, ipc};
+use tempfile::TempDir;
 
 use crate::{
     Cost, Failure, Variant, bare,
@@ -18,17 +19,33 @@ use crate::{
 type Sample = [u64; 14];
 const SERVICE: &str = "bench";
 const BUFFER: usize = 1024;
+const SHARED_MEMORY: &str = "/dev/shm";
 /// Until both tunnels have found what there is to carry.
 const SETTLING: Duration = Duration::from_secs(3);
+
+/// The folder of both hosts. What processes that were ended have left outside of it goes with it.
+struct Folder(TempDir);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let made_here = prefix(&self.0.path().to_string_lossy());
+        for file in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+            if file.file_name().to_string_lossy().starts_with(&made_here) {
+                // What cannot be removed is in the way of nobody.
+                let _ = fs::remove_file(file.path());
+            }
+        }
+    }
+}
 
 /// Measures the variant.
 pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let program = program.ok_or("--tunnel says where the tunnel's executable is")?;
     let program = program.to_str().ok_or("the path of the tunnel is not text")?;
-    let folder = tempfile::tempdir_in("/dev/shm")?;
+    let folder = Folder(tempfile::tempdir_in(SHARED_MEMORY)?);
     let endpoint = format!("tcp/127.0.0.1:{}", bare::free_port()?);
     let part = |end, at: &str| Part::new(Variant::Tunnel, end, at, rate_hz, seconds);
-    let hosts = ["near", "far"].map(|host| folder.path().join(host));
+    let hosts = ["near", "far"].map(|host| folder.0.path().join(host));
     let mut tunnels = Vec::new();
     for (host, end, other, wake) in [
         (&hosts[0], "listen", "connect", ["--listener", SERVICE].as_slice()),

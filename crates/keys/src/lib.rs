@@ -39,7 +39,7 @@ pub enum KeysError {
         text: String,
     },
     /// A host that no certificate can name.
-    #[error("the router's host `{text}`: expected an IP address or a host name")]
+    #[error("the host `{text}`: expected an IP address or a host name")]
     Host {
         /// What was given.
         text: String,

@@ -89,7 +89,7 @@ impl Serialize for Party {
     }
 }
 
-/// An address or a name at which the router is reached; its certificate is good for no other.
+/// An address or a name at which a router or a vehicle is reached; its certificate is good for no other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Host(String);
 

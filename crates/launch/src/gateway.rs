@@ -225,6 +225,7 @@ mod tests {
     #[test]
     fn what_it_says_is_taken() {
         let text = r#"
+            services = ["ingest", "gyro", "accel", "fuser", "course", "gateway"]
             [gateway]
             vehicle = "drone-7"
             listen = ["tcp/localhost:7447", "tcp/[::1]:1", "tls/0.0.0.0:7447"]

@@ -79,6 +79,7 @@ impl Launch {
         });
         if all_known && !self.gateway.is_split() {
             whole(section, &self.services);
+            gateway_starts(section);
         } else if all_known {
             split::problems(self, section).into_iter().for_each(|problem| section.report(problem));
         }
@@ -130,6 +131,18 @@ fn whole(section: &mut Section<'_, '_>, services: &[Service]) {
         section.report(Problem {
             note: Some("every service of the data path runs exactly once, here or behind [gateway.import]".into()),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
+        });
+    }
+}
+
+/// What is said of the gateway is for one that is started. Who lists the services without it has left it out.
+fn gateway_starts(section: &mut Section<'_, '_>) {
+    if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
+        let started = Service::ALL.map(Service::name);
+        section.report(Problem {
+            help: Some(format!("at the top of the file: services = [{}]", quoted(&started))),
+            note: Some("a list of services without \"gateway\" leaves it out".into()),
+            ..Problem::new(span, "gateway: it is not among the services that are started", "nothing goes out")
         });
     }
 }

@@ -140,6 +140,14 @@ pub enum LinkError {
         /// How long it was waited for.
         limit_s: f64,
     },
+    /// Whoever was asked does not answer, and says why.
+    #[error("asking {key}: refused: {reason}")]
+    Refused {
+        /// The question.
+        key: String,
+        /// Why, for people.
+        reason: String,
+    },
     /// The answer is none.
     #[error("asking {key}: {cause}")]
     Answer {

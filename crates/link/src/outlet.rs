@@ -11,6 +11,9 @@ use zenoh::{
 
 use crate::{Link, LinkError, at_key};
 
+/// The encoding of why there is no answer. Zenoh's own errors have others.
+pub(crate) const REASON: Encoding = Encoding::TEXT_PLAIN;
+
 /// The encoding that tells the type of a payload.
 fn encoding(message: &str) -> Encoding {
     Encoding::APPLICATION_PROTOBUF.with_schema(message)
@@ -107,6 +110,6 @@ impl Question {
 
     /// Says why there is no answer.
     pub fn refuse(&self, reason: &str) {
-        let _ = self.0.reply_err(reason.to_owned()).wait();
+        let _ = self.0.reply_err(reason.to_owned()).encoding(REASON).wait();
     }
 }

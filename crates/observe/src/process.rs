@@ -31,6 +31,13 @@ impl Processes {
     }
 }
 
+/// The process has been stopped, as by Ctrl-Z, and does nothing until it is let go on.
+pub fn is_stopped(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // Its name is in parentheses and may hold some itself.
+    stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with(['T', 't']))
+}
+
 /// CPU time of all threads of a process, ns.
 fn threads_ns(pid: u32) -> Option<u64> {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?;

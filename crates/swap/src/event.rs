@@ -215,7 +215,10 @@ pub enum Reason {
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Busy { id } => write!(f, "request {id} for this slot is still under way; wait for it or cancel it"),
+            Self::Busy { id } => write!(
+                f,
+                "request {id} for this slot is still under way; a swap ends by itself, a shadow by Ctrl-C where it was asked for"
+            ),
             Self::ActiveDown => write!(f, "the slot's own stage is being restarted; ask again when it runs"),
             Self::SpawnFailed { cause } => write!(f, "the candidate could not be started: {cause}"),
             Self::NotReady { ready_ms } => write!(f, "the candidate had not opened its topics after {ready_ms} ms"),

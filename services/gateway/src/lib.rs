@@ -5,8 +5,8 @@
 //! take is dropped, oldest first, and counted; a network that is dead, slow or blocked is not noticed on board.
 //!
 //! Two threads: one looks at the bus, puts what is to go out into a queue that has an end, and takes it to the network; while the other
-//! is at the network, with signs of life or a report, it takes along what is in the queue. Each question that takes time has a thread
-//! of its own, up to a limit.
+//! is at the network, with signs of life or a report, it takes along what is in the queue. Each question has a thread of its own, up to a
+//! limit.
 //!
 //! | module | what it holds |
 //! | --- | --- |
@@ -15,11 +15,13 @@
 //! | `queue` | between bus and network; newest wins |
 //! | `sender` | to the network, each message in its envelope |
 //! | `answers` | last values, schema, services |
+//! | `clerks` | who answers, so that the network waits for no reader |
 //! | `desk` | requests for a swap, each carried out once |
 //! | [`split`] | one system on several hosts: ticks from one gateway to another |
 #![forbid(unsafe_code)]
 
 mod answers;
+mod clerks;
 pub mod desk;
 mod pace;
 pub mod queue;
@@ -89,6 +91,8 @@ pub(crate) struct Shared {
     pub(crate) desk: Arc<Desk>,
     /// Messages from outside that were none.
     pub(crate) refusals: Mutex<Refusals>,
+    /// Questions beyond those that were being seen to.
+    pub(crate) turned_away: Arc<AtomicU64>,
     /// When each service was heard last.
     heard: Mutex<[Option<Instant>; Service::ALL.len()]>,
     /// Samples dropped in all, for the health.
@@ -139,6 +143,7 @@ pub fn run() -> Result<(), GatewayError> {
         queue: Queue::new(QUEUE_MAX, messages::TOPICS.len()),
         desk: Arc::new(Desk::new(ask_for_swap(launch.name.clone()))),
         refusals: Mutex::default(),
+        turned_away: Arc::default(),
         heard: Mutex::default(),
         dropped: AtomicU64::new(0),
         ends: AtomicBool::new(false),
@@ -161,7 +166,7 @@ pub fn run() -> Result<(), GatewayError> {
         split.turn(&member)?;
         let (ticks, lost) =
             split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), shared.dropped.load(Ordering::Relaxed)));
-        let refused = locked(&shared.refusals).total();
+        let refused = locked(&shared.refusals).total() + shared.turned_away.load(Ordering::Relaxed);
         let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
         member.say(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
         pace.rest(|limit| split.wait(&taps, limit));
@@ -191,7 +196,7 @@ fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, lif
     tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
     let carrying = end.carry(&link, shared)?;
     let sender = Sender::open(&link, shared.clone(), launch, life)?;
-    let _answering = answers::open(&link, shared, &launch.name, sender.last())?;
+    let _answering = answers::open(&link, shared, sender.last())?;
     let sender = sending.get_or_init(|| Mutex::new(sender));
     while !shared.ends() {
         shared.queue.wait(sender::TURN_LIMIT);

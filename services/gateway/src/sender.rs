@@ -137,6 +137,7 @@ impl Sender {
             refused: Some(*locked(&self.shared.refusals)),
             swaps_asked,
             swaps_answered_here,
+            questions_turned_away: self.shared.turned_away.load(Ordering::Relaxed),
             topics: TOPICS.iter().zip(&self.outlets).filter_map(topic).collect(),
         };
         self.report.send(report.encoded(), 1, &self.last);

@@ -22,11 +22,7 @@ use super::{
     record::{place, places},
     run_of,
 };
-use crate::{
-    Shared,
-    answers::{Clerks, with_a_clerk},
-    locked,
-};
+use crate::{Shared, clerks::Clerks, locked};
 
 /// Frames in answer to one question: some seconds of ticks. Who wants more asks again.
 const FRAMES_MAX: usize = 64;
@@ -112,11 +108,11 @@ impl Kept {
     /// Sends what the cache gets and answers who asks, until the gateway ends.
     pub(crate) fn carry(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
         let outlet = link.carrier(&self.key)?;
-        let clerks = Clerks::default();
+        let clerks = Clerks::new(&shared.turned_away);
         let kept = self.clone();
         let answering = link.answering(&self.key, move |question| {
             let kept = kept.clone();
-            with_a_clerk(&clerks, question, move |question| kept.answer(&question));
+            clerks.see_to(question, move |question| kept.answer(question));
         })?;
         let kept = self.clone();
         Ok(thread::spawn(move || {
