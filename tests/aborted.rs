@@ -98,6 +98,42 @@ fn a_candidate_that_gives_what_is_not_a_number() {
 }
 
 #[test]
+fn an_active_stage_that_freezes_anywhere_near_its_last_tick_costs_no_tick() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let active = |slot: &str| {
+        let services = ask(&system, &["ps"]);
+        services.as_array().unwrap().iter().find(|one| one["service"] == slot).unwrap()["pid"].as_u64().unwrap() as u32
+    };
+    // The decision falls some 130 ms after the request, and the tick 50 ms after the decision; where exactly is chance.
+    for (slot, stage, delay_ms) in [
+        ("course", "angles", 135),
+        ("fuser", "wz", 150),
+        ("course", "angles", 165),
+        ("gyro", "mobius", 165),
+        ("accel", "projector", 165),
+        ("course", "angles", 180),
+        ("fuser", "wz", 195),
+    ] {
+        let frozen = active(slot);
+        let asking = plumb(&["swap", slot, stage, "--json", "--system", &system.name]);
+        let asking = { asking }.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        signal(frozen, Signal::STOP);
+        let report: Value = serde_json::from_slice(&asking.wait_with_output().unwrap().stdout).unwrap();
+        println!("frozen {delay_ms} ms after the request: {report}");
+        until("the frozen one to be gone", || !lives(frozen));
+        system.all_run();
+    }
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
 fn a_stage_that_ignores_its_end_is_killed_once_it_owns_nothing() {
     let system = system("ignores-sigterm");
     let running = started(&system, &[]);

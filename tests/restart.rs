@@ -79,6 +79,21 @@ fn two_neighbours_killed_at_once_go_on() {
 }
 
 #[test]
+fn services_that_die_one_after_another_while_a_reader_stands_still_go_on() {
+    assert_undisturbed("", &[], |running| {
+        for [first, second] in [["accel", "fuser"], ["gyro", "fuser"], ["ingest", "fuser"], ["accel", "fuser"]] {
+            pause(700);
+            signal(running.service("course"), Signal::STOP);
+            pause(100);
+            signal(running.service(first), Signal::KILL);
+            pause(120);
+            signal(running.service(second), Signal::KILL);
+            pause(700);
+        }
+    });
+}
+
+#[test]
 fn a_service_that_freezes_is_killed_and_goes_on() {
     let run = assert_undisturbed("", &[], |running| {
         for service in ["gyro", "accel", "fuser", "course"] {

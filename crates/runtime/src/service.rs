@@ -103,6 +103,7 @@ impl<O: Ticked + Comparable> Serving<O> {
     fn turn<S: Slot<Output = O>>(&mut self, slot: &mut S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
         self.output.greet()?;
         let (before, begun_ns) = (slot.sequence().ticks, monotonic_ns());
+        let published = self.tenure.publishes();
         let Self { member, output, tenure, exchanged, shadow, flags, flawed, .. } = self;
         let mut failed = None;
         for _ in 0..member.orders.buffer_ticks() / TURN + 1 {
@@ -129,6 +130,10 @@ impl<O: Ticked + Comparable> Serving<O> {
             if monotonic_ns() - begun_ns > TURN_LIMIT_NS {
                 break;
             }
+        }
+        // Whoever takes over is confirmed by that.
+        if published && !tenure.publishes() {
+            member.say_at_once();
         }
         failed.map_or(Ok(()), |error| Err(error.into()))
     }

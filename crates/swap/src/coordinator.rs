@@ -97,7 +97,12 @@ impl Coordinator {
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
             Event::ReadersKeep { next_tick } => self.readers_tick = self.readers_tick.max(next_tick),
             Event::Passage => {}
-            Event::Cancel => self.abort(now_ms, Reason::Cancelled, actions),
+            Event::Cancel => {
+                // A shadow that somebody has promoted is not the canceller's any more.
+                if self.swap.as_ref().is_some_and(|swap| swap.request.shadow_only) {
+                    self.abort(now_ms, Reason::Cancelled, actions);
+                }
+            }
             Event::Died { incarnation } => self.mourn(now_ms, incarnation, actions),
             Event::Health { incarnation, standing, flawed } => {
                 if self.active == Some(incarnation) {

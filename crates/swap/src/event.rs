@@ -47,7 +47,7 @@ pub enum Event {
     Request(Request),
     /// The candidate in the shadow is to take over.
     Promote,
-    /// The exchange is not wanted any more.
+    /// The shadow is not wanted any more; one that was promoted meanwhile is.
     Cancel,
     /// The candidate runs.
     Spawned {
@@ -219,7 +219,9 @@ impl fmt::Display for Reason {
                 f,
                 "request {id} for this slot is still under way; a swap ends by itself, a shadow by Ctrl-C where it was asked for"
             ),
-            Self::ActiveDown => write!(f, "the slot's own stage is being restarted; ask again when it runs"),
+            Self::ActiveDown => {
+                write!(f, "the slot's own stage does not run: it is being restarted, or has failed; `plumb ps` tells")
+            }
             Self::SpawnFailed { cause } => write!(f, "the candidate could not be started: {cause}"),
             Self::NotReady { ready_ms } => write!(f, "the candidate had not opened its topics after {ready_ms} ms"),
             Self::NotCaughtUp { lag_ticks: None } => {

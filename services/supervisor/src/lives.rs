@@ -24,6 +24,12 @@ pub(crate) struct Lives {
 }
 
 impl Lives {
+    /// The first life has never begun to work: it is as if the limit were reached.
+    pub(crate) fn never_began(&mut self, rule: &Restart) -> Verdict {
+        self.failures = rule.limit;
+        self.ended(Duration::ZERO, rule)
+    }
+
     /// A life of this length has ended.
     pub(crate) fn ended(&mut self, lived: Duration, rule: &Restart) -> Verdict {
         self.failures = if lived.as_secs_f64() < rule.settled_s { self.failures + 1 } else { 0 };
@@ -73,6 +79,13 @@ mod tests {
     #[test]
     fn a_service_that_lived_long_is_back_at_once_however_often_it_dies() {
         assert_eq!(pauses_ms(RULE, 1.5, 50), vec![Some(0); 50]);
+    }
+
+    #[test]
+    fn one_that_never_began_is_given_up_at_once() {
+        assert_eq!(Lives::default().never_began(&RULE), Verdict::Stop);
+        let hold = Restart { on_limit: OnLimit::Hold, ..RULE };
+        assert_eq!(Lives::default().never_began(&hold), Verdict::Again(Duration::from_millis(500)));
     }
 
     #[test]

@@ -43,30 +43,40 @@ impl Memory {
     /// From where the next life of a service goes on: the newest state from which it says again all that its readers would need if they
     /// had to go on from their own.
     pub(crate) fn resume(&self, service: Service, launch: &Launch) -> Resume {
-        let newest_tick = |reader: &Service| self.of(*reader).back().map_or(0, |checkpoint| checkpoint.next_tick);
-        let here = readers(service).iter().filter(|reader| launch.follows(**reader));
-        let needed_tick = here.map(newest_tick).min().unwrap_or(u64::MAX);
-        let kept = self.of(service);
         if service == Service::Ingest {
-            let [start_ns, offset_ns] = kept.back().map_or([0, 0], |newest| [newest.words[0], newest.words[1]]);
-            return Resume::Source { next_tick: needed_tick, start_ns, offset_ns: offset_ns.cast_signed() };
+            let newest = self.of(service).back();
+            let [start_ns, offset_ns] = newest.map_or([0, 0], |newest| [newest.words[0], newest.words[1]]);
+            let next_tick = self.needed_tick(service, launch);
+            return Resume::Source { next_tick, start_ns, offset_ns: offset_ns.cast_signed() };
         }
-        let early_enough = kept.iter().rev().find(|checkpoint| checkpoint.next_tick <= needed_tick);
-        match early_enough.or(kept.front()) {
+        match self.early_enough(service, self.needed_tick(service, launch)) {
             Some(checkpoint) => Resume::Checkpoint(Box::new(Record::from(checkpoint))),
             None => Resume::Fresh,
         }
+    }
+
+    /// The tick that the next life of a service would go on with.
+    pub(crate) fn resume_tick(&self, service: Service, launch: &Launch) -> Option<u64> {
+        // A gateway both reads and publishes; it goes on from its own newest state.
+        let needed_tick = if service == Service::Gateway { u64::MAX } else { self.needed_tick(service, launch) };
+        self.early_enough(service, needed_tick).map(|checkpoint| checkpoint.next_tick)
+    }
+
+    /// The first tick that a reader of the service would need if it, and whoever reads it in turn, had to go on from their states.
+    fn needed_tick(&self, service: Service, launch: &Launch) -> u64 {
+        let here = readers(service).iter().filter(|reader| launch.follows(**reader));
+        here.map(|reader| self.resume_tick(*reader, launch).unwrap_or(0)).min().unwrap_or(u64::MAX)
+    }
+
+    fn early_enough(&self, service: Service, needed_tick: u64) -> Option<&Checkpoint> {
+        let kept = self.of(service);
+        kept.iter().rev().find(|checkpoint| checkpoint.next_tick <= needed_tick).or(kept.front())
     }
 
     /// The newest state of a service, for a stage that is to take over.
     pub(crate) fn newest(&self, service: Service) -> Resume {
         let newest = self.of(service).back();
         newest.map_or(Resume::Fresh, |checkpoint| Resume::Checkpoint(Box::new(Record::from(checkpoint))))
-    }
-
-    /// The tick that a service would go on with from its newest state.
-    pub(crate) fn newest_tick(&self, service: Service) -> Option<u64> {
-        self.of(service).back().map(|checkpoint| checkpoint.next_tick)
     }
 
     fn of(&self, service: Service) -> &VecDeque<Checkpoint> {
@@ -137,6 +147,21 @@ mod tests {
             Some(0),
             "accel has not said where it is"
         );
+    }
+
+    #[test]
+    fn a_reader_goes_on_from_where_its_own_readers_could_have_to() {
+        let mut memory = Memory::default();
+        for service in [Service::Gyro, Service::Accel, Service::Fuser] {
+            (1..=10).for_each(|i| memory.keep(checkpoint(service, 10 * i)));
+        }
+        memory.keep(checkpoint(Service::Course, 35));
+        let launch = Launch::default();
+        let resumes = |service| next_tick(&memory.resume(service, &launch));
+        assert_eq!(resumes(Service::Fuser), Some(30));
+        assert_eq!(resumes(Service::Gyro), Some(30), "the fuser would go back to 30, because of the course");
+        assert_eq!(resumes(Service::Ingest), Some(30));
+        assert_eq!(memory.resume_tick(Service::Accel, &launch), Some(30));
     }
 
     #[test]

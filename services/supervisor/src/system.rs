@@ -140,13 +140,13 @@ impl System {
         let start = Instant::now();
         let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
         let mut granted = if lockstep { window } else { u64::MAX };
-        self.ports.grant(granted)?;
         let (mut stopping, mut given_up) = (false, false);
         let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
         let mut ended = !self.is_ready();
         if !ended {
+            self.ports.grant(granted)?;
             self.notifier.ready();
         }
         while !ended {

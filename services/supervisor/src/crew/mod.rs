@@ -238,11 +238,16 @@ impl Crew {
         news.deaths.push(Death { service, incarnation: process.incarnation, said: said.clone() });
         let said = if said.is_empty() { said } else { format!(":\n{said}") };
         post.at = None;
-        // One that never said anything has failed, however long it took.
-        let lived = process.heard.map_or(Duration::ZERO, |_| process.since.elapsed());
         let rule = self.orders.launch.restart;
         let on_limit = if service.is_beside() { OnLimit::Hold } else { rule.on_limit };
-        match post.lives.ended(lived, &Restart { on_limit, ..rule }) {
+        let rule = Restart { on_limit, ..rule };
+        let verdict = match process.heard {
+            Some(_) => post.lives.ended(process.since.elapsed(), &rule),
+            None if process.given_up && post.lives.restarts == 0 => post.lives.never_began(&rule),
+            // One that never said anything has failed, however long it took.
+            None => post.lives.ended(Duration::ZERO, &rule),
+        };
+        match verdict {
             Verdict::Stop => return Err(UpError::ServiceEnded { service, pid: process.pid, how, said }),
             Verdict::Away => {
                 post.away = true;

@@ -117,16 +117,17 @@ impl Post {
     /// Kills who says nothing any more.
     pub(super) fn kill_the_silent(&mut self, service: Service, rule: &Restart, news: &mut News) {
         for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
-            let (silent, limit) = match &process.heard {
+            let (silent, limit, what) = match &process.heard {
                 Some(heard) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
-                    (heard.at.elapsed(), if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit })
+                    let limit = if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit };
+                    (heard.at.elapsed(), limit, "said nothing")
                 }
-                None => (process.since.elapsed(), READY_LIMIT),
+                None => (process.since.elapsed(), READY_LIMIT, "not opened its topics"),
             };
             if silent > limit && process.ended.is_none() && !std::mem::replace(&mut process.given_up, true) {
                 let ms = silent.as_millis();
-                news.lines.push(format!("{service}: process {} has said nothing for {ms} ms", process.pid));
+                news.lines.push(format!("{service}: process {} has {what} for {ms} ms", process.pid));
                 process.signal(Signal::KILL);
             }
         }

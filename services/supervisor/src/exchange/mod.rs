@@ -49,16 +49,17 @@ impl Exchange {
     /// The slots, each owned by the stage that was started in it first.
     pub(crate) fn new(control: Publisher<Control>, orders: &Orders, crew: &Crew) -> Self {
         let margin_ticks = if orders.lockstep() { orders.window_ticks() } else { (orders.rate_hz * 0.05) as u64 };
+        let margin_ticks = margin_ticks.max(8);
         let limits = Limits {
             ready_ms: 10_000,
             caught_up_ms: 5_000,
             shadow_ms: 100,
-            commit_ms: 400,
+            commit_ms: 400 + (margin_ticks as f64 / orders.rate_hz * 1e3) as u64,
             restore_ms: 500,
             linger_ms: 1_000,
             end_ms: 400,
             lag_max_ticks: ((orders.rate_hz * 0.02) as u64).max(8),
-            margin_ticks: margin_ticks.max(8),
+            margin_ticks,
         };
         let slots =
             crew.posts().map(|(service, _)| service).filter(|service| orders.launch.slot(*service).is_some()).map(
@@ -201,16 +202,20 @@ impl Exchange {
         let newest_tick = bus.next_tick::<ImuSample>().max(bus.next_tick::<GyroStep>()).saturating_sub(1);
         for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
-            let kept = readers(service).iter().filter_map(|reader| memory.newest_tick(*reader)).min();
+            let kept =
+                readers(service).iter().filter_map(|reader| memory.resume_tick(*reader, &self.orders.launch)).min();
             let next_tick =
                 if readers(service).is_empty() { collector.sequence().next_tick } else { kept.unwrap_or(0) };
             self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
-            // What it has published says more about how far it is than what it said last.
-            let published = published_tick(bus, service);
+            // What it has published says more about how far it is than what it said last, but for what the candidate may have published.
+            let published = Some(published_tick(bus, service)).filter(|tick| match self.handing_over_at(service) {
+                Some(from_tick) => *tick <= from_tick,
+                None => true,
+            });
             for heard in active.iter() {
-                self.tell(service, health(heard, published), crew, memory);
+                self.tell(service, health(heard, published.unwrap_or(0)), crew, memory);
             }
             for heard in candidate.iter() {
                 self.tell(service, health(heard, 0), crew, memory);
@@ -233,6 +238,14 @@ impl Exchange {
         let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch()) + 1;
         self.control.send(&Control { from_tick, epoch, service: service as u32, owner: 0, reserved: 0 })?;
         Ok(())
+    }
+
+    /// The tick at which a slot changes hands, between the decision and its confirmation.
+    fn handing_over_at(&mut self, service: Service) -> Option<u64> {
+        match self.slot(service)?.coordinator.state() {
+            State::Armed { from_tick } => Some(from_tick),
+            _ => None,
+        }
     }
 
     fn now_ms(&self) -> u64 {
