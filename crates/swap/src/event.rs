@@ -241,7 +241,7 @@ impl fmt::Display for Reason {
             Self::NotConfirmed { from_tick } => {
                 write!(
                     f,
-                    "the change of hands at tick {from_tick} was not confirmed in time; is the source still giving samples?"
+                    "the change of hands at tick {from_tick} was not confirmed in time; does the source still give samples, and the active stage still run?"
                 )
             }
             Self::Cancelled => write!(f, "cancelled as asked"),

@@ -120,13 +120,16 @@ class Service:
     def _turn(self):
         """Takes what the inputs hold and publishes what follows from it, as far as the slot is owned."""
         self.output.greet()
-        before = self.slot.sequence.ticks
+        before, published = self.slot.sequence.ticks, self.tenure.publishes()
         for _ in range(self.orders["buffer_ticks"] // _TURN + 1):
             taken = [one.drain(self.slot, self._computed) for one in self.inputs]
             if self.slot.sequence.ticks != before:
                 self.output.wake()
             if not any(taken):
                 break
+        # Whoever takes over is confirmed by that.
+        if published and not self.tenure.publishes():
+            self.said_at_ns = 0
 
     def _computed(self, out):
         self.flags |= out.header.flags
