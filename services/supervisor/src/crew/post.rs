@@ -116,7 +116,9 @@ impl Post {
 
     /// Kills who says nothing any more.
     pub(super) fn kill_the_silent(&mut self, service: Service, rule: &Restart, news: &mut News) {
-        for process in [&mut self.process, &mut self.candidate].into_iter().flatten() {
+        // Until a candidate has begun to work, its exchange has a deadline for it.
+        let candidate = self.candidate.as_mut().filter(|candidate| candidate.heard.is_some());
+        for process in self.process.iter_mut().chain(candidate) {
             let (silent, limit, what) = match &process.heard {
                 Some(heard) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
