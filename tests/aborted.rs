@@ -45,11 +45,7 @@ fn assert_aborted(fault: &str, reason: &str) {
     until("the candidate to be gone", || children_of(running.pid()).len() == 5);
     // The slot is free again.
     assert_eq!(ask(&system, &["swap", "course", "angles"])["outcome"], "committed");
-    running.interrupt();
-    let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
-    assert_eq!(system.remains(), Vec::<String>::new());
+    system.assert_ends_undisturbed(running, &out, "");
 }
 
 #[test]
@@ -126,11 +122,7 @@ fn an_active_stage_that_freezes_anywhere_near_its_last_tick_costs_no_tick() {
         until("the frozen one to be gone", || !lives(frozen));
         system.all_run();
     }
-    running.interrupt();
-    let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
-    assert_eq!(system.remains(), Vec::<String>::new());
+    system.assert_ends_undisturbed(running, &out, "");
 }
 
 #[test]

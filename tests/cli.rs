@@ -440,8 +440,7 @@ fn a_start_right_after_the_supervisor_was_killed_is_whole() {
         assert_eq!(run.number("/ticks_out"), 200.0);
         drop(first);
     }
-    // A service that the killed one has left behind may be the last to go, and looks for what is left.
-    until("what is left to be removed", || system.remains().is_empty());
+    assert_eq!(system.remains(), Vec::<String>::new());
 }
 
 #[test]

@@ -16,12 +16,7 @@ fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Ru
     running.all_services();
     disturb(&running);
     system.all_run();
-    running.interrupt();
-    let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, launch);
-    assert_eq!(system.remains(), Vec::<String>::new());
-    run
+    system.assert_ends_undisturbed(running, &out, launch)
 }
 
 fn restarts(run: &Run, service: &str) -> u64 {
@@ -140,11 +135,7 @@ fn a_service_that_cannot_start_yet_is_waited_for_where_the_rule_says_so() {
     until("the third attempt", || system.ps().iter().any(|one| one["restarts"].as_u64() >= Some(2)));
     std::fs::write(there, "").unwrap();
     system.all_run();
-    running.interrupt();
-    let run = running.wait();
-    run.assert_whole();
-    run.assert_bytes(&out, "");
-    assert_eq!(system.remains(), Vec::<String>::new());
+    system.assert_ends_undisturbed(running, &out, "");
 }
 
 #[test]

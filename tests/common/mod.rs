@@ -80,6 +80,16 @@ impl System {
         serde_json::from_slice(&output.stdout).unwrap_or_default()
     }
 
+    /// Ends the system, which has written `out`: nothing is lost or left behind, and the bytes are those of an undisturbed run of `launch`.
+    pub fn assert_ends_undisturbed(&self, running: Running, out: &Path, launch: &str) -> Run {
+        running.interrupt();
+        let run = running.wait();
+        run.assert_whole();
+        run.assert_bytes(out, launch);
+        assert_eq!(self.remains(), Vec::<String>::new());
+        run
+    }
+
     /// Shared memory and files that carry the system's name.
     pub fn remains(&self) -> Vec<String> {
         let dotted = format!("plumbline.{}.", self.name);

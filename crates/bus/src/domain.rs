@@ -59,10 +59,19 @@ impl Domain {
 
     /// The same, but services of an earlier owner may take only so long to end.
     pub(crate) fn claim_within(&self, members_limit: Duration) -> Result<Claim, BusError> {
+        self.own(members_limit, true)
+    }
+
+    /// The same, where an earlier owner has left its page; who comes after another that has removed it makes none.
+    pub(crate) fn claim_left(&self, members_limit: Duration) -> Result<Claim, BusError> {
+        self.own(members_limit, false)
+    }
+
+    fn own(&self, members_limit: Duration, create: bool) -> Result<Claim, BusError> {
         let deadline = Instant::now() + DEATH_LIMIT;
         // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
         for _ in 0..1000 {
-            let file = self.open_page(true)?;
+            let file = self.open_page(create)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
                 Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < deadline => {

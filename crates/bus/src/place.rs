@@ -47,9 +47,9 @@ impl Drop for Place {
     /// When the owner was killed, the services that it leaves behind remove what is left of the system.
     fn drop(&mut self) {
         self.member = None;
-        if self.is_orphaned() && self.domain.page_path().exists() {
+        if self.is_orphaned() {
             // Where another service does it, or somebody starts anew, there is nothing to do.
-            drop(self.domain.claim_within(OTHERS_LIMIT));
+            drop(self.domain.claim_left(OTHERS_LIMIT));
         }
     }
 }

@@ -98,7 +98,7 @@ impl System {
         let door = Door::open(&domain)?;
         let cleaner = Cleaner::new(domain)?;
         urgency::set_own();
-        // The supervisor has opened all of its topics: a signal that ends the start would break off a wait for another's.
+        // All topics of its own are open by now: to wait for one that a service is just making is what a signal would break off.
         let crew = Crew::start(&plan.orders)?;
         let exchange = Exchange::new(control, &plan.orders, &crew);
         let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);

@@ -1,5 +1,5 @@
-//! The gyro's bias, kept for the stage that comes after by one that makes no use of it, or asks for more stillness: what another stage found,
-//! and what the gyro reads at rest.
+//! The gyro's bias for the stage that comes after: as the stage before handed it over, or as the gyro reads at rest. Kept by every stage that
+//! does not estimate it, or finds it less often.
 
 use super::{
     Estimate, FuserInput,

@@ -210,10 +210,8 @@ impl Exchange {
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
             // What it has published says more about how far it is than what it said last, but for what the candidate may have published.
-            let published = Some(published_tick(bus, service)).filter(|tick| match self.handing_over_at(service) {
-                Some(from_tick) => *tick <= from_tick,
-                None => true,
-            });
+            let published = Some(published_tick(bus, service))
+                .filter(|tick| self.handing_over_at(service).is_none_or(|from_tick| *tick <= from_tick));
             for heard in active.iter() {
                 self.tell(service, health(heard, published.unwrap_or(0)), crew, memory);
             }

@@ -135,7 +135,7 @@ impl Stage for Aided {
         for axis in GYRO..GYRO + 3 {
             adopted.covariance.begin(axis, square(common.bias_sd_rad_s).min(limit_rad_s));
         }
-        // What the giver knows of its level is how far its own innovations scatter.
+        // The giver's deviation is that of its innovations, which do not show a level that is wrong for long: the first level's is added.
         adopted.begin_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
         adopted.carried = Carried::of(common);
         adopted.reference = common.reference;
