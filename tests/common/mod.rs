@@ -1,5 +1,5 @@
 //! Systems for tests: real processes, each under a name of its own, so that tests run in parallel and never meet.
-#![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
+#![allow(dead_code, unreachable_pub, reason = "each executable uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 pub mod beyond;

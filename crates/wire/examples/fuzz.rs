@@ -4,7 +4,7 @@
 //! a decoder takes must come back the same when it is written and read again. Ends with the counts; a panic ends it with an error.
 #![allow(clippy::unwrap_used, reason = "a panic is what is looked for")]
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
 use std::time::Instant;

@@ -1,0 +1,104 @@
+//! `wz` with nine axes on the trials of BROAD, beside VQF: `cargo test --release -p attitude heading:: -- --nocapture`.
+mod stress;
+mod trial;
+
+use stress::Kind;
+use trial::{Errors, Trial, of_vqf, of_wz, trials};
+
+/// Trials without a magnetic disturbance of their own.
+const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
+
+/// Kinds of trials: what is in all their names. A rotation with breaks is of its own kind.
+const KINDS: [&[&str]; 7] = [
+    &["undisturbed", "rotation"],
+    &["undisturbed", "translation"],
+    &["with_breaks"],
+    &["tapping"],
+    &["vibration"],
+    &["stationary_magnet"],
+    &["attached_magnet"],
+];
+
+fn is_of(trial: &Trial, kind: &[&str]) -> bool {
+    let breaks = trial.name.contains("with_breaks");
+    kind.iter().all(|word| trial.name.contains(word)) && (!breaks || kind.contains(&"with_breaks"))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[test]
+fn heading_is_better_than_that_of_vqf() {
+    let Some(trials) = trials() else { return };
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    println!("RMSE, degrees: total, heading, inclination of wz; of VQF 9D");
+    for trial in &trials {
+        ours.push(of_wz(&trial.rows, 0.0));
+        theirs.push(of_vqf(&trial.rows, 0.0));
+        println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
+    }
+    for (one, (ours, theirs)) in trials.iter().zip(ours.iter().zip(&theirs)) {
+        assert!(ours.total <= theirs.total + 0.3, "{}: {ours}, VQF {theirs}", one.name);
+    }
+    for (i, trial) in trials.iter().enumerate() {
+        let rest = |all: &[Errors]| Errors::mean(&[&all[..i], &all[i + 1..]].concat());
+        println!("{} | {} | mean without {}", rest(&ours), rest(&theirs), trial.number());
+        assert!(rest(&ours).total < rest(&theirs).total, "without {}", trial.name);
+    }
+    for kind in KINDS {
+        let rest = |all: &[Errors]| {
+            let others = trials.iter().zip(all).filter(|(trial, _)| !is_of(trial, kind));
+            Errors::mean(&others.map(|(_, errors)| *errors).collect::<Vec<_>>())
+        };
+        println!("{} | {} | mean without {}", rest(&ours), rest(&theirs), kind.join(" and "));
+        assert!(rest(&ours).total < rest(&theirs).total, "without {kind:?}");
+    }
+    let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
+    println!("{ours} | {theirs} | mean");
+    assert!(ours.total <= 2.00 && ours.heading <= 1.85, "{ours}");
+}
+
+#[test]
+fn magnets_are_told_from_the_field_of_the_place() {
+    let Some(trials) = trials() else { return };
+    for (kind, limit_deg) in Kind::ALL.into_iter().zip([2.0, 2.3, 7.5, 2.6, 2.2]) {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        for trial in trials.iter().filter(|trial| CLEAN.contains(&trial.number())) {
+            for seed in 1..=4 {
+                let rows = stress::disturbed(trial, kind, seed);
+                ours.push(of_wz(&rows, 0.0).heading);
+                theirs.push(of_vqf(&rows, 0.0).heading);
+            }
+        }
+        let most = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
+        println!(
+            "{kind:?}: heading of wz {:.2}° (most {:.1}°), of VQF {:.2}° (most {:.1}°)",
+            mean(&ours),
+            most(&ours),
+            mean(&theirs),
+            most(&theirs)
+        );
+        assert!(mean(&ours) < limit_deg, "{kind:?}: {}°", mean(&ours));
+    }
+}
+
+#[test]
+fn a_start_in_the_middle_of_the_movement_is_survived() {
+    let Some(trials) = trials() else { return };
+    // From the first sample on VQF is the better by half a degree at most; once settled it is not.
+    for (unscored_s, behind_deg) in [(0.0, 0.5), (20.0, 0.0)] {
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+        for trial in &trials {
+            let (from, to) = trial.movement();
+            let rows = &trial.rows[(from + to) / 2..];
+            ours.push(of_wz(rows, unscored_s));
+            theirs.push(of_vqf(rows, unscored_s));
+            println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
+        }
+        let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
+        println!("{ours} | {theirs} | mean from {unscored_s} s after the start");
+        assert!(ours.total < theirs.total + behind_deg, "{ours}");
+        assert!(ours.inclination < theirs.inclination + 0.4 * behind_deg, "{ours}");
+    }
+}

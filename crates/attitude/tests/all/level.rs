@@ -1,0 +1,285 @@
+//! The levelling of `wz` over many seeds: the article's scenario, steady spins, the bias, a day without growth.
+use attitude::{
+    GRAVITY_M_S2, Vector3,
+    accel::Projector,
+    angles::Angles,
+    fuser::{Fused, Fuser, FuserInput},
+    gyro::{Gyro, GyroStage, RateKind, RateSample},
+    stage::Stage,
+    state::Attitude,
+};
+use scenario::{Errors, Motion, Sensors};
+
+const RATE_HZ: f64 = 100.0;
+
+/// The three stages on one body, at 100 Hz.
+#[derive(Clone)]
+struct Chain {
+    gyro: Gyro,
+    accel: Projector,
+    fuser: Fuser,
+    started: bool,
+}
+
+impl Chain {
+    fn new(fuser: &str) -> Self {
+        let gyro = Gyro::named("mobius").unwrap();
+        Self { gyro, accel: Projector::default(), fuser: Fuser::named(fuser).unwrap(), started: false }
+    }
+
+    fn step(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> Fused {
+        let inclination = self.accel.step(&force_m_s2);
+        if !self.started {
+            self.gyro.align(Attitude::levelled(inclination.up));
+        }
+        let dt_s = if self.started { 1.0 / RATE_HZ } else { 0.0 };
+        self.started = true;
+        let motion = Some(self.gyro.step(&RateSample { rate_rad_s, dt_s, kind: RateKind::Instant }));
+        let inclination = Some(inclination);
+        self.fuser.step(&FuserInput {
+            motion,
+            inclination,
+            rest_credible: true,
+            rate_credible: true,
+            ..FuserInput::default()
+        })
+    }
+}
+
+/// Root of the mean square.
+#[derive(Default)]
+struct Rms {
+    sum: f64,
+    count: f64,
+}
+
+impl Rms {
+    fn add(&mut self, value: f64) {
+        (self.sum, self.count) = (self.sum + value * value, self.count + 1.0);
+    }
+
+    fn value(&self) -> f64 {
+        (self.sum / self.count).sqrt()
+    }
+}
+
+fn inclination_error_deg(estimate: Attitude, truth: Attitude) -> f64 {
+    let sin = estimate.horizontal(truth.up.direction()).norm_sqr().sqrt();
+    sin.atan2(estimate.up.direction().dot(&truth.up.direction())).to_degrees()
+}
+
+fn bias_error_deg_s(fused: &Fused) -> f64 {
+    fused.bias_rad_s.add_scalar(-Errors::S1.gyro_bias_rad_s).norm().to_degrees()
+}
+
+/// Runs the article's scenario and hands over each second's time, output and truth.
+fn s1(seed: u64, duration_s: f64, mut each: impl FnMut(f64, &Fused, Attitude)) {
+    let mut chain = Chain::new("wz");
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, seed);
+    for tick in 0..=(duration_s * RATE_HZ) as u64 {
+        let t_s = tick as f64 / RATE_HZ;
+        let reading = sensors.read(t_s);
+        each(t_s, &chain.step(reading.rate_rad_s, reading.force_m_s2), reading.truth.attitude);
+    }
+}
+
+#[test]
+fn the_articles_scenario_is_levelled_to_a_fraction_of_its_noise() {
+    for seed in 1..=6 {
+        let (mut short, mut long, mut sd) = (Rms::default(), Rms::default(), Rms::default());
+        s1(seed, 1000.0, |t_s, fused, truth| {
+            if t_s >= 5.0 {
+                let error = inclination_error_deg(fused.attitude, truth);
+                long.add(error);
+                sd.add(fused.inclination_sd_rad.to_degrees());
+                if t_s <= 100.0 {
+                    short.add(error);
+                }
+            }
+        });
+        println!(
+            "seed {seed}: 5..100 s {:.4}°, 5..1000 s {:.4}°, of sd {:.4}°",
+            short.value(),
+            long.value(),
+            sd.value()
+        );
+        assert!(short.value() <= 0.08 && long.value() <= 0.08, "seed {seed}");
+    }
+}
+
+#[test]
+fn the_bias_is_found_within_30_s() {
+    let (mut at_30, mut after) = (Rms::default(), Rms::default());
+    for seed in 1..=20 {
+        let mut last = 0.0;
+        s1(seed, 120.0, |t_s, fused, _| {
+            if t_s <= 30.0 {
+                last = bias_error_deg_s(fused);
+            } else {
+                after.add(bias_error_deg_s(fused));
+            }
+        });
+        println!("seed {seed}: {last:.4} °/s at 30 s");
+        at_30.add(last);
+    }
+    println!("rms of the seeds {:.4} °/s at 30 s, {:.4} °/s from 30 to 120 s", at_30.value(), after.value());
+    assert!(at_30.value() <= 0.01);
+}
+
+#[test]
+fn a_steady_spin_about_the_vertical_keeps_its_level() {
+    for spin_rad_s in [0.2, 0.3, 0.4, 0.5, 1.0, 3.0] {
+        for seed in 1..=2 {
+            let tilt = Attitude::of_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
+            let rate_rad_s = (tilt.up.direction() * spin_rad_s).add_scalar(Errors::S1.gyro_bias_rad_s);
+            let mut noise = Sensors::new(Motion::S1, Errors::S1, seed);
+            let mut chain = Chain::new("wz");
+            let mut error = Rms::default();
+            for tick in 0..=100_000u64 {
+                let reading = noise.read(0.0);
+                let force_noise_m_s2 = reading.force_m_s2 - reading.truth.force_m_s2;
+                let out = chain.step(rate_rad_s, tilt.up.direction() * GRAVITY_M_S2 + force_noise_m_s2);
+                if tick > 500 {
+                    error.add(inclination_error_deg(out.attitude, tilt));
+                }
+            }
+            println!("{spin_rad_s} rad/s, seed {seed}: {:.4}°", error.value());
+            assert!(error.value() <= 0.06, "{spin_rad_s} rad/s, seed {seed}: {}°", error.value());
+        }
+    }
+}
+
+/// Inclination RMSE of the first and of the last hour of a day at 100 Hz; the scenario repeats itself every 360 s.
+fn day(fuser: &str) -> (f64, f64) {
+    const HOUR: u64 = 360_000;
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    let period: Vec<_> = (0..36_000).map(|tick| sensors.read(tick as f64 / RATE_HZ)).collect();
+    let mut chain = Chain::new(fuser);
+    let (mut first, mut last) = (Rms::default(), Rms::default());
+    for tick in 0..24 * HOUR {
+        let reading = &period[(tick % 36_000) as usize];
+        let fused = chain.step(reading.rate_rad_s, reading.force_m_s2);
+        if tick < HOUR {
+            first.add(inclination_error_deg(fused.attitude, reading.truth.attitude));
+        } else if tick >= 23 * HOUR {
+            last.add(inclination_error_deg(fused.attitude, reading.truth.attitude));
+        }
+    }
+    println!("{fuser}: {:.4}° in the first hour, {:.4}° in the last", first.value(), last.value());
+    (first.value(), last.value())
+}
+
+#[test]
+fn a_day_does_not_let_the_error_of_wz_grow() {
+    let (first, last) = day("wz");
+    assert!(last <= first * 1.1, "{first}°, {last}°");
+}
+
+#[test]
+fn a_day_does_not_let_the_error_of_the_closed_loop_grow() {
+    let (first, last) = day("wz-closed");
+    assert!(last <= first * 1.1, "{first}°, {last}°");
+}
+
+/// Its gyro channel drifts wherever it likes, and the chart's scale with it.
+#[test]
+fn a_day_does_not_let_the_error_of_the_open_loop_grow_without_bound() {
+    let (first, last) = day("wz-open");
+    assert!(last <= first * 3.0, "{first}°, {last}°");
+}
+
+#[test]
+fn a_day_does_not_let_the_error_of_any_other_fuser_grow() {
+    for name in Fuser::NAMES.iter().filter(|name| !name.starts_with("wz")) {
+        let (first, last) = day(name);
+        assert!(last <= first * 1.1, "{name}: {first}°, {last}°");
+    }
+}
+
+#[test]
+fn a_stage_restored_halfway_goes_on_bit_for_bit() {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
+    let readings: Vec<_> = (0..1000).map(|tick| sensors.read(f64::from(tick) / RATE_HZ)).collect();
+    let mut whole = Chain::new("wz");
+    let (first, second) = readings.split_at(503);
+    for reading in first {
+        whole.step(reading.rate_rad_s, reading.force_m_s2);
+    }
+    let mut fresh = Fuser::named("wz").unwrap();
+    fresh.restore(&whole.fuser.snapshot()).unwrap();
+    let mut halved = Chain { fuser: fresh, ..whole.clone() };
+    for reading in second {
+        let [a, b] = [&mut whole, &mut halved].map(|chain| chain.step(reading.rate_rad_s, reading.force_m_s2));
+        assert_eq!(a, b);
+    }
+    assert_eq!(whole.fuser, halved.fuser);
+    assert_eq!(whole.fuser.snapshot(), halved.fuser.snapshot());
+}
+
+/// Numbers of which one at least is changed to what cannot be.
+#[test]
+fn a_state_that_cannot_be_is_refused() {
+    let mut chain = Chain::new("wz");
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    for tick in 0..2000 {
+        let reading = sensors.read(f64::from(tick) / RATE_HZ);
+        chain.step(reading.rate_rad_s, reading.force_m_s2);
+    }
+    let sound = chain.fuser.snapshot();
+    let mut refused = 0;
+    for index in 0..sound.len {
+        let mut record = sound;
+        record.values[index] = -1e3;
+        record.checksum = record.sum();
+        let mut fuser = Fuser::named("wz").unwrap();
+        let untouched = fuser.clone();
+        if fuser.restore(&record).is_err() {
+            refused += 1;
+            assert_eq!(fuser, untouched);
+        }
+    }
+    println!("{refused} of {} numbers", sound.len);
+    // Attitude and azimuth, bias, the 25 of the covariance, times and variances.
+    assert!(refused >= 35, "{refused}");
+    chain.fuser.restore(&sound).unwrap();
+}
+
+#[test]
+fn absurd_input_is_survived() {
+    let absurd = [0.0, -0.0, 1e-300, 1.0, -3.0, 1e5, -1e8, 1e155, -1e200, f64::MAX, f64::MIN];
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
+    for fuser in ["wz", "wz-closed", "wz-open"] {
+        let mut chain = Chain::new(fuser);
+        let mut seed = 1u64;
+        let mut pick = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as usize
+        };
+        for tick in 0..200_000 {
+            let reading = sensors.read(f64::from(tick) / RATE_HZ);
+            let (mut rate_rad_s, mut force_m_s2) = (reading.rate_rad_s, reading.force_m_s2);
+            if tick % 1000 < 100 {
+                rate_rad_s = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
+                force_m_s2 = Vector3::from_fn(|_, _| absurd[pick() % absurd.len()]);
+            }
+            let kind = if pick() % 2 == 0 { RateKind::Instant } else { RateKind::Mean };
+            let dt_s = [0.0, 1e-9, 0.0035, 0.01, 0.3, 1.0][pick() % 6];
+            let motion = chain.gyro.step(&RateSample { rate_rad_s, dt_s, kind });
+            let inclination = chain.accel.step(&force_m_s2);
+            let fused = chain.fuser.step(&FuserInput {
+                motion: (pick() % 10 > 0).then_some(motion),
+                inclination: (pick() % 10 > 0).then_some(inclination),
+                rest_credible: pick() % 10 > 0,
+                rate_credible: true,
+                ..FuserInput::default()
+            });
+            let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
+            let q = fused.attitude.quaternion();
+            let all = q.coords.iter().chain(&fused.rate_rad_s).chain(&fused.bias_rad_s).chain(&numbers);
+            assert!(all.into_iter().all(|x| x.is_finite()), "{fuser}, tick {tick}: {fused:?}");
+            assert!((q.norm() - 1.0).abs() < 1e-9);
+            assert_eq!(chain.fuser.flaw(), None, "{fuser}, tick {tick}");
+            chain.fuser.clone().visit_state(&mut |x| assert!(x.is_finite(), "{fuser}, tick {tick}"));
+        }
+    }
+}

@@ -1,0 +1,19 @@
+//! Every integration test of `attitude`, in one executable.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod aided;
+mod broad;
+mod calibration;
+mod common;
+mod contracts;
+mod course;
+mod field;
+mod filters;
+mod flight;
+mod hand_over;
+mod heading;
+mod identities;
+mod level;
+mod levelling;
+mod scenarios;
+mod vehicles;

@@ -1,0 +1,5 @@
+//! Every integration test of `bus`, in one executable.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod observer;
+mod topics;

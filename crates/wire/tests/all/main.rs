@@ -1,0 +1,7 @@
+//! Every integration test of `wire`, in one executable.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod common;
+mod round_trip;
+mod schema;
+mod untrusted;

@@ -1,0 +1,9 @@
+//! The command line as people use it.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod keys;
+mod seeing;
+mod up;

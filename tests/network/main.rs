@@ -1,0 +1,12 @@
+//! Beyond the board: gateway, stations, certificates, split systems, foreign clients, rough networks.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod certificates;
+mod elsewhere;
+mod foreign;
+mod gateway;
+mod rough_network;
+mod split;

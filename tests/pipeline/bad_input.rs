@@ -1,0 +1,287 @@
+//! Bad sensors through the five processes: what is flagged, what is refused, and how long the attitude takes to recover.
+use std::{fmt::Write, fs, sync::OnceLock};
+
+use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
+use scenario::{Errors, Motion, Sensors};
+
+const RATE_HZ: f64 = 200.0;
+const ROWS: u64 = 24_000;
+/// Where every fault begins: the estimate has settled.
+const FAULT_S: f64 = 20.0;
+const LAUNCH: &str = "[ingest.replay]\ngyro_samples = \"instants\"\n";
+
+/// A row of a recording, and what the test knows about it.
+#[derive(Clone)]
+struct Row {
+    /// When it was measured; `t_ns` is what its stamp says.
+    at_s: f64,
+    t_ns: i64,
+    rate_rad_s: [f64; 3],
+    force_m_s2: [f64; 3],
+    /// Ingest must refuse it.
+    refused: bool,
+}
+
+impl Row {
+    fn truth(&self) -> [f64; 4] {
+        let q = Motion::S1.at(self.at_s).attitude.quaternion();
+        [q.w, q.i, q.j, q.k]
+    }
+}
+
+struct Recording {
+    rows: Vec<Row>,
+    fault_ends_s: f64,
+}
+
+impl Recording {
+    fn clean() -> Self {
+        let mut sensors = Sensors::new(Motion::S1, Errors::S1, 11);
+        let rows = (0..ROWS).map(|count| {
+            let at_s = count as f64 / RATE_HZ;
+            let reading = sensors.read(at_s);
+            Row {
+                at_s,
+                t_ns: (at_s * 1e9).round() as i64,
+                rate_rad_s: reading.rate_rad_s.into(),
+                force_m_s2: reading.force_m_s2.into(),
+                refused: false,
+            }
+        });
+        Self { rows: rows.collect(), fault_ends_s: FAULT_S }
+    }
+
+    /// Changes the rows from the fault's begin for `duration_s`; the last good row is given too.
+    fn during(duration_s: f64, change: impl Fn(&mut Row, &Row)) -> Self {
+        let mut recording = Self::clean();
+        recording.fault_ends_s = FAULT_S + duration_s;
+        let before = recording.rows[FAULT - 1].clone();
+        let count = (duration_s * RATE_HZ).round() as usize;
+        recording.rows[FAULT..].iter_mut().take(count).for_each(|row| change(row, &before));
+        recording
+    }
+
+    /// Every stamp from the fault's begin is another by this much.
+    fn leaping(leap_s: i64) -> Self {
+        let mut recording = Self::clean();
+        recording.rows[FAULT..].iter_mut().for_each(|row| row.t_ns += leap_s * 1_000_000_000);
+        recording
+    }
+
+    /// Nothing for so long.
+    fn silent(duration_s: f64) -> Self {
+        let mut recording = Self::during(duration_s, |_, _| ());
+        let gone = FAULT_S..recording.fault_ends_s;
+        recording.rows.retain(|row| !gone.contains(&row.at_s));
+        recording
+    }
+
+    fn text(&self) -> String {
+        let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz\n");
+        for row in &self.rows {
+            let ([gx, gy, gz], [ax, ay, az], [qw, qx, qy, qz]) = (row.rate_rad_s, row.force_m_s2, row.truth());
+            let t_s = row.t_ns as f64 * 1e-9;
+            writeln!(text, "{t_s:.9},{gx},{gy},{gz},{ax},{ay},{az},{qw},{qx},{qy},{qz}").unwrap();
+        }
+        text
+    }
+
+    /// The run through the five processes, with the inclination error in degrees at the time of each tick.
+    fn run(&self, arguments: &[&str]) -> (Run, Vec<(f64, f64)>) {
+        let system = System::new(LAUNCH);
+        let (file, out) = (system.path("bad.csv"), system.path("out.csv"));
+        fs::write(&file, self.text()).unwrap();
+        let paths = ["--replay", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--speed", "max"];
+        let run = system.run(&[&paths, arguments].concat());
+        run.assert_whole();
+        let attitudes = attitudes(&out);
+        assert_sound(&attitudes);
+        let ticks: Vec<_> = self.rows.iter().filter(|row| !row.refused).collect();
+        assert_eq!(attitudes.len(), ticks.len(), "{}", run.people);
+        assert_eq!(run.number("/ticks_out"), ticks.len() as f64);
+        let refused = self.rows.len() - ticks.len();
+        assert!(run.line("ticks").ends_with(&format!(" {refused} readings refused")), "{}", run.people);
+        let errors = ticks.iter().zip(attitudes).map(|(row, (_, q))| (row.at_s, inclination_deg(q, row.truth())));
+        (run, errors.collect())
+    }
+
+    /// Runs it; the flags must be exactly these, and the error must be as without the fault again after `within_s`.
+    fn recovers(&self, what: &str, flags: &str, within_s: f64) {
+        let (run, errors) = self.run(&[]);
+        let bound_deg = 2.0 * clean_rmse_deg() + 0.05;
+        let worst_deg =
+            errors.iter().filter(|(at_s, _)| *at_s >= FAULT_S).fold(0.0, |worst: f64, (_, e)| worst.max(*e));
+        let below_s = |limit_deg: f64| {
+            let last = errors.iter().rfind(|(at_s, error_deg)| *at_s >= FAULT_S && *error_deg > limit_deg);
+            last.map_or(0.0, |(at_s, _)| (at_s + 1.0 / RATE_HZ - self.fault_ends_s).max(0.0))
+        };
+        let recovery_s = below_s(bound_deg);
+        println!("| {what} | {worst_deg:.2} | {:.2} | {recovery_s:.2} | {within_s} |", below_s(1.0));
+        let seen = run.line("flags").replace(" rate-instant", "").replace(" aligned", "");
+        assert_eq!(seen.split_whitespace().skip(1).collect::<Vec<_>>().join(" "), flags, "{}", run.people);
+        assert!(recovery_s <= within_s, "{what}: {recovery_s} s to be below {bound_deg:.3}° again");
+    }
+}
+
+/// The first row of a fault.
+const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
+
+/// Inclination RMSE without a fault, where the faults would be and after them.
+fn clean_rmse_deg() -> f64 {
+    static RMSE_DEG: OnceLock<f64> = OnceLock::new();
+    *RMSE_DEG.get_or_init(|| {
+        let (_, errors) = Recording::clean().run(&["--in-process"]);
+        let largest_deg = errors[FAULT..].iter().fold(0.0, |worst: f64, (_, error_deg)| worst.max(*error_deg));
+        let rmse_deg = rms(errors[FAULT..].iter().map(|(_, error_deg)| *error_deg));
+        println!("without a fault: inclination RMSE {rmse_deg:.3}°, largest {largest_deg:.3}°");
+        rmse_deg
+    })
+}
+
+#[test]
+fn a_clean_recording_has_no_flags() {
+    Recording::clean().recovers("nothing", "", 0.0);
+}
+
+#[test]
+fn one_rate_that_is_nan() {
+    Recording::during(0.005, |row, _| row.rate_rad_s[1] = f64::NAN).recovers("one rate NaN", "rate-invalid", 0.0);
+}
+
+#[test]
+fn rates_that_are_nan_for_50_ms() {
+    let bad = Recording::during(0.05, |row, _| row.rate_rad_s = [f64::NAN; 3]);
+    bad.recovers("rates NaN for 0.05 s", "rate-invalid", 0.0);
+}
+
+#[test]
+fn rates_that_are_nan_for_2_s() {
+    let bad = Recording::during(2.0, |row, _| row.rate_rad_s[0] = f64::NAN);
+    bad.recovers("rates NaN for 2 s", "rate-invalid", 7.0);
+}
+
+#[test]
+fn forces_that_are_not_finite_for_3_s() {
+    let bad = Recording::during(3.0, |row, _| row.force_m_s2 = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY]);
+    bad.recovers("forces NaN and infinite for 3 s", "force-invalid", 0.0);
+}
+
+#[test]
+fn forces_that_are_zero_for_1_s() {
+    let bad = Recording::during(1.0, |row, _| row.force_m_s2 = [0.0; 3]);
+    bad.recovers("|f| = 0 for 1 s", "force-stuck force-small", 0.0);
+}
+
+#[test]
+fn forces_near_zero_for_1_s() {
+    let bad = Recording::during(1.0, |row, _| row.force_m_s2 = row.force_m_s2.map(|x| x * 1e-3));
+    bad.recovers("|f| near 0 for 1 s", "force-small", 0.0);
+}
+
+#[test]
+fn rates_clipped_for_1_s() {
+    let bad = Recording::during(1.0, |row, _| row.rate_rad_s[2] = 2000f64.to_radians());
+    bad.recovers("rate clipped at 2000 °/s for 1 s", "rate-clipped", 1.0);
+}
+
+#[test]
+fn values_of_1e300_for_1_s() {
+    let bad = Recording::during(1.0, |row, _| (row.rate_rad_s[0], row.force_m_s2[1]) = (1e300, -1e300));
+    bad.recovers("rates and forces of 1e300 for 1 s", "rate-invalid force-invalid", 7.0);
+}
+
+#[test]
+fn rows_that_come_twice() {
+    let mut bad = Recording::during(1.0, |_, _| ());
+    for index in (FAULT..FAULT + 200).rev() {
+        let again = Row { refused: true, ..bad.rows[index].clone() };
+        bad.rows.insert(index + 1, again);
+    }
+    bad.recovers("every row twice for 1 s", "refused-before", 0.0);
+}
+
+#[test]
+fn rows_that_are_swapped() {
+    let mut bad = Recording::during(1.0, |_, _| ());
+    for index in (FAULT..FAULT + 200).step_by(4) {
+        bad.rows.swap(index, index + 1);
+        bad.rows[index + 1].refused = true;
+    }
+    bad.recovers("every second pair swapped for 1 s", "refused-before", 0.0);
+}
+
+#[test]
+fn one_stamp_for_1_s() {
+    let bad = Recording::during(1.0, |row, before| row.t_ns = before.t_ns);
+    bad.recovers("the clock stands for 1 s", "clock-leap", 0.0);
+}
+
+#[test]
+fn a_clock_that_leaps_backward_by_100_s() {
+    let mut bad = Recording::leaping(-100);
+    bad.rows[FAULT].refused = true;
+    bad.recovers("the clock leaps by −100 s", "clock-leap refused-before", 0.0);
+}
+
+#[test]
+fn a_clock_that_leaps_forward_by_1000_s() {
+    Recording::leaping(1000).recovers("the clock leaps by +1000 s", "clock-leap", 0.0);
+}
+
+#[test]
+fn a_gap_of_half_a_second() {
+    Recording::silent(0.5).recovers("a gap of 0.5 s", "gap", 5.0);
+}
+
+#[test]
+fn a_gap_of_5_s() {
+    Recording::silent(5.0).recovers("a gap of 5 s", "gap", 5.0);
+}
+
+#[test]
+fn a_gyro_that_is_stuck_for_3_s() {
+    let bad = Recording::during(3.0, |row, before| row.rate_rad_s = before.rate_rad_s);
+    bad.recovers("the gyro stuck for 3 s", "rate-stuck", 1.0);
+}
+
+#[test]
+fn an_accelerometer_that_is_stuck_for_3_s() {
+    let bad = Recording::during(3.0, |row, before| row.force_m_s2 = before.force_m_s2);
+    bad.recovers("the accelerometer stuck for 3 s", "force-stuck", 15.0);
+}
+
+/// 0.01 g per step, and less noise than that: at rest the force repeats itself for as long as one likes.
+#[test]
+fn a_coarse_accelerometer_at_rest_is_believed() {
+    let mut sensors = Sensors::new(Motion::S1, Errors::S1, 5);
+    let mut bad = Recording::clean();
+    let force_m_s2 = Motion::S1.at(0.0).force_m_s2.map(|x| (x / 0.1).round() * 0.1).into();
+    for row in &mut bad.rows {
+        let reading = sensors.read(0.0);
+        let noise = (reading.force_m_s2 - reading.truth.force_m_s2) * 1e-3;
+        row.rate_rad_s = noise.add_scalar(Errors::S1.gyro_bias_rad_s).into();
+        row.force_m_s2 = force_m_s2;
+        row.at_s = 0.0;
+    }
+    let (run, errors) = bad.run(&[]);
+    assert!(run.line("flags").contains("force-stuck"), "{}", run.people);
+    let worst_deg = errors.iter().fold(0.0, |worst: f64, (_, error_deg)| worst.max(*error_deg));
+    println!("a coarse accelerometer at rest for 120 s: largest error {worst_deg:.2}°");
+    assert!(worst_deg < 1.0, "{worst_deg}°");
+}
+
+#[test]
+fn nothing_but_garbage_gives_sound_attitudes() {
+    let mut bits = 1u64;
+    let mut number = || {
+        bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        f64::from_bits(bits ^ (bits >> 29))
+    };
+    let mut bad = Recording::clean();
+    for row in &mut bad.rows {
+        row.rate_rad_s = [number(), number(), number()];
+        row.force_m_s2 = [number(), number(), number()];
+    }
+    let (run, _) = bad.run(&[]);
+    assert!(run.line("flags").contains("rate-invalid force-invalid"), "{}", run.people);
+}

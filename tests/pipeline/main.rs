@@ -1,0 +1,13 @@
+//! The data path on real processes: recordings, bad input, determinism, conventions, scores.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod bad_input;
+mod conventions;
+mod determinism;
+mod fault_script;
+mod orchestrated;
+mod replay;
+mod score;

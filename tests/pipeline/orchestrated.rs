@@ -1,0 +1,212 @@
+//! Real processes, fed through the bus: accuracy, order, latency, and nothing left behind.
+use std::time::{Duration, Instant};
+
+use crate::common::{System, inclination_deg, lives, signal, until};
+use bus::{Bus, Domain, Publisher, Subscriber};
+use launch::Service;
+use messages::{AttitudeOutput, Flags, Health, SensorReading};
+use runtime::{
+    clock::{monotonic_ns, sleep_until_ns},
+    orders::BUFFER_BESIDE,
+};
+use rustix::process::Signal;
+use scenario::{Errors, Motion, Sensors};
+
+const RATE_HZ: f64 = 500.0;
+/// Half a minute at the rate: what is tested does not depend on how fast this machine is.
+const BUFFER: usize = 15_000;
+const LAUNCH: &str = "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
+
+/// A system that reads its sensors from the bus, and our place on that bus.
+struct Bench {
+    system: System,
+    running: Option<crate::common::Running>,
+    sensor: Publisher<SensorReading>,
+    attitude: Subscriber<AttitudeOutput>,
+    _bus: Bus,
+}
+
+impl Bench {
+    fn start(slots: &str) -> Self {
+        let system = System::new(&format!("{LAUNCH}gyro_samples = \"instants\"\n{slots}"));
+        let running = system.start(&[]);
+        let domain = Domain::new(&system.name).unwrap();
+        let mut joined = None;
+        until("the system", || {
+            joined = joined.take().or_else(|| Bus::join(&domain, "test").ok());
+            joined.is_some()
+        });
+        let bus = joined.unwrap();
+        let health: Subscriber<Health> = bus.subscriber(BUFFER_BESIDE).unwrap();
+        let attitude = bus.subscriber(BUFFER).unwrap();
+        let sensor = bus.publisher(BUFFER).unwrap();
+        let mut ready = [false; Service::PATH.len()];
+        until("every service", || {
+            while let Some(said) = health.receive().unwrap() {
+                ready[said.service as usize] = true;
+            }
+            ready.iter().all(|ready| *ready)
+        });
+        Self { system, running: Some(running), sensor, attitude, _bus: bus }
+    }
+
+    /// Sends readings at the rate; what comes out, until every tick has come.
+    fn feed(&self, readings: &[SensorReading]) -> Vec<AttitudeOutput> {
+        self.send(readings, |_| {});
+        let mut outputs = Vec::new();
+        until("every attitude", || {
+            while let Some(output) = self.attitude.receive().unwrap() {
+                outputs.push(output);
+            }
+            outputs.len() >= readings.len()
+        });
+        outputs
+    }
+
+    /// Sends readings at the rate; `before` each one something may happen.
+    fn send(&self, readings: &[SensorReading], mut before: impl FnMut(usize)) {
+        let start_ns = monotonic_ns();
+        for (count, reading) in readings.iter().enumerate() {
+            sleep_until_ns(start_ns + (count as f64 * 1e9 / RATE_HZ) as u64, Duration::from_secs(1));
+            before(count);
+            self.sensor.send(reading).unwrap();
+            self.sensor.wake();
+        }
+    }
+
+    fn stop(mut self) -> crate::common::Run {
+        let running = self.running.take().unwrap();
+        let pids: Vec<u32> = running.services().into_iter().map(|(_, pid)| pid).collect();
+        assert_eq!(pids.len(), 5);
+        running.interrupt();
+        let asked = Instant::now();
+        let run = running.wait();
+        println!("ended {} ms after Ctrl-C", asked.elapsed().as_millis());
+        assert!(pids.into_iter().all(|pid| !lives(pid)), "a process lives on");
+        drop((self.sensor, self.attitude, self._bus));
+        assert_eq!(self.system.remains(), Vec::<String>::new());
+        run
+    }
+}
+
+fn readings(motion: Motion, errors: Errors, count: u64) -> Vec<SensorReading> {
+    let mut sensors = Sensors::new(motion, errors, 3);
+    (0..count)
+        .map(|count| {
+            let reading = sensors.read(count as f64 / RATE_HZ);
+            SensorReading {
+                t_sensor_ns: (count as f64 * 1e9 / RATE_HZ).round() as i64,
+                rate_rad_s: reading.rate_rad_s.into(),
+                force_m_s2: reading.force_m_s2.into(),
+                field_ut: [f64::NAN; 3],
+            }
+        })
+        .collect()
+}
+
+fn truth(motion: Motion, tick: u64) -> [f64; 4] {
+    let q = motion.at(tick as f64 / RATE_HZ).attitude.quaternion();
+    [q.w, q.i, q.j, q.k]
+}
+
+fn assert_in_order(outputs: &[AttitudeOutput]) {
+    for (tick, output) in (0..).zip(outputs) {
+        let header = output.header;
+        assert_eq!((header.tick, header.lost_upstream), (tick, 0));
+        assert_eq!(header.t_end_ns, (tick as f64 * 1e9 / RATE_HZ).round() as i64);
+        assert!(header.t_born_ns > 0 && header.t_sent_ns >= header.t_born_ns, "sent before it was born");
+        assert!(tick == 0 || header.t_born_ns >= outputs[tick as usize - 1].header.t_born_ns);
+        let norm = output.quaternion.iter().map(|x| x * x).sum::<f64>();
+        assert!((norm - 1.0).abs() < 1e-12);
+    }
+}
+
+fn s1_through_the_bus(fuser: &str, limit_deg: f64) {
+    let bench = Bench::start(&format!("[fuser]\nstage = \"{fuser}\"\n"));
+    let outputs = bench.feed(&readings(Motion::S1, Errors::S1, 5000));
+    assert_in_order(&outputs);
+    let errors = outputs[2500..].iter().map(|o| inclination_deg(o.quaternion, truth(Motion::S1, o.header.tick)));
+    let rmse_deg = crate::common::rms(errors);
+    println!("{fuser}: inclination RMSE from 5 to 10 s {rmse_deg:.3}°");
+    assert!(rmse_deg < limit_deg, "{fuser}: {rmse_deg}°");
+    let run = bench.stop();
+    run.assert_whole();
+    assert_eq!(run.number("/ticks_out"), 5000.0);
+    let latency = |name: &str| run.number(&format!("/latency_us/{name}"));
+    assert!(0.0 < latency("p50") && latency("p50") <= latency("p99"));
+    assert!(latency("p99") <= latency("p999") && latency("p999") <= latency("max"));
+    assert!(run.json["error_deg"].is_null(), "there is no reference on the bus");
+}
+
+#[test]
+fn s1_through_the_bus_with_wz() {
+    s1_through_the_bus("wz", 0.35);
+}
+
+#[test]
+fn s1_through_the_bus_with_wz_closed() {
+    s1_through_the_bus("wz-closed", 0.35);
+}
+
+#[test]
+fn s1_through_the_bus_with_wz_open() {
+    s1_through_the_bus("wz-open", 0.35);
+}
+
+#[test]
+fn tumbling_through_the_bus_stays_exact_in_both_charts() {
+    let motion = Motion::named("tumble").unwrap();
+    let bench = Bench::start("");
+    let outputs = bench.feed(&readings(motion, Errors::default(), 5000));
+    assert_in_order(&outputs);
+    for output in &outputs {
+        let error_deg = inclination_deg(output.quaternion, truth(motion, output.header.tick));
+        assert!(error_deg < 1e-6, "tick {}: {error_deg}°", output.header.tick);
+    }
+    bench.stop().assert_whole();
+}
+
+#[test]
+fn a_live_source_whose_ingest_is_killed_goes_on_after_a_gap_that_is_flagged() {
+    let bench = Bench::start("");
+    let all = readings(Motion::S1, Errors::S1, 2000);
+    bench.send(&all, |count| {
+        if count == 700 {
+            signal(bench.running.as_ref().unwrap().service("ingest"), Signal::KILL);
+        }
+    });
+    let last_ns = all.last().unwrap().t_sensor_ns;
+    let mut outputs: Vec<AttitudeOutput> = Vec::new();
+    until("the attitude of the last reading", || {
+        while let Some(output) = bench.attitude.receive().unwrap() {
+            outputs.push(output);
+        }
+        outputs.last().is_some_and(|output| output.header.t_end_ns >= last_ns)
+    });
+    let ticks: Vec<_> = outputs.iter().map(|output| output.header.tick).collect();
+    assert_eq!(ticks, (0..outputs.len() as u64).collect::<Vec<_>>());
+    let flagged: Vec<_> = outputs.iter().filter(|output| output.header.flags.any(Flags::GAP)).collect();
+    assert_eq!(flagged.len(), 1, "{:?}", flagged.iter().map(|output| output.header.tick).collect::<Vec<_>>());
+    assert!((600..=700).contains(&flagged[0].header.tick), "at tick {}", flagged[0].header.tick);
+    println!("{} of {} readings had no tick", all.len() - outputs.len(), all.len());
+    let run = bench.stop();
+    assert_eq!((run.code, run.number("/lost"), run.number("/duplicated")), (Some(0), 0.0, 0.0), "{}", run.people);
+}
+
+#[test]
+fn garbage_through_the_bus_is_flagged_and_passes() {
+    let bench = Bench::start("");
+    let mut readings = readings(Motion::S1, Errors::S1, 1500);
+    readings[400].rate_rad_s[1] = f64::NAN;
+    readings[500].force_m_s2 = [f64::INFINITY; 3];
+    readings[600].force_m_s2 = [0.0; 3];
+    let outputs = bench.feed(&readings);
+    assert_in_order(&outputs);
+    let flags = |tick: usize| outputs[tick].header.flags;
+    assert!(flags(400).any(Flags::RATE_INVALID) && !flags(401).any(Flags::RATE_INVALID));
+    assert!(flags(500).any(Flags::FORCE_INVALID) && !flags(501).any(Flags::FORCE_INVALID));
+    assert!(flags(600).any(Flags::FORCE_SMALL) && !flags(601).any(Flags::FORCE_SMALL));
+    let run = bench.stop();
+    run.assert_whole();
+    assert!(run.line("flags").contains("rate-invalid force-invalid force-small"), "{}", run.people);
+}

@@ -1,0 +1,120 @@
+//! Real recordings: accuracy against the cameras, and the same bytes from every way to run them.
+use std::{
+    fs::{self, File},
+    io::Read,
+    path::{Path, PathBuf},
+};
+
+use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
+use flate2::read::MultiGzDecoder;
+
+/// Mean over the ten trials of BROAD, degrees; VQF without magnetometer: 0.665° (benches/README.md).
+const BROAD_LIMIT_DEG: f64 = 0.64;
+const TRIAL: &str = "07_undisturbed_fast_rotation_B.csv.gz";
+
+/// Replays as fast as possible, writing to `out.csv`; everything must come out once.
+fn replay(system: &System, file: &Path, arguments: &[&str]) -> Run {
+    let out = system.path("out.csv");
+    let paths = ["--replay", file.to_str().unwrap(), "--out", out.to_str().unwrap(), "--speed", "max"];
+    let run = system.run(&[&paths, arguments].concat());
+    run.assert_whole();
+    run
+}
+
+fn unpacked(file: &Path) -> String {
+    let mut text = String::new();
+    MultiGzDecoder::new(File::open(file).unwrap()).read_to_string(&mut text).unwrap();
+    text
+}
+
+/// The reference of each row, where it is one and counts.
+fn scored_references(text: &str) -> Vec<Option<[f64; 4]>> {
+    let mut lines = text.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let place = |name: &str| header.iter().position(|column| *column == name).unwrap();
+    let (q, mov) = (["qw", "qx", "qy", "qz"].map(place), place("mov"));
+    lines
+        .map(|line| {
+            let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+            let q = q.map(|place| fields[place]);
+            let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+            (fields[mov] == 1.0 && length.is_finite()).then(|| q.map(|x| x / length))
+        })
+        .collect()
+}
+
+fn broad(data: &Path) -> Vec<PathBuf> {
+    let mut trials: Vec<_> = fs::read_dir(data.join("broad")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    trials.retain(|path| path.to_str().unwrap().ends_with(".csv.gz"));
+    trials.sort();
+    trials
+}
+
+#[test]
+fn broad_is_met_within_0_64_degrees() {
+    let Some(data) = crate::common::data() else { return };
+    let system = System::new("");
+    let mut rmses_deg = Vec::new();
+    println!("| trial | inclination RMSE, ° | largest, ° |\n| --- | --- | --- |");
+    for trial in broad(&data) {
+        let run = replay(&system, &trial, &["--in-process"]);
+        let rmse_deg = run.number("/error_deg/inclination_rmse");
+        let name = trial.file_name().unwrap().to_string_lossy().replace(".csv.gz", "");
+        println!("| {name} | {rmse_deg:.3} | {:.3} |", run.number("/error_deg/inclination_max"));
+        rmses_deg.push(rmse_deg);
+    }
+    assert_eq!(rmses_deg.len(), 10);
+    let mean_deg = rmses_deg.iter().sum::<f64>() / rmses_deg.len() as f64;
+    println!("| mean | {mean_deg:.3} | |");
+    assert!(mean_deg <= BROAD_LIMIT_DEG, "{mean_deg}°");
+}
+
+#[test]
+fn a_recording_gives_the_same_bytes_packed_or_not_in_one_process_or_five() {
+    let Some(data) = crate::common::data() else { return };
+    let packed = data.join("broad").join(TRIAL);
+    let system = System::new("");
+    let plain = system.path("plain.csv");
+    fs::write(&plain, unpacked(&packed)).unwrap();
+    let run = replay(&system, &packed, &[]);
+    let bytes = fs::read(system.path("out.csv")).unwrap();
+    for (file, how) in [(&packed, &["--in-process"][..]), (&plain, &["--in-process"]), (&plain, &[])] {
+        let other = replay(&system, file, how);
+        assert_eq!(other.line("digest"), run.line("digest"), "{} {how:?}", file.display());
+        assert!(fs::read(system.path("out.csv")).unwrap() == bytes, "{} {how:?}: the files differ", file.display());
+    }
+}
+
+#[test]
+fn the_error_reported_is_that_of_the_attitudes_written() {
+    let Some(data) = crate::common::data() else { return };
+    let trial = data.join("broad").join(TRIAL);
+    let system = System::new("");
+    let run = replay(&system, &trial, &[]);
+    let references = scored_references(&unpacked(&trial));
+    let attitudes = attitudes(&system.path("out.csv"));
+    assert_eq!(run.number("/ticks_out"), references.len() as f64);
+    assert_eq!(attitudes.len(), references.len());
+    assert_sound(&attitudes);
+    let errors_deg: Vec<f64> = attitudes
+        .iter()
+        .zip(&references)
+        .filter_map(|((_, q), reference)| Some(inclination_deg(*q, (*reference)?)))
+        .collect();
+    let largest_deg = errors_deg.iter().copied().fold(0.0, f64::max);
+    let rmse_deg = rms(errors_deg);
+    assert!((run.number("/error_deg/inclination_rmse") - rmse_deg).abs() < 1e-6, "{rmse_deg}: {}", run.people);
+    assert!((run.number("/error_deg/inclination_max") - largest_deg).abs() < 1e-6, "{largest_deg}: {}", run.people);
+}
+
+#[test]
+fn a_real_flight_passes_sound() {
+    let Some(data) = crate::common::data() else { return };
+    let flight = data.join("flights/apm_plane_log2_imu.csv.gz");
+    let system = System::new("");
+    let run = replay(&system, &flight, &[]);
+    let attitudes = attitudes(&system.path("out.csv"));
+    assert_sound(&attitudes);
+    assert_eq!(attitudes.len(), scored_references(&unpacked(&flight)).len());
+    println!("{}", run.people);
+}

@@ -1,0 +1,12 @@
+//! What disturbs a running system: kills, freezes, exchanges that succeed and that fail, stages of one's own.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod aborted;
+mod notify;
+mod own_stage;
+mod restart;
+mod swap;
+mod watch;

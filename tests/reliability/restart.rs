@@ -1,0 +1,180 @@
+//! Services that die, freeze or cannot live: every tick comes out once, in order, with the bytes of an undisturbed run.
+use std::time::Duration;
+
+use crate::common::{Run, Running, System, signal, until};
+use rustix::process::Signal;
+
+/// Runs `launch`, disturbs it, ends it, and holds what came out against an undisturbed run of as many ticks.
+fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
+    let system = System::new(launch);
+    let out = system.path("out.csv");
+    let running = system.start(&[&["--out", out.to_str().unwrap()], arguments].concat());
+    running.all_services();
+    disturb(&running);
+    system.all_run();
+    system.assert_ends_undisturbed(running, &out, launch)
+}
+
+fn restarts(run: &Run, service: &str) -> u64 {
+    let services = run.json["services"].as_array().unwrap();
+    services.iter().find(|one| one["name"] == service).unwrap()["restarts"].as_u64().unwrap()
+}
+
+fn pause(ms: u64) {
+    std::thread::sleep(Duration::from_millis(ms));
+}
+
+#[test]
+fn kills_at_random_moments_lose_nothing_and_change_no_byte() {
+    let output = crate::common::plumb(&["bench", "kills", "--count", "20", "--json"]).output().unwrap();
+    let people = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{people}");
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{report}");
+    assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)));
+    assert_eq!(report["same_bytes"], true);
+    assert!(report["kills"].as_u64() >= Some(15), "{report}");
+}
+
+#[test]
+fn a_source_that_is_killed_goes_on_at_the_tick_where_it_died() {
+    let run = assert_undisturbed("", &[], |running| {
+        for _ in 0..3 {
+            pause(600);
+            signal(running.service("ingest"), Signal::KILL);
+        }
+    });
+    assert_eq!(restarts(&run, "ingest"), 3);
+}
+
+#[test]
+fn in_lockstep_a_killed_service_costs_time_and_nothing_else() {
+    let launch = "[ingest.sim]\nscenario = \"cruise\"";
+    let run = assert_undisturbed(launch, &["--speed", "40"], |running| {
+        for service in ["fuser", "gyro", "ingest", "course", "accel"] {
+            pause(300);
+            signal(running.service(service), Signal::KILL);
+        }
+    });
+    assert!(["fuser", "gyro", "ingest", "course", "accel"].iter().all(|service| restarts(&run, service) == 1));
+}
+
+#[test]
+fn two_neighbours_killed_at_once_go_on() {
+    assert_undisturbed("", &[], |running| {
+        for pair in [["gyro", "fuser"], ["fuser", "course"], ["accel", "course"]] {
+            pause(700);
+            pair.map(|service| running.service(service)).into_iter().for_each(|pid| signal(pid, Signal::KILL));
+        }
+    });
+}
+
+#[test]
+fn services_that_die_one_after_another_while_a_reader_stands_still_go_on() {
+    assert_undisturbed("", &[], |running| {
+        for [first, second] in [["accel", "fuser"], ["gyro", "fuser"], ["ingest", "fuser"], ["accel", "fuser"]] {
+            pause(700);
+            signal(running.service("course"), Signal::STOP);
+            pause(100);
+            signal(running.service(first), Signal::KILL);
+            pause(120);
+            signal(running.service(second), Signal::KILL);
+            pause(700);
+        }
+    });
+}
+
+#[test]
+fn a_service_that_freezes_is_killed_and_goes_on() {
+    let run = assert_undisturbed("", &[], |running| {
+        for service in ["gyro", "accel", "fuser", "course"] {
+            pause(300);
+            let pid = running.service(service);
+            signal(pid, Signal::STOP);
+            until("the frozen one to be replaced", || running.service(service) != pid);
+        }
+    });
+    assert!(run.people.contains("has said nothing for"), "{}", run.people);
+}
+
+#[test]
+fn a_machine_that_stands_still_and_goes_on_costs_no_service_its_life() {
+    let run = assert_undisturbed("", &[], |running| {
+        // The last is longer than what the topics hold.
+        for stands_still_ms in [900, 900, 3000] {
+            pause(500);
+            let services = running.all_services();
+            // The supervisor goes on first, as it may on a machine that was suspended.
+            let pids: Vec<_> = [running.pid()].into_iter().chain(services.iter().map(|(_, pid)| *pid)).collect();
+            pids.iter().rev().for_each(|pid| signal(*pid, Signal::STOP));
+            pause(stands_still_ms);
+            for pid in pids {
+                signal(pid, Signal::CONT);
+                pause(30);
+            }
+        }
+    });
+    assert!(["ingest", "gyro", "accel", "fuser", "course"].iter().all(|service| restarts(&run, service) == 0));
+}
+
+#[test]
+fn a_service_that_cannot_start_yet_is_waited_for_where_the_rule_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let there = folder.path().join("there");
+    let command = format!("test -e {} && exec {} none", there.display(), crate::common::faulty().display());
+    let rule = "limit = 1\nbackoff_s = 0.01\nbackoff_max_s = 0.1\non_limit = \"hold\"";
+    let stage = format!("slot = \"course\"\ncommand = [\"sh\", \"-c\", {command:?}]");
+    let system = System::new(&format!("[course]\nstage = \"late\"\n[stages.late]\n{stage}\n[restart]\n{rule}"));
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    // It is asked how it is while it starts.
+    until("the third attempt", || system.ps().iter().any(|one| one["restarts"].as_u64() >= Some(2)));
+    std::fs::write(there, "").unwrap();
+    system.all_run();
+    system.assert_ends_undisturbed(running, &out, "");
+}
+
+#[test]
+fn a_service_that_cannot_live_ends_the_system_with_its_name() {
+    let system = System::new("[restart]\nsettled_s = 60\nbackoff_s = 0\nlimit = 2");
+    let running = system.start(&["--for", "60s"]);
+    let mut last = 0;
+    for _ in 0..3 {
+        until("another life", || running.service("gyro") != last);
+        last = running.service("gyro");
+        signal(last, Signal::KILL);
+    }
+    let run = running.wait();
+    assert_eq!(run.code, Some(1), "{}", run.people);
+    let said = format!("the service gyro (process {last}) was ended by signal 9; the system was stopped");
+    assert!(run.people.contains(&said), "{}", run.people);
+    assert!(run.json.is_null(), "no report of a run that failed: {}", run.json);
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn without_an_accelerometer_a_degraded_system_goes_on_and_says_so() {
+    let system =
+        System::new("buffer_s = 1.0\nlateness_s = 0.3\n[restart]\nsettled_s = 60\nlimit = 0\non_limit = \"degrade\"");
+    let running = system.start(&["--for", "4s"]);
+    running.all_services();
+    pause(1000);
+    signal(running.service("accel"), Signal::KILL);
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert_eq!((run.number("/ticks_out"), run.number("/lost")), (4000.0, 0.0), "{}", run.people);
+    assert!(run.line("flags").contains("accel-missing"), "{}", run.people);
+    assert!(run.people.contains("it has failed and stays away"), "{}", run.people);
+}
+
+#[test]
+fn where_a_slot_is_held_a_service_that_cannot_live_is_tried_again() {
+    let launch = "[restart]\nsettled_s = 60\nlimit = 0\nbackoff_max_s = 0.1\non_limit = \"hold\"";
+    let run = assert_undisturbed(launch, &[], |running| {
+        for _ in 0..4 {
+            pause(400);
+            signal(running.service("fuser"), Signal::KILL);
+        }
+    });
+    assert_eq!(restarts(&run, "fuser"), 4);
+}

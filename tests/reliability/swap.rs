@@ -1,0 +1,177 @@
+//! Exchanging what fills a slot of a running system: nothing lost, nothing twice, and the old stage untouched where it fails.
+use std::{fs, time::Duration};
+
+use crate::common::{Running, System, children_of, signal, until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+fn swap(system: &System, arguments: &[&str]) -> Value {
+    let mut command = crate::common::plumb(&["swap", "--json", "--system", &system.name]);
+    let output = command.args(arguments).output().unwrap();
+    serde_json::from_slice(&output.stdout)
+        .unwrap_or_else(|_| panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr)))
+}
+
+fn ps(system: &System) -> Vec<Value> {
+    let output = crate::common::plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
+    serde_json::from_slice(&output.stdout).unwrap_or_default()
+}
+
+/// What fills the slot.
+fn stage_in(system: &System, slot: &str) -> String {
+    let services = ps(system);
+    let one = services.iter().find(|one| one["service"] == slot).unwrap();
+    one["stage"].as_str().unwrap().to_owned()
+}
+
+/// The system runs and answers.
+fn started(system: &System, arguments: &[&str]) -> Running {
+    let running = system.start(arguments);
+    system.all_run();
+    running
+}
+
+fn assert_committed(report: &Value) {
+    assert_eq!(report["outcome"], "committed", "{report}");
+    assert_eq!((report["lost"].as_u64(), report["duplicated"].as_u64()), (Some(0), Some(0)), "{report}");
+}
+
+#[test]
+fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
+    let slots: [(&str, &[&str]); 4] = [
+        ("gyro", &["mobius-coning", "rk4", "euler", "mobius"]),
+        ("accel", &["inclinometer-matrix", "inclinometer-quaternion", "projector"]),
+        (
+            "fuser",
+            &[
+                "aided",
+                "levelling-pi",
+                "levelling",
+                "madgwick",
+                "madgwick-improved",
+                "wz-closed",
+                "wz-open",
+                "vqf",
+                "wz",
+            ],
+        ),
+        ("course", &["track", "angles"]),
+    ];
+    let system = System::new("");
+    let running = started(&system, &[]);
+    for (slot, stages) in slots {
+        for stage in stages {
+            let report = swap(&system, &[slot, stage]);
+            println!("{report}");
+            assert_committed(&report);
+            assert!(report["jump_deg"].as_f64().unwrap() < 5.0, "{report}");
+            assert_eq!(stage_in(&system, slot), *stage);
+        }
+    }
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    assert_eq!((run.number("/lost"), run.number("/duplicated")), (0.0, 0.0));
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    for (slot, stage) in [("fuser", "wz"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")] {
+        let report = swap(&system, &[slot, stage]);
+        assert_committed(&report);
+        assert_eq!(report["jump_deg"], 0.0, "{report}");
+    }
+    signal(running.service("fuser"), Signal::KILL);
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+}
+
+#[test]
+fn what_cannot_be_is_refused_and_changes_no_byte() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    for (arguments, reason) in [
+        (&["wing", "wz"][..], "there is no slot `wing`"),
+        (&["ingest", "wz"], "there is no slot `ingest`"),
+        (&["fuser", "kalman"], "there is no stage `kalman`"),
+        (&["fuser", "wz", "--set", "colour=3"], "no such parameter"),
+        (&["fuser", "wz", "--set", "hard_iron_sd_ut=-3"], "hard_iron_sd_ut"),
+    ] {
+        let report = swap(&system, arguments);
+        assert_eq!(report["outcome"], "refused", "{report}");
+        assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
+    }
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+}
+
+/// The processes of a slot: its owner, and whoever is to take over.
+fn lives(running: &Running, slot: &str) -> Vec<u32> {
+    let is = |pid: &u32| {
+        let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        let mut words = line.split(|byte| *byte == 0).skip(1);
+        words.next() == Some(b"service") && words.next() == Some(slot.as_bytes())
+    };
+    children_of(running.pid()).into_iter().filter(is).collect()
+}
+
+#[test]
+fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let owner = running.service("fuser");
+    for victim_is_owner in [false, true] {
+        let shadow = || {
+            let mut command = crate::common::plumb(&["shadow", "fuser", "vqf", "--system", &system.name]);
+            command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::piped()).spawn().unwrap()
+        };
+        let asking = shadow();
+        until("a candidate", || lives(&running, "fuser").len() == 2);
+        std::thread::sleep(Duration::from_millis(300));
+        let second = swap(&system, &["fuser", "aided"]);
+        assert_eq!(second["outcome"], "refused", "two at once: {second}");
+        let reason = second["reason"].as_str().unwrap();
+        assert!(reason.contains("still under way") && reason.contains("Ctrl-C"), "{reason}");
+        let victim = lives(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
+        signal(victim, Signal::KILL);
+        let said = String::from_utf8(asking.wait_with_output().unwrap().stderr).unwrap();
+        assert!(said.contains("wz stays"), "{said}");
+        until("one fuser", || lives(&running, "fuser").len() == 1);
+        assert_eq!(stage_in(&system, "fuser"), "wz");
+    }
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+}
+
+#[test]
+fn a_shadow_tells_the_difference_and_is_promoted_without_a_restart() {
+    let system = System::new("");
+    let running = started(&system, &[]);
+    let mut command = crate::common::plumb(&["shadow", "fuser", "wz-open", "--json", "--system", &system.name]);
+    let shadow = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    until("a candidate", || lives(&running, "fuser").len() == 2);
+    let candidate = *lives(&running, "fuser").iter().max().unwrap();
+    std::thread::sleep(Duration::from_millis(2500));
+    let report = swap(&system, &["fuser", "wz-open"]);
+    assert_committed(&report);
+    assert_eq!(ps(&system).iter().find(|one| one["service"] == "fuser").unwrap()["pid"], candidate);
+    let said = String::from_utf8(shadow.wait_with_output().unwrap().stdout).unwrap();
+    let difference: Value = serde_json::from_str(said.lines().next().unwrap()).unwrap();
+    assert!(difference["ticks"].as_u64() > Some(100), "{difference}");
+    let angle = |what: &str| difference[what]["angle"].as_f64().unwrap();
+    assert!(0.0 < angle("mean_deg") && angle("mean_deg") <= angle("rms_deg") && angle("rms_deg") <= angle("max_deg"));
+    running.interrupt();
+    running.wait().assert_whole();
+}
