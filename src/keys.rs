@@ -32,7 +32,7 @@ pub(crate) enum Command {
     Vehicle {
         #[command(flatten)]
         named: Named,
-        /// An IP address or name at which it listens itself, without a router; several may be given.
+        /// An IPv4 address or name at which it listens itself, without a router; several may be given.
         #[arg(long = "host", value_name = "HOST")]
         hosts: Vec<String>,
         /// Another vehicle whose ticks it takes, as the two are hosts of one system; several may be given.
@@ -59,7 +59,7 @@ pub(crate) enum Command {
 /// Where the router is found.
 #[derive(Args)]
 pub(crate) struct Router {
-    /// Its IP address or name, as vehicles and ground reach it; several may be given.
+    /// Its IPv4 address or name, as vehicles and ground reach it; several may be given.
     #[arg(long = "router", value_name = "HOST", default_value = "127.0.0.1")]
     hosts: Vec<String>,
 }

@@ -6,7 +6,10 @@ use std::{
 };
 
 use clap::Args;
-use link::{Ends, Link, LinkError, ends::Tls};
+use link::{
+    Ends, Link, LinkError,
+    ends::{Tls, is_secured},
+};
 use supervisor::{Outcome, Standing, SwapReport};
 use wire::{
     command::Letter,
@@ -49,7 +52,11 @@ pub(crate) enum RemoteError {
 impl RemoteError {
     /// The exit code of `plumb`: 2 when the command line is wrong, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
-        if matches!(self, Self::NoKeys { .. } | Self::NoFile { .. }) { 2 } else { 1 }
+        if matches!(self, Self::NoKeys { .. } | Self::NoFile { .. } | Self::Link(LinkError::Ipv6 { .. })) {
+            2
+        } else {
+            1
+        }
     }
 }
 
@@ -59,7 +66,7 @@ pub(crate) struct Way {
     /// An endpoint of a gateway or a router; may be given several times [default: tcp/127.0.0.1:7447].
     #[arg(long, value_name = "ENDPOINT")]
     connect: Vec<String>,
-    /// A folder that `plumb keys` has made, for tls endpoints: the certificate that is shown, and whom it believes.
+    /// A folder that `plumb keys` has made, for quic endpoints: the certificate that is shown, and whom it believes.
     #[arg(long, value_name = "FOLDER")]
     keys: Option<PathBuf>,
 }
@@ -67,7 +74,7 @@ pub(crate) struct Way {
 impl Way {
     fn ends(&self) -> Result<Ends, RemoteError> {
         let connect = if self.connect.is_empty() { &[USUAL.to_owned()] } else { &self.connect[..] };
-        let secured = connect.iter().find(|endpoint| endpoint.starts_with("tls/"));
+        let secured = connect.iter().find(|endpoint| is_secured(endpoint));
         let tls = match (&self.keys, secured) {
             (Some(folder), _) => Some(tls(folder)?),
             (None, Some(endpoint)) => return Err(RemoteError::NoKeys { endpoint: endpoint.clone() }),

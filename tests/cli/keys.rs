@@ -28,7 +28,7 @@ fn what_was_written_and_where_it_goes_is_told() {
         assert!(Path::new(file.as_str().unwrap()).is_file(), "{file}");
     }
     let configuration = std::fs::read_to_string(folder.path().join("vehicle.alpha/vehicle.json5")).unwrap();
-    assert!(configuration.contains(r#"["tls/10.0.0.1:7447", "tls/router.example.net:7447"]"#));
+    assert!(configuration.contains(r#"["quic/10.0.0.1:7447", "quic/router.example.net:7447"]"#));
 
     let listed = json(&keys(folder.path(), &["list", "--json"]));
     let names: Vec<_> = listed.as_array().unwrap().iter().map(|holder| holder["name"].as_str().unwrap()).collect();
@@ -94,7 +94,7 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
         &["vehicle", "../alpha"],
         &["operator", "*"],
         &["viewer", "wall", "--days", "0"],
-        &["vehicle", "alpha", "--host", "tls/alpha:7447"],
+        &["vehicle", "alpha", "--host", "quic/alpha:7447"],
         &["router", "--router", "a b", "--force"],
         &["revoke", "alpha"],
     ] {

@@ -1,14 +1,21 @@
 //! A system with a gateway, and who looks at it from elsewhere.
 
-use std::{fs, net::TcpListener, path::Path, process::Command};
+use std::{
+    fs,
+    net::{TcpListener, UdpSocket},
+    path::Path,
+    process::Command,
+};
 
 use serde_json::Value;
 
 use super::{System, plumb, until};
 
-/// A port that nobody has.
+/// A port that nobody has, neither for TCP nor for UDP.
 pub fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+    let one = || TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let mut ports = std::iter::repeat_with(one).take(100);
+    ports.find(|port| UdpSocket::bind(("127.0.0.1", *port)).is_ok()).unwrap()
 }
 
 /// A system with a gateway; `more` follows in its table.

@@ -66,7 +66,7 @@ fn system(gateway: &str) -> System {
 fn listening(site: &Site, port: u16) -> System {
     let access = site.of("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");
-    system(&format!("vehicle = \"alpha\"\nlisten = [\"tls/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))
+    system(&format!("vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))
 }
 
 /// A gateway under the name of `vehicle` that shows a router the certificate of `party`.
@@ -74,7 +74,7 @@ fn behind_router(site: &Site, port: u16, vehicle: &str, party: &str) -> System {
     let own = free_port();
     let tls = site.tls(party);
     system(&format!(
-        "vehicle = \"{vehicle}\"\nlisten = [\"tcp/127.0.0.1:{own}\"]\nconnect = [\"tls/127.0.0.1:{port}\"]\n{tls}"
+        "vehicle = \"{vehicle}\"\nlisten = [\"tcp/127.0.0.1:{own}\"]\nconnect = [\"quic/127.0.0.1:{port}\"]\n{tls}"
     ))
 }
 
@@ -93,7 +93,7 @@ fn end(running: Running) {
 
 /// A verb with the keys of a party.
 fn with(port: u16, keys: &Path, arguments: &[&str]) -> Output {
-    plumb(arguments).args(["--connect", &format!("tls/127.0.0.1:{port}"), "--keys"]).arg(keys).output().unwrap()
+    plumb(arguments).args(["--connect", &format!("quic/127.0.0.1:{port}"), "--keys"]).arg(keys).output().unwrap()
 }
 
 /// What a verb that succeeds says to scripts.
@@ -158,7 +158,7 @@ fn at_a_vehicle_that_listens_itself_an_operator_commands_a_viewer_looks_and_nobo
         }
     }
     for (endpoint, code, word) in
-        [(format!("tls/127.0.0.1:{port}"), 2, "--keys"), (format!("tcp/127.0.0.1:{port}"), 1, "nobody")]
+        [(format!("quic/127.0.0.1:{port}"), 2, "--keys"), (format!("tcp/127.0.0.1:{port}"), 1, "nobody")]
     {
         let bare = plumb(&["ps", "--remote", "alpha", "--connect", &endpoint]).output().unwrap();
         assert_eq!((bare.status.code(), bare.stdout.len()), (Some(code), 0), "{}", said(&bare));
@@ -219,12 +219,12 @@ fn ticks_of_a_split_system_go_to_the_host_that_may_import_them_and_to_no_other()
     let (port, sim) = (free_port(), "[ingest.sim]\nrate_hz = 100\n[gateway]\n");
     let (tls, access) = (site.tls("vehicle.board"), site.of("vehicle.board").join("access.json5"));
     let board = System::new(&format!(
-        "services = [\"ingest\", \"gyro\", \"accel\", \"gateway\"]\n{sim}vehicle = \"board\"\nlisten = [\"tls/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}\nexport = {topics}\n"
+        "services = [\"ingest\", \"gyro\", \"accel\", \"gateway\"]\n{sim}vehicle = \"board\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}\nexport = {topics}\n"
     ));
     let host = |party: &str| {
         let (own, tls) = (free_port(), site.tls(party));
         System::new(&format!(
-            "services = [\"fuser\", \"course\", \"gateway\"]\n{sim}listen = [\"tcp/127.0.0.1:{own}\"]\nconnect = [\"tls/127.0.0.1:{port}\"]\n{tls}\nimport = {{ vehicle = \"board\", topics = {topics} }}\n"
+            "services = [\"fuser\", \"course\", \"gateway\"]\n{sim}listen = [\"tcp/127.0.0.1:{own}\"]\nconnect = [\"quic/127.0.0.1:{port}\"]\n{tls}\nimport = {{ vehicle = \"board\", topics = {topics} }}\n"
         ))
     };
     let (base, other) = (host("vehicle.base"), host("vehicle.other"));

@@ -99,7 +99,7 @@ fn keys(folder: &Path) {
 fn boat(keys: &Path) -> System {
     let file = |name: &str| keys.join("vehicle.boat").join(name);
     System::new(&format!(
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nvehicle = \"boat\"\nlisten = [\"tls/{BOARD}:7447\"]\naccess = {:?}\ntls = {{ ca = {:?}, cert = {:?}, key = {:?} }}\nrates = {{ imu = \"all\", gyro = \"all\", fused = \"all\", attitude = \"all\" }}\n",
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nvehicle = \"boat\"\nlisten = [\"quic/{BOARD}:7447\"]\naccess = {:?}\ntls = {{ ca = {:?}, cert = {:?}, key = {:?} }}\nrates = {{ imu = \"all\", gyro = \"all\", fused = \"all\", attitude = \"all\" }}\n",
         file("access.json5"),
         file("ca.pem"),
         file("cert.pem"),
@@ -115,7 +115,7 @@ struct Station {
 
 impl Station {
     fn start(link: &Link, keys: &Path, tables: PathBuf) -> Self {
-        let mut command = plumb(&["station", "--json", "--connect", &format!("tls/{BOARD}:7447"), "--keys"]);
+        let mut command = plumb(&["station", "--json", "--connect", &format!("quic/{BOARD}:7447"), "--keys"]);
         command.arg(keys.join("viewer.wall")).arg("--csv").arg(&tables);
         let mut command = link.within(1, &command);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

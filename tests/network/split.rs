@@ -404,7 +404,7 @@ fn a_wire_that_is_pulled_for_five_seconds_costs_no_tick() {
     };
     // Who may do what is tested with the keys.
     fs::write(at("open.json5"), "{ enabled: false }").unwrap();
-    let endpoint = "tls/10.77.0.1:7451";
+    let endpoint = "quic/10.77.0.1:7451";
     let board = board(endpoint, &tls("a"));
     let base = base(&board, endpoint, &tls("b"));
     let out = base.path("out.csv");

@@ -48,7 +48,7 @@ struct Rule {
 struct Subject {
     id: String,
     cert_common_names: Vec<String>,
-    /// Only TLS tells a common name that was proved.
+    /// Only a link with TLS tells a common name that was proved, and every QUIC link has it.
     link_protocols: [&'static str; 1],
 }
 
@@ -84,7 +84,7 @@ impl AccessList {
         }
         let ids = rules.iter().map(|rule| rule.id.clone()).collect();
         self.rules.extend(rules);
-        self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: ["tls"] });
+        self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: ["quic"] });
         self.policies.push(Policy { rules: ids, subjects: vec![id.into()] });
     }
 

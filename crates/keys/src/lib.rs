@@ -39,8 +39,16 @@ pub enum KeysError {
         text: String,
     },
     /// A host that no certificate can name.
-    #[error("the host `{text}`: expected an IP address or a host name")]
+    #[error("the host `{text}`: expected an IPv4 address or a host name")]
     Host {
+        /// What was given.
+        text: String,
+    },
+    /// An address to which nobody could connect.
+    #[error(
+        "the host `{text}`: over QUIC, Zenoh connects to no IPv6 address; give a DNS name that leads there, or an IPv4 address"
+    )]
+    Ipv6 {
         /// What was given.
         text: String,
     },
@@ -120,7 +128,7 @@ impl KeysError {
     /// The exit code of `plumb`: 2 when the command line is wrong, 3 when a file is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Name { .. } | Self::Party { .. } | Self::Host { .. } | Self::Validity { .. } => 2,
+            Self::Name { .. } | Self::Party { .. } | Self::Host { .. } | Self::Ipv6 { .. } | Self::Validity { .. } => 2,
             Self::NoPlaceForList { .. } | Self::Damaged { .. } => 3,
             _ => 1,
         }

@@ -1,6 +1,6 @@
 //! Roles and names.
 
-use std::{fmt, net::IpAddr, str::FromStr};
+use std::{fmt, net::Ipv6Addr, str::FromStr};
 
 use serde::Serialize;
 
@@ -89,17 +89,14 @@ impl Serialize for Party {
     }
 }
 
-/// An address or a name at which a router or a vehicle is reached; its certificate is good for no other.
+/// An IPv4 address or a name at which a router or a vehicle is reached; its certificate is good for no other.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Host(String);
 
 impl Host {
-    /// As it is written in an endpoint: `tls/HOST:PORT`.
+    /// As it is written in an endpoint: `quic/HOST:PORT`.
     pub fn endpoint(&self, port: u16) -> String {
-        match self.0.parse() {
-            Ok(IpAddr::V6(address)) => format!("tls/[{address}]:{port}"),
-            _ => format!("tls/{}:{port}", self.0),
-        }
+        format!("quic/{}:{port}", self.0)
     }
 
     /// The address or name.
@@ -116,8 +113,11 @@ impl FromStr for Host {
             !label.is_empty() && !label.starts_with('-') && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
         };
         let is_name = text.len() <= HOST_MAX && text.split('.').all(label);
-        if is_name || text.parse::<IpAddr>().is_ok() {
+        // An IPv4 address has the form of a name.
+        if is_name {
             Ok(Self(text.into()))
+        } else if text.parse::<Ipv6Addr>().is_ok() {
+            Err(KeysError::Ipv6 { text: text.into() })
         } else {
             Err(KeysError::Host { text: text.into() })
         }
@@ -148,15 +148,16 @@ mod tests {
 
     #[test]
     fn a_host_is_an_address_or_a_name() {
-        for (text, endpoint) in [
-            ("127.0.0.1", "tls/127.0.0.1:7447"),
-            ("fd00::1", "tls/[fd00::1]:7447"),
-            ("router.example.net", "tls/router.example.net:7447"),
-        ] {
+        for (text, endpoint) in
+            [("127.0.0.1", "quic/127.0.0.1:7447"), ("router.example.net", "quic/router.example.net:7447")]
+        {
             assert_eq!(text.parse::<Host>().unwrap().endpoint(7447), endpoint);
         }
-        for text in ["", "a b", "tls/a:7447", "a:7447", "a..b", "-a", "a\"b", "ü.net"] {
+        for text in ["", "a b", "quic/a:7447", "a:7447", "[fd00::1]", "a..b", "-a", "a\"b", "ü.net"] {
             assert!(text.parse::<Host>().is_err(), "{text}");
+        }
+        for text in ["fd00::1", "::1", "::ffff:10.0.0.1"] {
+            assert!(matches!(text.parse::<Host>(), Err(KeysError::Ipv6 { .. })), "{text}");
         }
     }
 }

@@ -148,25 +148,30 @@ fn endpoints(section: &mut Section<'_, '_>, key: &'static str, has_tls: bool, ha
         let text = endpoint.get_ref();
         let problem = match Endpoint::of(text) {
             Some(Endpoint::Loopback) => continue,
-            Some(Endpoint::Tls) if has_tls && has_access => continue,
-            Some(Endpoint::Tls) if has_tls => Problem {
+            Some(Endpoint::Quic { names_ipv6: true }) if key == "connect" => Problem {
+                note: Some("an IPv6 address is no name that Zenoh's QUIC takes".into()),
+                help: Some("name the host by its DNS name, or by an IPv4 address".into()),
+                ..at(endpoint, key, "never connects", "expected a DNS name or an IPv4 address")
+            },
+            Some(Endpoint::Quic { .. }) if has_tls && has_access => continue,
+            Some(Endpoint::Quic { .. }) if has_tls => Problem {
                 help: Some(
                     "access names the list of who may do what; `plumb keys vehicle NAME --host HOST` writes it".into(),
                 ),
                 ..at(endpoint, key, "has no access list", "needs access")
             },
-            Some(Endpoint::Tls) => Problem {
+            Some(Endpoint::Quic { .. }) => Problem {
                 help: Some(CERTIFICATES.into()),
                 ..at(endpoint, key, "has no certificates", "needs [gateway.tls]")
             },
             Some(Endpoint::Open) => {
                 let help =
-                    Some(format!("use \"tls/…\" with certificates, or the loopback: {LOOPBACK}; {CERTIFICATES}"));
+                    Some(format!("use \"quic/…\" with certificates, or the loopback: {LOOPBACK}; {CERTIFICATES}"));
                 Problem { help, ..at(endpoint, key, "is open to everybody", "beyond the loopback only mutual TLS") }
             }
             None => {
-                let note = Some(format!("as {LOOPBACK} or \"tls/station.example:7447\""));
-                Problem { note, ..at(endpoint, key, "is no endpoint", "expected tcp/HOST:PORT or tls/HOST:PORT") }
+                let note = Some(format!("as {LOOPBACK} or \"quic/station.example:7447\""));
+                Problem { note, ..at(endpoint, key, "is no endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT") }
             }
         };
         section.report(problem);
@@ -184,7 +189,10 @@ fn at(endpoint: &Spanned<String>, key: &str, what: &str, label: &str) -> Problem
 /// How far an endpoint reaches.
 enum Endpoint {
     Loopback,
-    Tls,
+    /// With mutual TLS.
+    Quic {
+        names_ipv6: bool,
+    },
     Open,
 }
 
@@ -197,7 +205,7 @@ impl Endpoint {
             return None;
         }
         match protocol {
-            "tls" => Some(Self::Tls),
+            "quic" => Some(Self::Quic { names_ipv6: host.contains(':') }),
             "tcp" if is_loopback(host) => Some(Self::Loopback),
             "tcp" => Some(Self::Open),
             _ => None,
@@ -228,8 +236,8 @@ mod tests {
             services = ["ingest", "gyro", "accel", "fuser", "course", "gateway"]
             [gateway]
             vehicle = "drone-7"
-            listen = ["tcp/localhost:7447", "tcp/[::1]:1", "tls/0.0.0.0:7447"]
-            connect = ["tls/station.example:7447"]
+            listen = ["tcp/localhost:7447", "tcp/[::1]:1", "quic/0.0.0.0:7447", "quic/[::]:7448"]
+            connect = ["quic/station.example:7447"]
             messages_hz = 50
             access = "access.json5"
             tls = { ca = "ca.pem", cert = "me.pem", key = "me.key" }
@@ -240,7 +248,7 @@ mod tests {
         "#;
         let gateway = Launch::parse("launch.toml", text).unwrap().gateway;
         assert_eq!(gateway.vehicle.as_deref(), Some("drone-7"));
-        assert_eq!((gateway.listen.len(), gateway.connect.len(), gateway.messages_hz), (3, 1, 50.0));
+        assert_eq!((gateway.listen.len(), gateway.connect.len(), gateway.messages_hz), (4, 1, 50.0));
         assert_eq!(gateway.tls, Some(Tls { ca: "ca.pem".into(), cert: "me.pem".into(), key: "me.key".into() }));
         let rate = |topic: &str| gateway.rates.get(topic).copied();
         assert_eq!((rate("attitude"), rate("fused"), rate("imu")), (Some(Rate::All), None, Some(Rate::Hz(100.0))));
@@ -256,9 +264,12 @@ mod tests {
                 "\"tcp/192.168.1.4:7447\" is open to everybody",
             ),
             ("connect = [\"tcp/station.example:7447\"]", "[gateway.tls] names the files ca, cert and key"),
-            ("listen = [\"tls/0.0.0.0:7447\"]", "needs [gateway.tls]"),
-            ("listen = [\"tls/0.0.0.0:7447\"]\ntls = { ca = \"a\", cert = \"b\", key = \"c\" }", "has no access list"),
-            ("listen = [\"udp/127.0.0.1:7447\"]", "expected tcp/HOST:PORT or tls/HOST:PORT"),
+            ("listen = [\"quic/0.0.0.0:7447\"]", "needs [gateway.tls]"),
+            ("listen = [\"quic/0.0.0.0:7447\"]\ntls = { ca = \"a\", cert = \"b\", key = \"c\" }", "has no access list"),
+            ("connect = [\"quic/[fd00::1]:7447\"]", "expected a DNS name or an IPv4 address"),
+            ("connect = [\"quic/fd00::1:7447\"]", "name the host by its DNS name"),
+            ("listen = [\"tls/0.0.0.0:7447\"]", "expected tcp/HOST:PORT or quic/HOST:PORT"),
+            ("listen = [\"udp/127.0.0.1:7447\"]", "expected tcp/HOST:PORT or quic/HOST:PORT"),
             ("listen = [\"tcp/127.0.0.1\"]", "is no endpoint"),
             ("listen = [\"tcp/127.0.0.1:7447#iface=eth0\"]", "is no endpoint"),
             ("listen = \"tcp/127.0.0.1:7447\"", "expected an array of strings"),

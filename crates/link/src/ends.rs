@@ -13,8 +13,10 @@ use crate::LinkError;
 /// Ports tried after the one named.
 const PORTS_TRIED: u16 = 64;
 
-/// How long a client tries to reach its router, ms.
-const CLIENT_LIMIT_MS: &str = "10000";
+/// From the last sign of a neighbour until it counts as gone, ms. QUIC does not tell that a process at the other end has died.
+const LEASE_MS: &str = "3000";
+/// How an endpoint with mutual TLS begins.
+const SECURED: &str = "quic/";
 
 /// The endpoints, and what secures them.
 #[derive(Debug, Clone, Default)]
@@ -47,7 +49,7 @@ impl Ends {
     /// Those whom somebody elsewhere connects to.
     pub fn connecting(endpoints: &[String]) -> Self {
         // On the board itself there is no router.
-        let client = matches!(endpoints, [one] if one.starts_with("tls/"));
+        let client = matches!(endpoints, [one] if is_secured(one));
         Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }
 
@@ -61,7 +63,15 @@ impl Ends {
         Ok(self)
     }
 
+    /// Some of what it speaks to is beyond this machine.
+    pub(crate) fn are_secured(&self) -> bool {
+        self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))
+    }
+
     pub(crate) fn config(&self) -> Result<Config, LinkError> {
+        if let Some(endpoint) = self.connect.iter().find(|endpoint| is_unreachable(endpoint)) {
+            return Err(LinkError::Ipv6 { endpoint: endpoint.clone() });
+        }
         let mut config = Config::default();
         let mut set = |key: &'static str, value: String| {
             let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
@@ -71,10 +81,12 @@ impl Ends {
         set("mode", quoted(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
-        set("connect/timeout_ms", if client { CLIENT_LIMIT_MS } else { "-1" }.into())?;
+        // A client tries once; `Link::open` tries again.
+        set("connect/timeout_ms", if client { "0" } else { "-1" }.into())?;
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
         set("scouting/gossip/enabled", "false".into())?;
+        set("transport/link/tx/lease", LEASE_MS.into())?;
         if let Some(Tls { ca, cert, key }) = &self.tls {
             set("transport/link/tls/enable_mtls", "true".into())?;
             set("transport/link/tls/root_ca_certificate", path(ca))?;
@@ -103,6 +115,17 @@ impl fmt::Display for Ends {
         let ends: Vec<_> = self.listen.iter().chain(&self.connect).map(String::as_str).collect();
         f.write_str(&ends.join(", "))
     }
+}
+
+/// It speaks QUIC, with mutual TLS.
+pub fn is_secured(endpoint: &str) -> bool {
+    endpoint.starts_with(SECURED)
+}
+
+/// It names whom to connect to by an IPv6 address, which Zenoh's QUIC takes for a name and refuses.
+fn is_unreachable(endpoint: &str) -> bool {
+    let host = endpoint.strip_prefix(SECURED).and_then(|address| address.rsplit_once(':'));
+    host.is_some_and(|(host, _)| host.contains(':'))
 }
 
 /// The address with the first port from the one named on that nobody has.

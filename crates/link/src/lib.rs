@@ -24,23 +24,56 @@ pub use remote::{Arrival, Stream};
 
 /// How long a closing session may take; the process ends in any case.
 const CLOSE_LIMIT: Duration = Duration::from_millis(200);
+/// What was sent just before is given so much time to arrive before a session closes: QUIC forgets it with the connection. Some round trips
+/// of 100 ms.
+const SETTLING: Duration = Duration::from_millis(300);
+/// How long a client tries where nobody answers. Whoever listens accepts one after the other, and waits 30 s for one who has begun to
+/// connect and does not go on (eclipse-zenoh/zenoh#2719).
+const SILENCE_LIMIT: Duration = Duration::from_secs(40);
+/// How long a client tries where it is turned away, or cannot even begin.
+const REFUSAL_LIMIT: Duration = Duration::from_secs(3);
+/// An attempt that took longer was not answered; Zenoh gives it up after 10 s.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// Between two attempts.
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// A place in the network.
 #[derive(Debug, Clone)]
 pub struct Link {
     session: Session,
+    is_secured: bool,
 }
 
 impl Link {
-    /// Takes a place in the network. Whom it is to connect to is tried for ever, in the background.
+    /// Takes a place in the network. Whom it is to connect to is tried for ever, in the background; a client is there when this returns.
     pub fn open(ends: &Ends) -> Result<Self, LinkError> {
-        let failed = |cause: zenoh::Error| {
-            let (at, cause) = (ends.to_string(), cause.to_string());
-            // After the words comes the place in Zenoh's source.
-            let cause = cause.split(" at /").next().unwrap_or_default().into();
-            if ends.client { LinkError::Connect { ends: at, cause } } else { LinkError::Open { ends: at, cause } }
-        };
-        Ok(Self { session: zenoh::open(ends.config()?).wait().map_err(failed)? })
+        let config = ends.config()?;
+        let began = Instant::now();
+        loop {
+            let tried = Instant::now();
+            let cause = match zenoh::open(config.clone()).wait() {
+                Ok(session) => return Ok(Self { session, is_secured: ends.are_secured() }),
+                Err(cause) => cause.to_string(),
+            };
+            let at = ends.to_string();
+            if !ends.client {
+                // After the words comes the place in Zenoh's source.
+                return Err(LinkError::Open {
+                    ends: at,
+                    cause: cause.split(" at /").next().unwrap_or_default().into(),
+                });
+            }
+            let answered = tried.elapsed() < ANSWER_LIMIT;
+            if began.elapsed() > if answered { REFUSAL_LIMIT } else { SILENCE_LIMIT } {
+                let limit_s = SILENCE_LIMIT.as_secs();
+                return Err(if answered {
+                    LinkError::TurnedAway { ends: at }
+                } else {
+                    LinkError::Silent { ends: at, limit_s }
+                });
+            }
+            std::thread::sleep(PAUSE);
+        }
     }
 
     /// Waits until somebody is connected, no longer than `limit`.
@@ -61,8 +94,11 @@ impl Link {
         info.peers_zid().wait().count() + info.routers_zid().wait().count()
     }
 
-    /// Leaves, so that others know at once.
+    /// Leaves, so that others know at once; what was sent before arrives.
     pub fn close(&self) {
+        if self.is_secured && self.neighbours() > 0 {
+            std::thread::sleep(SETTLING);
+        }
         let session = self.session.clone();
         let closing = std::thread::spawn(move || {
             // One that cannot be closed ends with the process.
@@ -86,15 +122,31 @@ pub enum LinkError {
         /// What Zenoh says.
         cause: String,
     },
-    /// A client was not let in.
+    /// A client was not let in, or its way is not known.
     #[error(
-        "connecting to {ends}: {cause} does a gateway or a router listen there, and has the authority of these keys signed its certificate, for this address?"
+        "connecting to {ends}: turned away; has the authority of these keys signed both certificates, the one there for this address, have they not ended, and is the host's name known here?"
     )]
-    Connect {
+    TurnedAway {
         /// The endpoints.
         ends: String,
-        /// What Zenoh says.
-        cause: String,
+    },
+    /// A client was not answered.
+    #[error(
+        "connecting to {ends}: nobody answered for {limit_s} s; does a gateway or a router listen there, and does UDP get through to it?"
+    )]
+    Silent {
+        /// The endpoints.
+        ends: String,
+        /// How long it was tried, s.
+        limit_s: u64,
+    },
+    /// An address that QUIC does not connect to.
+    #[error(
+        "connecting to {endpoint}: over QUIC, Zenoh connects to no IPv6 address; name the host by its DNS name, or by an IPv4 address"
+    )]
+    Ipv6 {
+        /// The endpoint.
+        endpoint: String,
     },
     /// The endpoints or what secures them cannot be.
     #[error("setting {what}: {cause}")]

@@ -29,7 +29,7 @@ fn nobody_connects_without_tls() {
     let plain = site.copy_of("viewer.wall");
     let path = plain.path().join("ground.json5");
     let text = fs::read_to_string(&path).unwrap();
-    fs::write(&path, text.replace("\"tls/", "\"tcp/")).unwrap();
+    fs::write(&path, text.replace("\"quic/", "\"tcp/")).unwrap();
     assert!(site.open(plain.path()).is_err());
     fs::write(&path, text).unwrap();
     assert!(site.open(plain.path()).is_ok());

@@ -30,7 +30,7 @@ use crate::{
 };
 
 /// From the first request to end until a process is killed.
-const GRACE: Duration = Duration::from_millis(400);
+const GRACE: Duration = Duration::from_millis(800);
 /// From a start until the service must be ready.
 const READY_LIMIT: Duration = Duration::from_secs(10);
 /// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.

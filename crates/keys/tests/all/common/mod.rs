@@ -4,7 +4,7 @@
 
 use std::{
     fs,
-    net::TcpListener,
+    net::UdpSocket,
     path::{Path, PathBuf},
     sync::{Arc, Mutex},
     time::{Duration, Instant},
@@ -71,7 +71,7 @@ impl Site {
         let quoted = |file: &str| format!("{:?}", folder.join(file).to_str().unwrap());
         for (key, value) in [
             ("mode", "\"peer\"".into()),
-            ("listen/endpoints", format!("[\"tls/127.0.0.1:{}\"]", self.port)),
+            ("listen/endpoints", format!("[\"quic/127.0.0.1:{}\"]", self.port)),
             ("scouting/multicast/enabled", "false".into()),
             ("scouting/gossip/enabled", "false".into()),
             ("transport/link/tls/enable_mtls", "true".into()),
@@ -119,7 +119,7 @@ impl Site {
 }
 
 fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+    UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
 /// A vehicle as its gateway is: telemetry, last values, liveliness, commands.

@@ -1,5 +1,4 @@
 //! Whoever asks learns whether there is an answer, why there is none, or that nobody said anything.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{net::TcpListener, sync::Mutex, time::Duration};
 
