@@ -95,6 +95,7 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
         &["operator", "*"],
         &["viewer", "wall", "--days", "0"],
         &["vehicle", "alpha", "--host", "quic/alpha:7447"],
+        &["vehicle", "alpha", "--host", "fd00::1"],
         &["router", "--router", "a b", "--force"],
         &["revoke", "alpha"],
     ] {
@@ -105,6 +106,10 @@ fn a_wrong_name_host_or_validity_is_wrong_usage_and_writes_nothing() {
     for arguments in [&["vehicle", "alpha", "--host", "a b"][..], &["router", "--router", "a b", "--force"]] {
         let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
         assert!(said.contains("the host `a b`: expected"), "{said}");
+    }
+    for arguments in [&["vehicle", "alpha", "--host", "fd00::1"][..], &["router", "--router", "fd00::1", "--force"]] {
+        let said = String::from_utf8(keys(folder.path(), arguments).stderr).unwrap();
+        assert!(said.contains("give a DNS name that leads there, or an IPv4 address"), "{said}");
     }
     let nowhere = keys(&folder.path().join("nowhere"), &["vehicle", "alpha"]);
     assert_eq!(nowhere.status.code(), Some(1));

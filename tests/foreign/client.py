@@ -1,18 +1,20 @@
-"""A client that has never seen this project: ENDPOINT VEHICLE.
+"""A client that has never seen this project: ENDPOINT VEHICLE [FOLDER].
 
-It needs eclipse-zenoh and protobuf and nothing else; the types come from the vehicle itself. Prints a line of JSON for each step and waits for
+It needs eclipse-zenoh and protobuf and nothing else; the types come from the vehicle itself. FOLDER is one of an operator that `plumb keys` has
+made, for a quic endpoint. Prints a line of JSON for each step and waits for
 a line on standard input before the last one, which needs the vehicle to go.
 """
 
 import json
 import math
+import pathlib
 import sys
 import threading
 
 import zenoh
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-endpoint, vehicle = sys.argv[1:]
+endpoint, vehicle, *folder = sys.argv[1:]
 prefix = f"plumbline/v1/{vehicle}"
 
 
@@ -25,11 +27,15 @@ def ask(session, key, payload=None):
     return {str(reply.key_expr): (str(reply.encoding), reply.payload.to_bytes()) for reply in replies}
 
 
-config = zenoh.Config()
-config.insert_json5("mode", '"peer"')
-config.insert_json5("listen/endpoints", "[]")
+if folder:
+    text = (pathlib.Path(folder[0]) / "ground.json5").read_text()
+    config = zenoh.Config.from_json5(text.replace("/etc/plumbline/keys", folder[0]))
+else:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("scouting/multicast/enabled", "false")
 config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-config.insert_json5("scouting/multicast/enabled", "false")
 session = zenoh.open(config)
 
 living, changed = set(), threading.Condition()

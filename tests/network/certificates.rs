@@ -147,6 +147,10 @@ fn at_a_vehicle_that_listens_itself_an_operator_commands_a_viewer_looks_and_nobo
     let remote = answer(port, &viewer, &["ps", "--remote", "alpha"]);
     assert_eq!(fuser(remote.as_array().unwrap())[0], "vqf");
 
+    let ipv6 = ["ps", "--remote", "alpha", "--connect", "quic/[::1]:7447", "--keys", viewer.to_str().unwrap()];
+    let refused = plumb(&ipv6).output().unwrap();
+    assert!(refused.status.code() == Some(2) && said(&refused).contains("or by an IPv4 address"), "{}", said(&refused));
+
     // Another authority, no certificate, no folder of keys, no TLS.
     let nowhere = site.of("nobody");
     for (foreign, code, word) in [(&other.of("operator.ann"), 1, "the authority"), (&nowhere, 2, "there is no ca.pem")]

@@ -1,15 +1,22 @@
 //! Somebody else's client, in another language and with nothing of ours: reads, asks, commands.
 use std::{
+    fs,
     io::{BufRead, BufReader, Write},
-    net::TcpListener,
     path::{Path, PathBuf},
     process::{Command, Stdio},
+    sync::LazyLock,
 };
 
-use crate::common::{System, plumb, until};
+use crate::common::{
+    Running, System,
+    beyond::{endpoint, free_port},
+    plumb,
+};
 use serde_json::Value;
 
-/// A Python with what the client needs; says why where there is none.
+/// A Python with what the client needs, made once; says why where there is none.
+static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
+
 fn python() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("foreign-venv");
     let python = folder.join("bin/python");
@@ -37,29 +44,23 @@ fn python() -> Option<PathBuf> {
     }
 }
 
-#[test]
-fn a_client_that_knows_nothing_of_us_reads_asks_and_commands() {
-    let Some(python) = python() else { return };
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let system = System::new(&format!(
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nlisten = [\"tcp/127.0.0.1:{port}\"]\n"
-    ));
-    let running = system.start(&[]);
-    let ps = || -> Vec<Value> {
-        let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).unwrap_or_default()
-    };
-    until("the gateway to listen", || ps().last().is_some_and(|gateway| gateway["at"].is_string()));
-    let at = ps().last().unwrap()["at"].as_str().unwrap().to_owned();
+/// The vehicle boat.
+fn boat(gateway: &str) -> System {
+    System::new(&format!(
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nvehicle = \"boat\"\n{gateway}\n"
+    ))
+}
 
-    let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/client.py");
-    let mut child = Command::new(python)
-        .arg(client)
-        .args([&at, &system.name])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+fn client(python: &Path, endpoint: &str, folder: Option<&Path>) -> Command {
+    let mut command = Command::new(python);
+    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/client.py")).args([endpoint, "boat"]);
+    command.args(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
+    command
+}
+
+/// What the client says at each step is as it must be; it goes on from the last one when the vehicle has gone.
+fn assert_reads_asks_and_commands(mut client: Command, running: Running) {
+    let mut child = client.spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let mut step = |name: &str| -> Value {
         let line = lines.next().unwrap_or_else(|| panic!("the client ended before `{name}`")).unwrap();
@@ -85,4 +86,43 @@ fn a_client_that_knows_nothing_of_us_reads_asks_and_commands() {
     child.stdin.take().unwrap().write_all(b"\n").unwrap();
     assert_eq!(step("went")["all"], true);
     assert!(child.wait().unwrap().success());
+}
+
+#[test]
+fn a_client_that_knows_nothing_of_us_reads_asks_and_commands() {
+    let Some(python) = &*PYTHON else { return };
+    let system = boat(&format!("listen = [\"tcp/127.0.0.1:{}\"]", free_port()));
+    let running = system.start(&[]);
+    assert_reads_asks_and_commands(client(python, &endpoint(&system), None), running);
+}
+
+#[test]
+fn over_quic_it_does_so_with_a_certificate_and_gets_nothing_without() {
+    let Some(python) = &*PYTHON else { return };
+    let keys = tempfile::tempdir().unwrap();
+    let of = |party: &str| keys.path().join(party);
+    for arguments in [&["init"][..], &["vehicle", "boat", "--host", "127.0.0.1"], &["operator", "ann"]] {
+        let made = plumb(&["keys"]).args(arguments).arg("--dir").arg(keys.path()).output().unwrap();
+        assert!(made.status.success(), "{made:?}");
+    }
+    let [ca, cert, key, access] =
+        ["ca.pem", "cert.pem", "key.pem", "access.json5"].map(|it| of("vehicle.boat").join(it));
+    let port = free_port();
+    let system = boat(&format!(
+        "listen = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\ntls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}"
+    ));
+    let running = system.start(&[]);
+    let at = endpoint(&system);
+
+    let (operator, bare) = (of("operator.ann"), tempfile::tempdir().unwrap());
+    let text = fs::read_to_string(operator.join("ground.json5")).unwrap();
+    let kept = |line: &&str| !line.contains("connect_certificate") && !line.contains("connect_private_key");
+    let text = text.replace("enable_mtls: true", "enable_mtls: false").replace("client: 40000", "client: 5000");
+    fs::write(bare.path().join("ground.json5"), text.lines().filter(kept).collect::<Vec<_>>().join("\n")).unwrap();
+    fs::copy(operator.join("ca.pem"), bare.path().join("ca.pem")).unwrap();
+    let refused = client(python, &at, Some(bare.path())).stderr(Stdio::piped()).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.stdout.is_empty() && said.contains("Unable to connect"), "{refused:?}");
+
+    assert_reads_asks_and_commands(client(python, &at, Some(&operator)), running);
 }

@@ -18,7 +18,7 @@ use serde_json::Value;
 
 const BOARD: &str = "10.78.0.1";
 const STATION: &str = "10.78.0.2";
-/// Longer than Zenoh believes in a connection from which nothing comes (its lease, 10 s).
+/// Longer than Zenoh believes in a connection from which nothing comes (its lease, 3 s).
 const CUT: Duration = Duration::from_secs(12);
 
 /// Two network namespaces and the link between them; they go with the test.

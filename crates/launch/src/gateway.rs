@@ -1,26 +1,22 @@
 //! What goes beyond the board, and to where: `[gateway]`.
 
-use std::{collections::BTreeMap, net::IpAddr, path::PathBuf};
-
-use serde::{Deserialize, Serialize};
-use toml::Spanned;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
+    endpoint,
     model::system_name,
-    problem::Problem,
     split::{self, Import},
     walk::Section,
 };
-
-/// Endpoints of each kind at most.
-const ENDPOINTS_MAX: usize = 16;
+use serde::{Deserialize, Serialize};
 
 /// What goes beyond the board, and to where.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gateway {
     /// The vehicle's name beyond the board; the system's name where there is none.
     pub vehicle: Option<String>,
-    /// Where others may connect, as `tcp/127.0.0.1:7447`; a port of the loopback that is taken is passed over for the next free one.
+    /// Where others may connect, as `tcp/127.0.0.1:7447` or `quic/0.0.0.0:7447`; a port of the loopback that is taken is passed over for
+    /// the next free one.
     pub listen: Vec<String>,
     /// Whom it connects to: routers and stations.
     pub connect: Vec<String>,
@@ -114,10 +110,7 @@ pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
         }
     });
     split::split(section, out);
-    let (has_tls, has_access) = (section.has("tls"), section.has("access"));
-    endpoints(section, "listen", has_tls, has_access, &mut out.listen);
-    // Whoever listens holds the list.
-    endpoints(section, "connect", has_tls, true, &mut out.connect);
+    endpoint::endpoints(section, out);
 }
 
 fn rate(section: &mut Section<'_, '_>, topic: &'static str, rates: &mut BTreeMap<String, Rate>) {
@@ -139,84 +132,6 @@ fn rate(section: &mut Section<'_, '_>, topic: &'static str, rates: &mut BTreeMap
             None => {}
         }
     }
-}
-
-/// Where everybody could listen, or pretend to be somebody, only mutual TLS is allowed.
-fn endpoints(section: &mut Section<'_, '_>, key: &'static str, has_tls: bool, has_access: bool, out: &mut Vec<String>) {
-    let Some(listed) = section.texts(key, ENDPOINTS_MAX) else { return };
-    for endpoint in &listed {
-        let text = endpoint.get_ref();
-        let problem = match Endpoint::of(text) {
-            Some(Endpoint::Loopback) => continue,
-            Some(Endpoint::Quic { names_ipv6: true }) if key == "connect" => Problem {
-                note: Some("an IPv6 address is no name that Zenoh's QUIC takes".into()),
-                help: Some("name the host by its DNS name, or by an IPv4 address".into()),
-                ..at(endpoint, key, "never connects", "expected a DNS name or an IPv4 address")
-            },
-            Some(Endpoint::Quic { .. }) if has_tls && has_access => continue,
-            Some(Endpoint::Quic { .. }) if has_tls => Problem {
-                help: Some(
-                    "access names the list of who may do what; `plumb keys vehicle NAME --host HOST` writes it".into(),
-                ),
-                ..at(endpoint, key, "has no access list", "needs access")
-            },
-            Some(Endpoint::Quic { .. }) => Problem {
-                help: Some(CERTIFICATES.into()),
-                ..at(endpoint, key, "has no certificates", "needs [gateway.tls]")
-            },
-            Some(Endpoint::Open) => {
-                let help =
-                    Some(format!("use \"quic/…\" with certificates, or the loopback: {LOOPBACK}; {CERTIFICATES}"));
-                Problem { help, ..at(endpoint, key, "is open to everybody", "beyond the loopback only mutual TLS") }
-            }
-            None => {
-                let note = Some(format!("as {LOOPBACK} or \"quic/station.example:7447\""));
-                Problem { note, ..at(endpoint, key, "is no endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT") }
-            }
-        };
-        section.report(problem);
-    }
-    *out = listed.into_iter().map(Spanned::into_inner).collect();
-}
-
-const LOOPBACK: &str = "\"tcp/127.0.0.1:7447\"";
-const CERTIFICATES: &str = "[gateway.tls] names the files ca, cert and key";
-
-fn at(endpoint: &Spanned<String>, key: &str, what: &str, label: &str) -> Problem {
-    Problem::new(endpoint.span(), format!("gateway.{key}: {:?} {what}", endpoint.get_ref()), label)
-}
-
-/// How far an endpoint reaches.
-enum Endpoint {
-    Loopback,
-    /// With mutual TLS.
-    Quic {
-        names_ipv6: bool,
-    },
-    Open,
-}
-
-impl Endpoint {
-    fn of(text: &str) -> Option<Self> {
-        let (protocol, address) = text.split_once('/')?;
-        let (host, port) = address.rsplit_once(':')?;
-        let plain = |letter: char| letter.is_ascii_alphanumeric() || ".-:[]".contains(letter);
-        if host.is_empty() || !host.chars().all(plain) || port.parse::<u16>().is_err() {
-            return None;
-        }
-        match protocol {
-            "quic" => Some(Self::Quic { names_ipv6: host.contains(':') }),
-            "tcp" if is_loopback(host) => Some(Self::Loopback),
-            "tcp" => Some(Self::Open),
-            _ => None,
-        }
-    }
-}
-
-/// This machine and nobody else.
-pub(crate) fn is_loopback(host: &str) -> bool {
-    let address = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-    host == "localhost" || address.is_ok_and(|address| address.is_loopback())
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `gateway` | what goes beyond the board, and to where |
+//! | `endpoint` | how far the gateway's endpoints reach |
 //! | `split` | one system on several hosts |
 //! | `fault` | what the sensors are made to do wrong |
 //! | `program` | stages of the user's own |
@@ -17,6 +18,7 @@
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
 
+mod endpoint;
 mod fault;
 mod gateway;
 mod model;

@@ -10,6 +10,8 @@ use zenoh::Config;
 
 use crate::LinkError;
 
+/// How the hosts of the loopback begin.
+const LOOPBACKS: [&str; 3] = ["127.", "localhost:", "[::1]:"];
 /// Ports tried after the one named.
 const PORTS_TRIED: u16 = 64;
 
@@ -56,7 +58,8 @@ impl Ends {
     /// The same with the next free port where one of the loopback is taken.
     pub fn with_free_ports(mut self) -> Result<Self, LinkError> {
         for endpoint in &mut self.listen {
-            if let Some(address) = endpoint.strip_prefix("tcp/") {
+            let address = endpoint.strip_prefix("tcp/").filter(|it| LOOPBACKS.iter().any(|host| it.starts_with(host)));
+            if let Some(address) = address {
                 *endpoint = format!("tcp/{}", free(address)?);
             }
         }
