@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::{Domain, topic, wake};
+use crate::{Domain, port, wake};
 
 /// Where the bus is and how its topics are opened.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -22,6 +22,8 @@ pub struct Facts {
     /// At a topic's place in `messages::TOPICS` stand: wakes (u32), which counts and is waited on; waiting (u32), set by who is about
     /// to wait; next_tick (u64), the tick after the newest one published.
     pub word_bytes: usize,
+    /// A payload is a slice of bytes (`u8`) with this alignment, as long as the message.
+    pub alignment: usize,
     /// The text of a topic's layout is in its attributes `layout.0`, `layout.1`, … in pieces of so many bytes.
     pub layout_chunk: usize,
     /// Publishers of a topic at most.
@@ -45,12 +47,13 @@ impl Domain {
             members: self.members_path(),
             page: self.page_path(),
             word_bytes: wake::WORD_BYTES,
-            layout_chunk: topic::LAYOUT_CHUNK,
-            publishers: topic::PUBLISHERS,
-            publishers_everybody: topic::EVERYBODY,
-            everybody: topic::OF_EVERYBODY,
-            subscribers: topic::SUBSCRIBERS,
-            nodes: topic::NODES,
+            alignment: port::ALIGNMENT,
+            layout_chunk: port::LAYOUT_CHUNK,
+            publishers: port::PUBLISHERS,
+            publishers_everybody: port::EVERYBODY,
+            everybody: port::OF_EVERYBODY,
+            subscribers: port::SUBSCRIBERS,
+            nodes: port::NODES,
         }
     }
 }

@@ -12,6 +12,7 @@ mod error;
 mod facts;
 mod observer;
 mod place;
+mod port;
 mod remains;
 mod tap;
 mod topic;

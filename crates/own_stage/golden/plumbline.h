@@ -1,8 +1,8 @@
 /*
  * Plumbline's messages. Written by `plumb stage header`; not to be edited.
  *
- * A topic is an iceoryx2 publish-subscribe service of the name PLUMBLINE_TOPIC_*, its payload type is named PLUMBLINE_TYPE_*, and
- * its attributes layout.0, layout.1, ... hold PLUMBLINE_LAYOUT_* in pieces. How a program joins a system: docs/own-stage.md.
+ * A topic is an iceoryx2 publish-subscribe service of the name PLUMBLINE_TOPIC_*. A payload is a slice of bytes (uint8_t) that holds
+ * one struct; the attributes layout.0, layout.1, ... hold PLUMBLINE_LAYOUT_* in pieces. How a program joins a system: docs/own-stage.md.
  */
 #ifndef PLUMBLINE_H
 #define PLUMBLINE_H
@@ -96,7 +96,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_header, incarnation) == 60, "place of
 
 /* A reading as it comes from a sensor, before anything was checked: any value may be NaN. */
 #define PLUMBLINE_TOPIC_SENSOR_READING "sensor"
-#define PLUMBLINE_TYPE_SENSOR_READING "plumbline.SensorReading.1"
 #define PLUMBLINE_LAYOUT_SENSOR_READING \
     "plumbline.SensorReading.1 80 t_sensor_ns:i64@0 rate_rad_s:[f64; 3]@8 force_m_s2:[f64; 3]@32 field_ut:[f64; 3]@56"
 struct plumbline_sensor_reading {
@@ -117,7 +116,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_sensor_reading, field_ut) == 56, "pla
 
 /* A fix as it comes from a satellite receiver, before anything was checked; it belongs to the next sensor reading. */
 #define PLUMBLINE_TOPIC_RECEIVER_READING "receiver"
-#define PLUMBLINE_TYPE_RECEIVER_READING "plumbline.ReceiverReading.1"
 #define PLUMBLINE_LAYOUT_RECEIVER_READING \
     "plumbline.ReceiverReading.1 48 velocity_m_s:[f64; 3]@0 velocity_sd_m_s:f64@24 age_s:f64@32 latitude_rad:f64@40"
 struct plumbline_receiver_reading {
@@ -138,7 +136,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_receiver_reading, latitude_rad) == 40
 
 /* One checked IMU sample: finite, its time grows, what is wrong with it is in the flags. */
 #define PLUMBLINE_TOPIC_IMU_SAMPLE "imu"
-#define PLUMBLINE_TYPE_IMU_SAMPLE "plumbline.ImuSample.1"
 #define PLUMBLINE_LAYOUT_IMU_SAMPLE \
     "plumbline.ImuSample.1 112 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 rate_rad_s:[f64; 3]@64 force_m_s2:[f64; 3]@88"
 struct plumbline_imu_sample {
@@ -154,7 +151,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_imu_sample, force_m_s2) == 88, "place
 
 /* The magnetic field at a tick; the sample of that tick is flagged field. */
 #define PLUMBLINE_TOPIC_MAG_SAMPLE "mag"
-#define PLUMBLINE_TYPE_MAG_SAMPLE "plumbline.MagSample.1"
 #define PLUMBLINE_LAYOUT_MAG_SAMPLE \
     "plumbline.MagSample.1 88 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 field_ut:[f64; 3]@64"
 struct plumbline_mag_sample {
@@ -167,7 +163,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_mag_sample, field_ut) == 64, "place o
 
 /* What a satellite receiver said, at the tick at which it arrived; the sample of that tick is flagged fix. */
 #define PLUMBLINE_TOPIC_GNSS_FIX "gnss"
-#define PLUMBLINE_TYPE_GNSS_FIX "plumbline.GnssFix.1"
 #define PLUMBLINE_LAYOUT_GNSS_FIX \
     "plumbline.GnssFix.1 112 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 velocity_m_s:[f64; 3]@64 velocity_sd_m_s:f64@88 age_s:f64@96 latitude_rad:f64@104"
 struct plumbline_gnss_fix {
@@ -189,7 +184,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_gnss_fix, latitude_rad) == 104, "plac
 
 /* The true attitude at a tick, as far as the source knows it. */
 #define PLUMBLINE_TOPIC_REFERENCE "reference"
-#define PLUMBLINE_TYPE_REFERENCE "plumbline.Reference.1"
 #define PLUMBLINE_LAYOUT_REFERENCE \
     "plumbline.Reference.1 48 tick:u64@0 scored:u64@8 quaternion:[f64; 4]@16"
 struct plumbline_reference {
@@ -207,7 +201,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_reference, quaternion) == 16, "place 
 
 /* The motion over one tick's interval. */
 #define PLUMBLINE_TOPIC_GYRO_STEP "gyro"
-#define PLUMBLINE_TYPE_GYRO_STEP "plumbline.GyroStep.1"
 #define PLUMBLINE_LAYOUT_GYRO_STEP \
     "plumbline.GyroStep.1 152 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 w:[f64; 2]@64 z_rad:f64@80 chart:Chart@88 p:[f64; 2]@96 s:[f64; 2]@112 rate_rad_s:[f64; 3]@128"
 struct plumbline_gyro_step {
@@ -235,7 +228,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_gyro_step, rate_rad_s) == 128, "place
 
 /* Where the accelerometer sees up. */
 #define PLUMBLINE_TOPIC_ACCEL_POINT "accel"
-#define PLUMBLINE_TYPE_ACCEL_POINT "plumbline.AccelPoint.1"
 #define PLUMBLINE_LAYOUT_ACCEL_POINT \
     "plumbline.AccelPoint.1 128 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 w:[f64; 2]@64 chart:Chart@80 norm_m_s2:f64@88 trust:f64@96 force_m_s2:[f64; 3]@104"
 struct plumbline_accel_point {
@@ -260,7 +252,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_accel_point, force_m_s2) == 104, "pla
 
 /* The fused attitude. */
 #define PLUMBLINE_TOPIC_FUSED_STATE "fused"
-#define PLUMBLINE_TYPE_FUSED_STATE "plumbline.FusedState.1"
 #define PLUMBLINE_LAYOUT_FUSED_STATE \
     "plumbline.FusedState.1 184 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 w:[f64; 2]@64 z_rad:f64@80 chart:Chart@88 rate_rad_s:[f64; 3]@96 bias_rad_s:[f64; 3]@120 innovation_rad:f64@144 inclination_sd_rad:f64@152 heading_sd_rad:f64@160 course_reference:CourseReference@168 reset_counter:u64@176"
 struct plumbline_fused_state {
@@ -300,7 +291,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_fused_state, reset_counter) == 176, "
 
 /* The attitude as people and autopilots read it. */
 #define PLUMBLINE_TOPIC_ATTITUDE_OUTPUT "attitude"
-#define PLUMBLINE_TYPE_ATTITUDE_OUTPUT "plumbline.AttitudeOutput.1"
 #define PLUMBLINE_LAYOUT_ATTITUDE_OUTPUT \
     "plumbline.AttitudeOutput.1 224 tick:u64@0 t_start_ns:i64@8 t_end_ns:i64@16 t_born_ns:u64@24 t_sent_ns:u64@32 lost_upstream:u64@40 flags:Flags@48 epoch:u32@56 incarnation:u32@60 quaternion:[f64; 4]@64 yaw_rad:f64@96 pitch_rad:f64@104 roll_rad:f64@112 course_rad:f64@120 course_reference:CourseReference@128 course_sd_rad:f64@136 declination_rad:f64@144 rate_rad_s:[f64; 3]@152 inclination_sd_rad:f64@176 reset_counter:u64@184 jump:[f64; 4]@192"
 struct plumbline_attitude_output {
@@ -346,7 +336,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_attitude_output, jump) == 192, "place
 
 /* Leave to publish: in live operation without end, in lockstep as far as the slowest reader allows. */
 #define PLUMBLINE_TOPIC_CREDIT "credit"
-#define PLUMBLINE_TYPE_CREDIT "plumbline.Credit.1"
 #define PLUMBLINE_LAYOUT_CREDIT \
     "plumbline.Credit.1 8 ticks:u64@0"
 struct plumbline_credit {
@@ -358,7 +347,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_credit, ticks) == 0, "place of ticks"
 
 /* The state of a slot between two ticks: from it the next life of the service goes on, or another stage. */
 #define PLUMBLINE_TOPIC_CHECKPOINT "checkpoint"
-#define PLUMBLINE_TYPE_CHECKPOINT "plumbline.Checkpoint.1"
 #define PLUMBLINE_LAYOUT_CHECKPOINT \
     "plumbline.Checkpoint.1 4680 next_tick:u64@0 checksum:u64@8 service:u32@16 incarnation:u32@20 stage:[u8; 32]@24 slot_words:u32@56 common_words:u32@60 stage_words:u32@64 reserved:u32@68 words:[u64; CHECKPOINT_WORDS]@72"
 struct plumbline_checkpoint {
@@ -397,7 +385,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_checkpoint, words) == 72, "place of w
 
 /* How far a candidate is from the stage that owns its slot: angle, inclination, heading. */
 #define PLUMBLINE_TOPIC_DIFFERENCE "difference"
-#define PLUMBLINE_TYPE_DIFFERENCE "plumbline.Difference.1"
 #define PLUMBLINE_LAYOUT_DIFFERENCE \
     "plumbline.Difference.1 120 tick:u64@0 ticks:u64@8 now_rad:[f64; 3]@16 mean_rad:[f64; 3]@40 rms_rad:[f64; 3]@64 max_rad:[f64; 3]@88 service:u32@112 incarnation:u32@116"
 struct plumbline_difference {
@@ -430,7 +417,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_difference, incarnation) == 116, "pla
 
 /* Who owns a slot from a tick on: the supervisor's decision. */
 #define PLUMBLINE_TOPIC_CONTROL "control"
-#define PLUMBLINE_TYPE_CONTROL "plumbline.Control.1"
 #define PLUMBLINE_LAYOUT_CONTROL \
     "plumbline.Control.1 24 from_tick:u64@0 epoch:u32@8 service:u32@12 owner:u32@16 reserved:u32@20"
 struct plumbline_control {
@@ -454,7 +440,6 @@ PLUMBLINE_ASSERT(offsetof(struct plumbline_control, reserved) == 20, "place of r
 
 /* What a service says of itself. */
 #define PLUMBLINE_TOPIC_HEALTH "health"
-#define PLUMBLINE_TYPE_HEALTH "plumbline.Health.1"
 #define PLUMBLINE_LAYOUT_HEALTH \
     "plumbline.Health.1 104 ticks:u64@0 lost:u64@8 duplicated:u64@16 repeated:u64@24 next_tick:u64@32 refused:u64@40 late_wakes:u64@48 flags:Flags@56 service:u32@64 state:State@68 incarnation:u32@72 pid:u32@76 epoch:u32@80 missed:u32@84 published_from:u64@88 flawed:u64@96"
 struct plumbline_health {

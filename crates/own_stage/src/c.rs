@@ -9,8 +9,8 @@ use crate::{class_name, constants, flags, kind, plain, structs};
 const HEAD: &str = r#"/*
  * Plumbline's messages. Written by `plumb stage header`; not to be edited.
  *
- * A topic is an iceoryx2 publish-subscribe service of the name PLUMBLINE_TOPIC_*, its payload type is named PLUMBLINE_TYPE_*, and
- * its attributes layout.0, layout.1, ... hold PLUMBLINE_LAYOUT_* in pieces. How a program joins a system: docs/own-stage.md.
+ * A topic is an iceoryx2 publish-subscribe service of the name PLUMBLINE_TOPIC_*. A payload is a slice of bytes (uint8_t) that holds
+ * one struct; the attributes layout.0, layout.1, ... hold PLUMBLINE_LAYOUT_* in pieces. How a program joins a system: docs/own-stage.md.
  */
 #ifndef PLUMBLINE_H
 #define PLUMBLINE_H
@@ -48,7 +48,6 @@ fn payload(text: &mut String, layout: &Layout) {
     line(text, format_args!("\n/* {} */", plain(layout.about)));
     if let Some(topic) = layout.topic {
         line(text, format_args!("#define PLUMBLINE_TOPIC_{constant} \"{topic}\""));
-        line(text, format_args!("#define PLUMBLINE_TYPE_{constant} \"{}\"", layout.name));
         line(text, format_args!("#define PLUMBLINE_LAYOUT_{constant} \\\n    \"{layout}\""));
     }
     line(text, format_args!("struct plumbline_{name} {{"));

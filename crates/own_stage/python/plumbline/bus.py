@@ -44,7 +44,8 @@ class Bus:
 
     def publisher(self, message, buffer):
         """Publishes a type of message; the topic holds `buffer` of them for each reader."""
-        return Publisher(self._topic(message, buffer).publisher_builder().max_loaned_samples(1).create(), self.word(message))
+        builder = self._topic(message, buffer).publisher_builder().max_loaned_samples(1)
+        return Publisher(builder.initial_max_slice_len(ctypes.sizeof(message)).create(), self.word(message))
 
     def subscriber(self, message, buffer, late):
         """Reads a type of message: from the next one, or (late) from the oldest that publishers hold."""
@@ -71,7 +72,8 @@ class Bus:
         try:
             return (
                 self._node.service_builder(iox2.ServiceName.new(message.TOPIC))
-                .publish_subscribe(message)
+                .publish_subscribe(iox2.Slice[ctypes.c_uint8])
+                .payload_alignment(iox2.Alignment.new(facts["alignment"]))
                 .enable_safe_overflow(True)
                 .subscriber_max_buffer_size(buffer)
                 .history_size(buffer)
@@ -93,7 +95,10 @@ class Publisher:
         self._port, self._word = port, word
 
     def send(self, message):
-        self._port.send_copy(message)
+        size = ctypes.sizeof(message)
+        sample = self._port.loan_slice_uninit(size)
+        ctypes.memmove(sample.payload_ptr, ctypes.byref(message), size)
+        sample.assume_init().send()
 
     def greet(self):
         """Hands what it holds to readers that have come since it last acted."""
