@@ -1,5 +1,5 @@
 //! Services that die, freeze or cannot live: every tick comes out once, in order, with the bytes of an undisturbed run.
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::common::{Run, Running, System, signal, until};
 use rustix::process::Signal;
@@ -95,6 +95,37 @@ fn a_service_that_freezes_is_killed_and_goes_on() {
         }
     });
     assert!(run.people.contains("has said nothing for"), "{}", run.people);
+}
+
+/// Kills a service, and stops its next life as soon as there is one.
+fn kill_and_freeze_the_next(running: &Running, service: &str) -> u32 {
+    let killed = running.service(service);
+    signal(killed, Signal::KILL);
+    let deadline = Instant::now() + Duration::from_secs(60);
+    // Without a pause: it says its first word within milliseconds.
+    while Instant::now() < deadline {
+        if let Some((_, pid)) = running.services().into_iter().find(|(name, pid)| name == service && *pid != killed) {
+            signal(pid, Signal::STOP);
+            return pid;
+        }
+    }
+    panic!("{service} was not started again");
+}
+
+/// `PLUMBLINE_FREEZES=50` does it more often.
+#[test]
+fn a_next_life_that_freezes_before_its_first_word_is_replaced_before_anything_is_lost() {
+    let freezes = std::env::var("PLUMBLINE_FREEZES").map_or(10, |count| count.parse().unwrap());
+    let run = assert_undisturbed("", &[], |running| {
+        for service in ["ingest", "gyro", "accel", "fuser", "course"].iter().cycle().take(freezes) {
+            let frozen = kill_and_freeze_the_next(running, service);
+            until("the frozen one to be replaced", || running.service(service) != frozen);
+            pause(300);
+        }
+    });
+    let early = run.people.matches("has not opened its topics for").count();
+    println!("{freezes} next lives were stopped, {early} of them before their first word");
+    assert!(2 * early > freezes, "most were stopped too late: {}", run.people);
 }
 
 #[test]

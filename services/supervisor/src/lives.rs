@@ -15,24 +15,50 @@ pub(crate) enum Verdict {
     Stop,
 }
 
+/// A life that has said nothing so long after its start has failed in any case.
+pub(crate) const FIRST_WORD_LIMIT: Duration = Duration::from_secs(10);
+
 /// The lives of a service.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Lives {
     /// Times it was started again.
     pub(crate) restarts: u32,
     failures: u64,
+    /// Lives in a row that never said anything.
+    mute: u32,
+    /// From the start to the first word, the least that any life took.
+    quickest_start: Option<Duration>,
 }
 
 impl Lives {
     /// The first life has never begun to work: it is as if the limit were reached.
     pub(crate) fn never_began(&mut self, rule: &Restart) -> Verdict {
         self.failures = rule.limit;
-        self.ended(Duration::ZERO, rule)
+        self.ended(None, rule)
     }
 
-    /// A life of this length has ended.
-    pub(crate) fn ended(&mut self, lived: Duration, rule: &Restart) -> Verdict {
-        self.failures = if lived.as_secs_f64() < rule.settled_s { self.failures + 1 } else { 0 };
+    /// A life has said its first word so long after its start.
+    pub(crate) fn spoke(&mut self, start: Duration) {
+        self.quickest_start = Some(self.quickest_start.map_or(start, |quickest| quickest.min(start)));
+    }
+
+    /// How long the life that began last may take to its first word. Nothing is published before every first life has said it, so that one
+    /// may take its time. Ticks wait for a later one: it has no longer than one that falls silent, or twice what its service needs; twice
+    /// as long again after each that did not manage it, for the machine may be slow.
+    pub(crate) fn first_word_limit(&self, rule: &Restart) -> Duration {
+        if self.restarts == 0 {
+            return FIRST_WORD_LIMIT;
+        }
+        let needed = 2 * self.quickest_start.unwrap_or_default();
+        let limit = needed.max(Duration::from_secs_f64(rule.silence_s));
+        limit.saturating_mul(1 << self.mute.min(20)).min(FIRST_WORD_LIMIT)
+    }
+
+    /// A life of this length has ended; one that never said anything has failed, however long it took.
+    pub(crate) fn ended(&mut self, lived: Option<Duration>, rule: &Restart) -> Verdict {
+        self.mute = if lived.is_none() { self.mute + 1 } else { 0 };
+        let settled = lived.is_some_and(|lived| lived.as_secs_f64() >= rule.settled_s);
+        self.failures = if settled { 0 } else { self.failures + 1 };
         let longest = Duration::from_secs_f64(rule.backoff_max_s);
         if self.failures > rule.limit {
             return match rule.on_limit {
@@ -63,7 +89,7 @@ mod tests {
 
     fn pauses_ms(rule: Restart, lived_s: f64, deaths: usize) -> Vec<Option<u128>> {
         let mut lives = Lives::default();
-        let mut end = || match lives.ended(Duration::from_secs_f64(lived_s), &rule) {
+        let mut end = || match lives.ended(Some(Duration::from_secs_f64(lived_s)), &rule) {
             Verdict::Again(pause) => Some(pause.as_millis()),
             Verdict::Away | Verdict::Stop => None,
         };
@@ -89,10 +115,37 @@ mod tests {
     }
 
     #[test]
+    fn a_later_life_has_as_long_to_its_first_word_as_one_that_falls_silent() {
+        let ms = |lives: &Lives| lives.first_word_limit(&RULE).as_millis();
+        let mut lives = Lives::default();
+        lives.spoke(Duration::from_millis(300));
+        assert_eq!(ms(&lives), 10_000, "a first life may take its time");
+        lives.restarts = 1;
+        assert_eq!(ms(&lives), 1000);
+        lives.spoke(Duration::from_secs(3));
+        assert_eq!(ms(&lives), 1000, "it has been quicker");
+        let limits: Vec<_> = (0..4).map(|_| (lives.ended(None, &RULE), ms(&lives)).1).collect();
+        assert_eq!(limits, [2000, 4000, 8000, 10_000]);
+        lives.ended(Some(Duration::from_millis(1)), &RULE);
+        assert_eq!(ms(&lives), 1000, "one has spoken");
+        let slow = Lives { restarts: 1, quickest_start: Some(Duration::from_millis(700)), ..Lives::default() };
+        assert_eq!(ms(&slow), 1400, "it needs its time");
+    }
+
+    #[test]
+    fn one_that_never_spoke_has_failed_however_little_a_life_must_last() {
+        let rule = Restart { settled_s: 0.0, limit: 1, ..RULE };
+        let mut lives = Lives::default();
+        assert_eq!(lives.ended(None, &rule), Verdict::Again(Duration::ZERO));
+        assert_eq!(lives.ended(None, &rule), Verdict::Stop);
+        assert_eq!(Lives::default().ended(Some(Duration::ZERO), &rule), Verdict::Again(Duration::ZERO));
+    }
+
+    #[test]
     fn what_happens_at_the_limit_is_a_choice() {
         let at_limit = |on_limit| {
-            let mut lives = Lives { failures: 6, restarts: 0 };
-            lives.ended(Duration::ZERO, &Restart { on_limit, ..RULE })
+            let mut lives = Lives { failures: 6, ..Lives::default() };
+            lives.ended(Some(Duration::ZERO), &Restart { on_limit, ..RULE })
         };
         assert_eq!(at_limit(OnLimit::Stop), Verdict::Stop);
         assert_eq!(at_limit(OnLimit::Degrade), Verdict::Away);

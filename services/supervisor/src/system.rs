@@ -306,7 +306,7 @@ impl System {
     }
 
     fn health_of(&self, service: Service) -> Option<&Health> {
-        self.crew.post(service).heard().map(|heard| &heard.health)
+        self.crew.post(service).heard()
     }
 
     /// The tick that comes out next.

@@ -174,9 +174,9 @@ fn attitude(collector: &Collector) -> String {
 fn service_line(service: Service, post: &Post) -> String {
     let standing = post.standing(SILENT);
     let restarts = if post.restarts() > 0 { format!("  restarts {}", post.restarts()) } else { String::new() };
-    let Some(heard) = post.heard() else { return format!("  {service:<7} {standing}{restarts}") };
-    let Health { ticks, lost, pid, late_wakes, .. } = heard.health;
-    let notable = Flags(heard.health.flags.0 & !Flags::USUAL.0);
+    let Some(health) = post.heard() else { return format!("  {service:<7} {standing}{restarts}") };
+    let Health { ticks, lost, pid, late_wakes, .. } = *health;
+    let notable = Flags(health.flags.0 & !Flags::USUAL.0);
     let late = if late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
     format!("  {service:<7} {standing:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{restarts}{late}  {notable}")
 }

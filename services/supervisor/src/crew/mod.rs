@@ -19,7 +19,7 @@ use rustix::{
 
 pub(crate) use post::Post;
 pub use post::Standing;
-pub(crate) use process::{Heard, own_cpu_s};
+pub(crate) use process::own_cpu_s;
 use process::{Process, cpu_s};
 
 use crate::{
@@ -31,8 +31,6 @@ use crate::{
 
 /// From the first request to end until a process is killed.
 const GRACE: Duration = Duration::from_millis(800);
-/// From a start until the service must be ready.
-const READY_LIMIT: Duration = Duration::from_secs(10);
 /// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
 const STANDSTILL: Duration = Duration::from_millis(100);
 
@@ -104,9 +102,13 @@ impl Crew {
     /// Takes what a service says of itself; the last words of the dead are left out.
     pub(crate) fn hear(&mut self, health: Health) {
         let Some(post) = self.posts.get_mut(health.service as usize) else { return };
+        if let Some(owner) = post.process.iter().find(|it| it.incarnation == health.incarnation && it.heard.is_none()) {
+            post.lives.spoke(owner.since.elapsed());
+        }
         let lives = [&mut post.process, &mut post.candidate, &mut post.retired];
         for process in lives.into_iter().flatten().filter(|process| process.incarnation == health.incarnation) {
-            process.heard = Some(Heard { health, at: Instant::now(), forgiven: false });
+            process.heard = Some(health);
+            (process.quiet_since, process.forgiven) = (Instant::now(), false);
         }
     }
 
@@ -242,10 +244,8 @@ impl Crew {
         let on_limit = if service.is_beside() { OnLimit::Hold } else { rule.on_limit };
         let rule = Restart { on_limit, ..rule };
         let verdict = match process.heard {
-            Some(_) => post.lives.ended(process.since.elapsed(), &rule),
             None if process.given_up && post.lives.restarts == 0 => post.lives.never_began(&rule),
-            // One that never said anything has failed, however long it took.
-            None => post.lives.ended(Duration::ZERO, &rule),
+            heard => post.lives.ended(heard.map(|_| process.since.elapsed()), &rule),
         };
         match verdict {
             Verdict::Stop => return Err(UpError::ServiceEnded { service, pid: process.pid, how, said }),
@@ -295,9 +295,9 @@ impl Crew {
             pid: post.pid(),
             restarts: post.restarts(),
             incarnation: post.incarnation(),
-            epoch: post.heard().map_or(0, |heard| heard.health.epoch),
-            ticks: post.heard().map_or(0, |heard| heard.health.ticks),
-            lost: post.heard().map_or(0, |heard| heard.health.lost),
+            epoch: post.heard().map_or(0, |health| health.epoch),
+            ticks: post.heard().map_or(0, |health| health.ticks),
+            lost: post.heard().map_or(0, |health| health.lost),
             at: post.at.clone(),
         };
         self.posts().map(standing).collect()

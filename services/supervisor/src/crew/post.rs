@@ -3,15 +3,12 @@
 use std::time::{Duration, Instant};
 
 use launch::{Restart, Service};
-use messages::State;
+use messages::{Health, State};
 use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    News, READY_LIMIT,
-    process::{Heard, Process},
-};
-use crate::lives::Lives;
+use super::{News, process::Process};
+use crate::lives::{FIRST_WORD_LIMIT, Lives};
 
 /// A service beside the data path that says nothing for so long is killed: it may have to wait for the machine.
 const SILENCE_BESIDE: Duration = Duration::from_secs(5);
@@ -64,12 +61,12 @@ pub struct Standing {
 
 impl Post {
     /// What it said last.
-    pub(crate) fn heard(&self) -> Option<&Heard> {
+    pub(crate) fn heard(&self) -> Option<&Health> {
         self.process.as_ref()?.heard.as_ref()
     }
 
     /// What its candidate said last.
-    pub(crate) fn candidate_heard(&self) -> Option<&Heard> {
+    pub(crate) fn candidate_heard(&self) -> Option<&Health> {
         self.candidate.as_ref()?.heard.as_ref()
     }
 
@@ -94,8 +91,8 @@ impl Post {
             _ if self.away => "failed",
             (None, _) => "backoff",
             (Some(_), None) => "starting",
-            (Some(_), Some(heard)) if heard.at.elapsed() > silence => "silent",
-            (Some(_), Some(heard)) => State::name(heard.health.state),
+            (Some(process), Some(_)) if process.quiet_since.elapsed() > silence => "silent",
+            (Some(_), Some(heard)) => State::name(heard.state),
         }
     }
 
@@ -108,9 +105,9 @@ impl Post {
     /// do the supervisor is late again and again.
     pub(super) fn forgive(&mut self, stood_still: Duration) {
         let lives = [&mut self.process, &mut self.candidate].into_iter().flatten();
-        for heard in lives.filter_map(|process| process.heard.as_mut()).filter(|heard| !heard.forgiven) {
-            heard.at += stood_still;
-            heard.forgiven = true;
+        for process in lives.filter(|process| !process.forgiven) {
+            process.quiet_since += stood_still;
+            process.forgiven = true;
         }
     }
 
@@ -118,15 +115,16 @@ impl Post {
     pub(super) fn kill_the_silent(&mut self, service: Service, rule: &Restart, news: &mut News) {
         // Until a candidate has begun to work, its exchange has a deadline for it.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.heard.is_some());
+        let first_word_limit = if service.is_beside() { FIRST_WORD_LIMIT } else { self.lives.first_word_limit(rule) };
         for process in self.process.iter_mut().chain(candidate) {
-            let (silent, limit, what) = match &process.heard {
-                Some(heard) => {
+            let (limit, what) = match &process.heard {
+                Some(_) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
-                    let limit = if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit };
-                    (heard.at.elapsed(), limit, "said nothing")
+                    (if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit }, "said nothing")
                 }
-                None => (process.since.elapsed(), READY_LIMIT, "not opened its topics"),
+                None => (first_word_limit, "not opened its topics"),
             };
+            let silent = process.quiet_since.elapsed();
             if silent > limit && process.ended.is_none() && !std::mem::replace(&mut process.given_up, true) {
                 let ms = silent.as_millis();
                 news.lines.push(format!("{service}: process {} has {what} for {ms} ms", process.pid));

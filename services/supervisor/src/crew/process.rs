@@ -19,7 +19,12 @@ use crate::UpError;
 pub(super) struct Process {
     pub(super) pid: u32,
     pub(super) incarnation: u32,
-    pub(super) heard: Option<Heard>,
+    /// What it said of itself last.
+    pub(super) heard: Option<Health>,
+    /// When it did; before its first word, when it was started.
+    pub(super) quiet_since: Instant,
+    /// Its silence since then has been forgiven once.
+    pub(super) forgiven: bool,
     pub(super) said: Said,
     child: Child,
     pub(super) fd: Option<OwnedFd>,
@@ -29,15 +34,6 @@ pub(super) struct Process {
     pub(super) asked: bool,
     /// It was killed because it said nothing.
     pub(super) given_up: bool,
-}
-
-/// What a service said last.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Heard {
-    pub(crate) health: Health,
-    pub(crate) at: Instant,
-    /// Its silence since then has been forgiven once.
-    pub(super) forgiven: bool,
 }
 
 impl Process {
@@ -73,8 +69,20 @@ impl Process {
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
         let incarnation = orders.incarnation;
         let since = Instant::now();
-        let process =
-            Self { pid, incarnation, heard: None, said, child, fd, since, ended: None, asked: false, given_up: false };
+        let process = Self {
+            pid,
+            incarnation,
+            heard: None,
+            quiet_since: since,
+            forgiven: false,
+            said,
+            child,
+            fd,
+            since,
+            ended: None,
+            asked: false,
+            given_up: false,
+        };
         // One that has ended before it read its orders is found when it is reaped.
         stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes())).or_else(|cause| match cause.kind() {
             io::ErrorKind::BrokenPipe => Ok(()),

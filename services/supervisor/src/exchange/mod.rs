@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use bus::{Bus, Publisher};
 use launch::{Launch, Service, Stage};
-use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, ImuSample};
+use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, Health, ImuSample};
 use runtime::{Orders, service::FIRST_EPOCH};
 use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Standing, State};
 
@@ -20,7 +20,7 @@ pub use wish::{SwapReport, Wish};
 use crate::{
     UpError,
     collector::Collector,
-    crew::{Crew, Death, Heard, News},
+    crew::{Crew, Death, News},
     memory::{Memory, readers},
 };
 
@@ -212,17 +212,17 @@ impl Exchange {
             // What it has published says more about how far it is than what it said last, but for what the candidate may have published.
             let published = Some(published_tick(bus, service))
                 .filter(|tick| self.handing_over_at(service).is_none_or(|from_tick| *tick <= from_tick));
-            for heard in active.iter() {
-                self.tell(service, health(heard, published.unwrap_or(0)), crew, memory);
+            for health in active.iter() {
+                self.tell(service, standing(health, published.unwrap_or(0)), crew, memory);
             }
-            for heard in candidate.iter() {
-                self.tell(service, health(heard, 0), crew, memory);
+            for health in candidate.iter() {
+                self.tell(service, standing(health, 0), crew, memory);
             }
-            if let (Some(heard), Some(slot)) = (candidate, self.slot(service))
+            if let (Some(health), Some(slot)) = (candidate, self.slot(service))
                 && !slot.ready
             {
                 slot.ready = true;
-                self.tell(service, Event::Ready { incarnation: heard.health.incarnation }, crew, memory);
+                self.tell(service, Event::Ready { incarnation: health.incarnation }, crew, memory);
             }
         }
         let now_ms = self.now_ms();
@@ -314,8 +314,7 @@ impl Slot {
 }
 
 /// What a service said, as a coordinator takes it.
-fn health(heard: &Heard, published_tick: u64) -> Event {
-    let health = heard.health;
+fn standing(health: &Health, published_tick: u64) -> Event {
     let standing = Standing {
         next_tick: health.next_tick.max(published_tick),
         decided_epoch: health.epoch,
