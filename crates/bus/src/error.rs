@@ -25,6 +25,18 @@ pub enum BusError {
         /// The name asked for.
         name: String,
     },
+    /// Something that carries the name of a system is not this user's alone.
+    #[error(
+        "using {path}: {why}; it is left as it is: {their_own}remove it where nobody needs it (sudo rm -r {path}), or set another `name` in launch.toml"
+    )]
+    NotOurs {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+        /// What to do where another user's system runs; empty where it is this user's.
+        their_own: String,
+    },
     /// The page of wake words, or the folder of the bus.
     #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is space")]
     File {

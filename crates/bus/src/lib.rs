@@ -10,7 +10,9 @@
 mod domain;
 mod error;
 mod facts;
+mod founding;
 mod observer;
+mod own;
 mod place;
 mod port;
 mod remains;

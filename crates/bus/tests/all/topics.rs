@@ -1,7 +1,7 @@
 //! Two places on the bus of a system that only the test has.
 use std::{
     fs,
-    os::unix::fs::FileExt,
+    os::unix::fs::{FileExt, PermissionsExt},
     path::PathBuf,
     sync::atomic::{AtomicU32, Ordering},
     time::Duration,
@@ -310,12 +310,14 @@ fn what_a_dead_owner_left_is_removed_by_the_next() {
     let prefix = format!("/dev/shm/plumbline.{}.", domain.name());
     for file in ["wake", "0123.service", "4567.publisher"] {
         fs::write(prefix.clone() + file, "old").unwrap();
+        fs::set_permissions(prefix.clone() + file, fs::Permissions::from_mode(0o600)).unwrap();
     }
-    fs::create_dir_all(format!("/dev/shm/plumbline.{}/services", domain.name())).unwrap();
+    let services = PathBuf::from(format!("/dev/shm/plumbline.{}/services", domain.name()));
+    fs::create_dir_all(services.join("0123")).unwrap();
     let claim = domain.claim().unwrap();
-    let mut locks = remains(&domain);
-    locks.sort();
-    assert_eq!(locks, ["members", "wake"].map(|file| format!("plumbline.{}.{file}", domain.name())));
+    let left = remains(&domain);
+    assert!(!left.iter().any(|name| name.ends_with("0123.service") || name.ends_with("4567.publisher")), "{left:?}");
+    assert!(!services.join("0123").exists());
     let bus = Bus::join(&domain, "heir").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(2 * BUFFER).unwrap();
     let publisher = bus.publisher::<ImuSample>(2 * BUFFER).unwrap();
