@@ -5,5 +5,6 @@
 mod common;
 
 mod keys;
+mod output;
 mod seeing;
 mod up;

@@ -214,6 +214,15 @@ pub fn plumb(arguments: &[&str]) -> Command {
     command
 }
 
+/// What `plumb` writes to a terminal of 24 lines and 80 columns.
+pub fn on_a_terminal(arguments: &[&str]) -> String {
+    let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
+    let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}");
+    text
+}
+
 /// The service with the faults, which is built with the tests.
 pub fn faulty() -> PathBuf {
     let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");

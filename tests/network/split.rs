@@ -274,7 +274,7 @@ fn a_cut_longer_than_the_cache_is_named_exactly() {
     until("two seconds of ticks", || ticks(&halves.base) > 2000);
     way.cut_for(Duration::from_secs(4));
     let (run, bytes) = halves.end();
-    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert_eq!((run.code, run.number("/not_recorded")), (Some(1), 0.0), "{}", run.people);
     let lost = run.number("/lost") as usize;
     assert!(lost > 1000 && run.number("/ticks_in") == 16_000.0, "{}", run.people);
     let named = named_losses(&run.people);

@@ -8,6 +8,7 @@ mod aborted;
 mod files;
 mod notify;
 mod own_stage;
+mod record;
 mod restart;
 mod swap;
 mod watch;

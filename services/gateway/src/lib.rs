@@ -173,7 +173,7 @@ pub fn run() -> Result<(), GatewayError> {
     }
     if let Some((ticks, lost)) = split.ticks_and_lost() {
         split.turn(&member)?;
-        member.say(State::FINISHED, |health| (health.ticks, health.lost) = (ticks, lost))?;
+        member.say_last(|health| (health.ticks, health.lost) = (ticks, lost))?;
     }
     shared.ends.store(true, Ordering::SeqCst);
     network.join().unwrap_or(Err(GatewayError::Sender))

@@ -32,19 +32,18 @@ use crate::{
 const ROUND: Duration = Duration::from_millis(20);
 /// The same while hands change.
 const ROUND_BUSY: Duration = Duration::from_millis(2);
-/// After the source's end, how long nothing may come before the rest is given up as lost.
+/// After the source's end, how long nothing may come before the rest is given up as lost: a service that was killed or has frozen is back by
+/// then.
 const DRAIN_LIMIT: Duration = Duration::from_secs(2);
-/// The same when a signal asked for the end.
-const DRAIN_LIMIT_ASKED: Duration = Duration::from_millis(300);
 /// How often people see something new.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Runs the plan as processes.
-pub fn run(plan: &Plan) -> Result<Report, UpError> {
+pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
-    let mut system = System::start(plan)?;
-    system.await_ready(&mut collector)?;
-    let report = system.operate(plan, collector)?;
+    let mut system = System::start(plan, asked_to_end)?;
+    let run = system.await_ready(&mut collector).and_then(|()| system.operate(plan, &mut collector));
+    let report = system.report(plan, collector, run);
     system.end();
     Ok(report)
 }
@@ -63,6 +62,9 @@ struct System {
     view: View,
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
+    /// From when on the cost of the processes counts, and what it was by then, CPU s.
+    since: Instant,
+    cpu_since_s: f64,
     _claim: Claim,
 }
 
@@ -85,8 +87,7 @@ struct Ports {
 }
 
 impl System {
-    fn start(plan: &Plan) -> Result<Self, UpError> {
-        let asked_to_end = crate::asked_to_end()?;
+    fn start(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
         let claim = domain.claim()?;
@@ -115,6 +116,8 @@ impl System {
             view,
             notifier,
             asked_to_end,
+            since: Instant::now(),
+            cpu_since_s: 0.0,
             _claim: claim,
         })
     }
@@ -132,15 +135,15 @@ impl System {
         Ok(())
     }
 
-    fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
+    /// Runs to the end; what the processes cost until the first of them was asked to end, CPU s per s.
+    fn operate(&mut self, plan: &Plan, collector: &mut Collector) -> Result<f64, UpError> {
         let origin = plan.orders.launch.origin();
         // After a cut an import has more to give than a topic holds.
         let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
         let window = plan.orders.window_ticks();
-        let start = Instant::now();
-        let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
+        (self.since, self.cpu_since_s) = (Instant::now(), own_cpu_s() + self.crew.cpu_s());
         let mut granted = if lockstep { window } else { u64::MAX };
-        let (mut stopping, mut given_up) = (false, false);
+        let mut stopping = false;
         let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
         // Asked to end before it was ready, it has nothing to give out.
@@ -152,11 +155,9 @@ impl System {
         while !ended {
             self.wait(lockstep);
             self.ports.credit.greet()?;
-            if self.published_elsewhere().is_none() {
-                self.ports.collect(&mut collector)?;
-            }
+            self.collect(collector)?;
             self.hear()?;
-            let before = std::mem::replace(&mut next_tick, self.next_tick(&collector));
+            let before = std::mem::replace(&mut next_tick, self.next_tick(collector));
             if next_tick != before {
                 progress = Instant::now();
                 self.notifier.flowing(next_tick);
@@ -166,38 +167,51 @@ impl System {
                 self.ports.grant(granted)?;
             }
             let asked = self.asked_to_end.load(Ordering::SeqCst);
-            let over = plan.stop_after_s.is_some_and(|limit_s| start.elapsed().as_secs_f64() > limit_s);
+            let over = plan.stop_after_s.is_some_and(|limit_s| self.since.elapsed().as_secs_f64() > limit_s);
             if (asked || over) && !stopping {
                 stopping = true;
                 // Before the first process is reaped, and its time with it.
-                cpu_s_per_s = Some(self.cpu_s_per_s(cpu_start_s, start));
+                cpu_s_per_s = Some(self.cpu_s_per_s());
                 self.crew.ask_to_end(origin);
                 progress = Instant::now();
             }
-            let finished = self.health_of(origin).filter(|health| health.state == State::FINISHED);
-            let limit = if asked { DRAIN_LIMIT_ASKED } else { DRAIN_LIMIT };
-            given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
-            ended = finished.is_some_and(|health| next_tick >= health.ticks) || given_up;
+            let finished = self.health_of(origin).is_some_and(|health| health.state == State::FINISHED);
+            let dry = finished || stopping && self.crew.post(origin).has_ended();
+            let given_up = (stopping || dry) && progress.elapsed() > DRAIN_LIMIT;
+            ended = dry && next_tick >= self.ticks_in(origin) || given_up;
             if !ended {
-                self.tend(&mut collector)?;
-                self.answer(&mut collector);
-                self.watch(&mut collector)?;
+                self.tend(collector)?;
+                self.answer(collector);
+                self.watch(collector)?;
             }
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
-                self.view.show(&collector, Some(&self.crew));
+                self.view.show(collector, Some(&self.crew));
             }
         }
         self.notifier.stopping();
-        let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
-        self.ports.finish(&mut collector)?;
-        collector.finish()?;
-        let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
-        Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s, &plan.orders.launch)) })
+        Ok(cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s()))
     }
 
-    fn cpu_s_per_s(&self, at_start_s: f64, start: Instant) -> f64 {
-        (own_cpu_s() + self.crew.cpu_s() - at_start_s) / start.elapsed().as_secs_f64()
+    /// How it went, to the end or to what ended it.
+    fn report(&self, plan: &Plan, mut collector: Collector, run: Result<f64, UpError>) -> Report {
+        let (cpu_s_per_s, failure) = match run {
+            Ok(cpu_s_per_s) => (cpu_s_per_s, None),
+            Err(error) => (self.cpu_s_per_s(), Some(error)),
+        };
+        let failure = failure.or(self.collect(&mut collector).err());
+        // What waits for ticks that have not come is counted with them as lost.
+        self.ports.attitude.finish(&mut |output| collector.attitude(&output));
+        Report::new(collector, self.account(cpu_s_per_s, &plan.orders.launch), failure)
+    }
+
+    fn cpu_s_per_s(&self) -> f64 {
+        (own_cpu_s() + self.crew.cpu_s() - self.cpu_since_s).max(0.0) / self.since.elapsed().as_secs_f64()
+    }
+
+    /// Takes the attitudes that have come, where they are made here.
+    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+        if self.published_elsewhere().is_none() { self.ports.collect(collector) } else { Ok(()) }
     }
 
     /// Sees to the services and their slots, and says what happened to them.
@@ -244,6 +258,7 @@ impl System {
                 }
                 Ask::Ps => door.answer(caller, &crew.ps()),
                 Ask::Orders => door.answer(caller, crew.orders()),
+                Ask::Record => door.answer(caller, &collector.record()),
                 Ask::Tell { service, what } => {
                     view.announce(&[format!("{service}: {what}")]);
                     door.answer(caller, &());
@@ -311,7 +326,7 @@ impl System {
 
     /// The tick that comes out next.
     fn next_tick(&self, collector: &Collector) -> u64 {
-        self.published_elsewhere().unwrap_or(collector.sequence().next_tick)
+        self.published_elsewhere().unwrap_or(collector.next_tick())
     }
 
     /// How far every slot here has published, if the attitude is made on another host.
@@ -321,16 +336,20 @@ impl System {
         (!has_attitude).then(|| path().map(|service| published_tick(&self.ports.bus, service)).min()).flatten()
     }
 
-    fn account(&self, cpu_s_per_s: f64, launch: &Launch) -> Account {
-        let origin = self.health_of(launch.origin());
-        Account {
+    /// Ticks that have come in.
+    fn ticks_in(&self, origin: Service) -> u64 {
+        match origin {
             // What ingest has published counts, whether or not it lives to say so.
-            ticks_in: match launch.origin() {
-                Service::Ingest => self.ports.bus.next_tick::<ImuSample>(),
-                _ => origin.map_or(0, |health| health.ticks),
-            },
+            Service::Ingest => self.ports.bus.next_tick::<ImuSample>(),
+            _ => self.health_of(origin).map_or(0, |health| health.ticks),
+        }
+    }
+
+    fn account(&self, cpu_s_per_s: f64, launch: &Launch) -> Account {
+        Account {
+            ticks_in: self.ticks_in(launch.origin()),
             ticks_out: self.published_elsewhere(),
-            refused: origin.map_or(0, |health| health.refused),
+            refused: self.health_of(launch.origin()).map_or(0, |health| health.refused),
             cpu_s_per_s,
             services: self
                 .crew
@@ -366,18 +385,12 @@ impl Ports {
         Ok(())
     }
 
-    /// What waits for ticks that have not come is counted with them as lost.
-    fn finish(&self, collector: &mut Collector) -> Result<(), UpError> {
-        let mut outputs = Vec::new();
-        self.attitude.finish(&mut |output| outputs.push(output));
-        outputs.iter().try_for_each(|output| collector.attitude(output))
-    }
-
     fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
         let mut outputs: Vec<AttitudeOutput> = Vec::new();
         self.attitude.drain(self.buffer, &mut |output| outputs.push(output))?;
         // A reference is published before its tick, so those of all these ticks are there.
         self.reference.drain(self.buffer, |reference| collector.reference(reference))?;
-        outputs.iter().try_for_each(|output| collector.attitude(output))
+        outputs.iter().for_each(|output| collector.attitude(output));
+        Ok(())
     }
 }

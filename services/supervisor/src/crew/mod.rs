@@ -232,6 +232,7 @@ impl Crew {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
         let how = match (status.code(), status.signal()) {
+            (Some(0), _) => "ended with code 0, as if somebody else had sent it SIGTERM".into(),
             (Some(code), _) => format!("ended with code {code}"),
             (None, Some(signal)) => format!("was ended by signal {signal}"),
             (None, None) => "ended".into(),

@@ -204,8 +204,7 @@ impl Exchange {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
             let kept =
                 readers(service).iter().filter_map(|reader| memory.resume_tick(*reader, &self.orders.launch)).min();
-            let next_tick =
-                if readers(service).is_empty() { collector.sequence().next_tick } else { kept.unwrap_or(0) };
+            let next_tick = if readers(service).is_empty() { collector.next_tick() } else { kept.unwrap_or(0) };
             self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
