@@ -32,14 +32,17 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// Take nothing over from an earlier run: the gyro's bias is found anew.
+    #[arg(long)]
+    cold: bool,
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
-    match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
+    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
+    match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out, cold }) {
         Ok(report) => {
             supervisor::tell(&report);
             if json && writeln!(io::stdout(), "{}", report.json()).is_err() {

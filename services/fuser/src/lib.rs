@@ -16,7 +16,7 @@ use attitude::{
 use launch::Service;
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
 use runtime::{
-    BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words,
+    BRIDGE_S, Beside, Join, Joined, Member, Orders, Prior, RuntimeError, Sequence, Slot, serve, stage, words::Words,
 };
 
 /// A time without a rate after which the attitude may be anywhere, s.
@@ -101,7 +101,12 @@ fn slot_with<S: FuserStage>(
     orders: &Orders,
     named: impl FnOnce(&str) -> Option<S>,
 ) -> Result<FuserSlot<S>, RuntimeError> {
-    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    let mut stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    if let Some(Prior { bias_rad_s, bias_sd_rad_s }) = orders.prior
+        && let Err(error) = stage.begin_with_bias(bias_rad_s.into(), bias_sd_rad_s)
+    {
+        eprintln!("the service fuser begins without the gyro's bias of an earlier run: {error}");
+    }
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
         join: Join::new(lateness_ticks),
@@ -360,6 +365,7 @@ mod tests {
             ticks_max: None,
             incarnation: 1,
             epoch: 1,
+            prior: None,
             resume: None,
             supervisor_pid: 0,
         };

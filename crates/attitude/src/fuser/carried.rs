@@ -2,7 +2,7 @@
 //! does not estimate it, or finds it less often.
 
 use super::{
-    Estimate, FuserInput,
+    BIAS_WALK_RAD_S, Estimate, FuserInput,
     rest::{Rest, SD_REST_RAD_S},
 };
 use crate::{
@@ -10,9 +10,6 @@ use crate::{
     accel::Inclination,
     stage::{Numbers, bias_flaw},
 };
-
-/// Random walk of the bias, rad/s/√s: 1 °/s in half a day, 0.1 °/s while a consumer MEMS gyro warms up for an hour.
-const WALK_RAD_S: f64 = 3e-5;
 
 /// More than an accelerometer measures, m/s², and than a body turns, rad/s.
 const FORCE_MAX_M_S2: f64 = 3000.0;
@@ -73,7 +70,7 @@ impl Carried {
 
     /// The bias and the standard deviation of each component, rad/s; infinite where nobody found one.
     pub(super) fn bias(&self) -> (Vector3<f64>, f64) {
-        let sd_rad_s = libm::hypot(self.sd_rad_s, WALK_RAD_S * libm::sqrt(self.age_s));
+        let sd_rad_s = libm::hypot(self.sd_rad_s, BIAS_WALK_RAD_S * libm::sqrt(self.age_s));
         (self.bias_rad_s, if self.known { sd_rad_s } else { f64::INFINITY })
     }
 

@@ -28,6 +28,8 @@ pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;
 
+use core::f64::consts::PI;
+
 use crate::{
     Complex, Vector3,
     accel::Inclination,
@@ -48,6 +50,8 @@ use {
     wz_open::WzOpen,
 };
 
+/// Random walk of a gyro's bias, rad/s/√s: 1 °/s in half a day, 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 /// Below this a field has no direction, µT: a thousandth of the earth's.
 const FIELD_MIN_UT: f64 = 0.05;
 
@@ -126,6 +130,18 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// What is known of the sensors alone: the body may be anywhere.
+    pub fn of_sensors(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64) -> Self {
+        Self {
+            attitude: Attitude::default(),
+            reference: Reference::Arbitrary,
+            bias_rad_s,
+            inclination_sd_rad: PI,
+            heading_sd_rad: PI,
+            bias_sd_rad_s,
+        }
+    }
+
     /// Refuses what is not an estimate.
     pub fn checked(&self) -> Result<(), RestoreError> {
         self.attitude.checked()?;
@@ -214,6 +230,14 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
     /// bias stay.
     fn realign(&mut self);
+
+    /// Begins with a bias that was known before; the attitude is as unknown as at any beginning. What cannot be taken over leaves the
+    /// stage as it was.
+    fn begin_with_bias(&mut self, bias_rad_s: Vector3<f64>, sd_rad_s: f64) -> Result<(), RestoreError> {
+        self.adopt(&Estimate::of_sensors(bias_rad_s, sd_rad_s))?;
+        self.realign();
+        Ok(())
+    }
 }
 
 impl FuserStage for Fuser {

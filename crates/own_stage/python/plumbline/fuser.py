@@ -4,6 +4,7 @@ What is missing or cannot be used is left out and flagged, as Plumbline's own se
 """
 
 import math
+import sys
 
 from . import messages
 from .attitude import Attitude, Turn
@@ -50,7 +51,20 @@ class FuserSlot(Slot):
         self.field, self.fixes = Beside(Flag.FIELD, lateness_ticks), Beside(Flag.FIX, lateness_ticks)
         self.gyro_before, self.aligned, self.reset_counter, self.blind_s = None, False, 0, 0.0
         self.last, self.force_m_s2, self.turned = Attitude(), (0.0, 0.0, 0.0), False
+        self._begin(orders["prior"])
         self.fresh = stage.snapshot()
+
+    def _begin(self, prior):
+        """With the gyro's bias of an earlier run, if there is one; the attitude is as unknown as at any beginning."""
+        if prior is None:
+            return
+        try:
+            bias_rad_s, sd_rad_s = tuple(prior["bias_rad_s"]), prior["bias_sd_rad_s"]
+            known = Estimate(Attitude(), bias_rad_s=bias_rad_s, inclination_sd_rad=math.pi, bias_sd_rad_s=sd_rad_s)
+            self.stage.adopt(known)
+            self.stage.realign()
+        except ValueError as error:
+            print(f"the stage {self.stage.NAME} begins without the gyro's bias of an earlier run: {error}", file=sys.stderr)
 
     @property
     def sequence(self):

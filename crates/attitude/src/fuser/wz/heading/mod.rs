@@ -193,8 +193,11 @@ impl Heading {
     /// The level was lost, and with it the gyro's heading.
     pub(super) fn realign(&mut self) {
         self.levelled = Levelled::default();
-        self.lose();
-        self.publish();
+        // Before the first field there is no north to lose.
+        if self.begun {
+            self.lose();
+            self.publish();
+        }
     }
 
     /// The body may face anywhere, on a level that has to settle.
