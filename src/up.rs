@@ -32,7 +32,7 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// Take nothing over from an earlier run: the gyro's bias is found anew.
+    /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
     #[arg(long)]
     cold: bool,
     /// Print one JSON object at the end, on the last line of standard output.

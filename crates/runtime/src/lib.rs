@@ -39,7 +39,7 @@ pub use error::RuntimeError;
 pub use join::{Beside, Join, Joined};
 pub use member::Member;
 pub use orders::{Orders, Pace, Role};
-pub use prior::Prior;
+pub use prior::{Known, Prior};
 pub use reader::{Input, Reader};
 pub use service::serve;
 pub use slot::{EachTick, Sequence, Slot, Work};

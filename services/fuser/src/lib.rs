@@ -16,7 +16,7 @@ use attitude::{
 use launch::Service;
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
 use runtime::{
-    BRIDGE_S, Beside, Join, Joined, Member, Orders, Prior, RuntimeError, Sequence, Slot, serve, stage, words::Words,
+    BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words,
 };
 
 /// A time without a rate after which the attitude may be anywhere, s.
@@ -102,10 +102,8 @@ fn slot_with<S: FuserStage>(
     named: impl FnOnce(&str) -> Option<S>,
 ) -> Result<FuserSlot<S>, RuntimeError> {
     let mut stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
-    if let Some(Prior { bias_rad_s, bias_sd_rad_s }) = orders.prior
-        && let Err(error) = stage.begin_with_bias(bias_rad_s.into(), bias_sd_rad_s)
-    {
-        eprintln!("the service fuser begins without the gyro's bias of an earlier run: {error}");
+    if let Some(Err(error)) = orders.prior.map(|prior| stage.begin_with(&prior.estimate())) {
+        eprintln!("the service fuser begins without what an earlier run has found: {error}");
     }
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {

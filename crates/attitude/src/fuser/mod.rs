@@ -19,6 +19,7 @@ pub mod aided;
 mod carried;
 mod compass;
 mod finite;
+mod hard_iron;
 pub mod levelling;
 pub mod madgwick;
 mod rest;
@@ -27,6 +28,8 @@ pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;
+
+pub use hard_iron::HardIron;
 
 use core::f64::consts::PI;
 
@@ -37,6 +40,7 @@ use crate::{
     gnss::Fix,
     gyro::Motion,
     parameters::{Parameter, ParameterError},
+    point::{Chart, Point},
     stage::{RestoreError, Stage, bias_flaw},
     state::{Attitude, arg},
 };
@@ -127,20 +131,21 @@ pub struct Estimate {
     pub heading_sd_rad: f64,
     /// Standard deviation of each component of the bias, rad/s; infinite where nobody estimated it.
     pub bias_sd_rad_s: f64,
+    /// Hard iron of the magnetometer; that of an earlier giver where this one does not estimate it.
+    pub hard_iron: HardIron,
 }
 
 impl Estimate {
-    /// What is known of the sensors alone: the body may be anywhere.
-    pub fn of_sensors(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64) -> Self {
-        Self {
-            attitude: Attitude::default(),
-            reference: Reference::Arbitrary,
-            bias_rad_s,
-            inclination_sd_rad: PI,
-            heading_sd_rad: PI,
-            bias_sd_rad_s,
-        }
-    }
+    /// Nothing is known: the body may be anywhere, the sensors may be anything.
+    pub const UNKNOWN: Self = Self {
+        attitude: Attitude { up: Point { w: Complex::new(0.0, 0.0), chart: Chart::Upright }, z_rad: 0.0 },
+        reference: Reference::Arbitrary,
+        bias_rad_s: Vector3::new(0.0, 0.0, 0.0),
+        inclination_sd_rad: PI,
+        heading_sd_rad: PI,
+        bias_sd_rad_s: f64::INFINITY,
+        hard_iron: HardIron::UNKNOWN,
+    };
 
     /// Refuses what is not an estimate.
     pub fn checked(&self) -> Result<(), RestoreError> {
@@ -155,7 +160,7 @@ impl Estimate {
         if !sds.iter().all(|sd| *sd >= 0.0) {
             return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
         }
-        Ok(())
+        self.hard_iron.flaw().map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
     }
 }
 
@@ -231,10 +236,11 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     /// bias stay.
     fn realign(&mut self);
 
-    /// Begins with a bias that was known before; the attitude is as unknown as at any beginning. What cannot be taken over leaves the
-    /// stage as it was.
-    fn begin_with_bias(&mut self, bias_rad_s: Vector3<f64>, sd_rad_s: f64) -> Result<(), RestoreError> {
-        self.adopt(&Estimate::of_sensors(bias_rad_s, sd_rad_s))?;
+    /// Begins with what was known of the sensors before: bias and hard iron. The attitude is as unknown as at any beginning, whatever
+    /// `known` says of it. What cannot be taken over leaves the stage as it was.
+    fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
+        let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, .. } = *known;
+        self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, ..Estimate::UNKNOWN })?;
         self.realign();
         Ok(())
     }

@@ -10,7 +10,7 @@ from . import messages
 from .attitude import Attitude, Turn
 from .messages import Flag
 from .rules import Beside, Join
-from .stage import Estimate, FuserInput, Inclination, Motion
+from .stage import ARBITRARY, Estimate, FuserInput, Inclination, Motion
 from .values import (
     BRIDGE_S,
     Slot,
@@ -43,7 +43,7 @@ class FuserSlot(Slot):
 
     INPUTS = (messages.GyroStep, messages.AccelPoint, messages.MagSample, messages.GnssFix, messages.Control)
     OUTPUT = messages.FusedState
-    OWN, COMMON = "<5Q QQdddq QQd Qddd ddd Q", "<Qddd Q ddd ddd"
+    OWN, COMMON = "<5Q QQdddq QQd Qddd ddd Q", "<Qddd Q ddd ddd ddd d"
 
     def __init__(self, orders, stage):
         lateness_ticks = orders["lateness_ticks"]
@@ -55,16 +55,17 @@ class FuserSlot(Slot):
         self.fresh = stage.snapshot()
 
     def _begin(self, prior):
-        """With the gyro's bias of an earlier run, if there is one; the attitude is as unknown as at any beginning."""
+        """With what an earlier run has found of the sensors, if there is one; the attitude is as unknown as at any beginning."""
         if prior is None:
             return
         try:
-            bias_rad_s, sd_rad_s = tuple(prior["bias_rad_s"]), prior["bias_sd_rad_s"]
-            known = Estimate(Attitude(), bias_rad_s=bias_rad_s, inclination_sd_rad=math.pi, bias_sd_rad_s=sd_rad_s)
-            self.stage.adopt(known)
+            nothing = {"mean": (0.0, 0.0, 0.0), "sd": math.inf}
+            bias, iron = prior["bias_rad_s"] or nothing, prior["hard_iron_ut"] or nothing
+            found = (tuple(bias["mean"]), math.pi, math.pi, bias["sd"], tuple(iron["mean"]), iron["sd"])
+            self.stage.adopt(Estimate(Attitude(), ARBITRARY, *found))
             self.stage.realign()
         except ValueError as error:
-            print(f"the stage {self.stage.NAME} begins without the gyro's bias of an earlier run: {error}", file=sys.stderr)
+            print(f"the stage {self.stage.NAME} begins without what an earlier run has found: {error}", file=sys.stderr)
 
     @property
     def sequence(self):
@@ -210,13 +211,16 @@ class FuserSlot(Slot):
 
     def common_values(self):
         common = self.stage.common()
-        return (*flat(common.attitude), common.reference, *common.bias_rad_s, *common[3:])
+        sds = (common.inclination_sd_rad, common.heading_sd_rad, common.bias_sd_rad_s)
+        iron = (*common.hard_iron_ut, common.hard_iron_sd_ut)
+        return (*flat(common.attitude), common.reference, *common.bias_rad_s, *sds, *iron)
 
     def has_begun(self, own):
         return bool(own[11])
 
     def adopt_values(self, values):
-        self.stage.adopt(Estimate(unflat(values[:4]), values[4], tuple(values[5:8]), *values[8:]))
+        bias_rad_s, sds, iron_ut = tuple(values[5:8]), values[8:11], tuple(values[11:14])
+        self.stage.adopt(Estimate(unflat(values[:4]), values[4], bias_rad_s, *sds, iron_ut, values[14]))
 
 
 def _is_blind(header):

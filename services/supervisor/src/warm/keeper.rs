@@ -92,7 +92,7 @@ mod tests {
         // A file where the folder should be.
         fs::write(folder.path().join("folder"), "").unwrap();
         let keeper = Keeper::new(path.clone(), 1).unwrap();
-        let keep = || keeper.found.send((Prior { bias_rad_s: [0.0; 3], bias_sd_rad_s: 1e-4 }, Instant::now())).unwrap();
+        let keep = || keeper.found.send((Prior { bias_rad_s: None, hard_iron_ut: None }, Instant::now())).unwrap();
         (0..3).for_each(|_| keep());
         assert!(keeper.lines.recv().unwrap().contains("it cannot be written: "));
         // Taken up only when the one before is done with.

@@ -52,7 +52,7 @@ pub(crate) struct WarmStart {
 struct Kept {
     at: Instant,
     next_tick: u64,
-    bias_sd_rad_s: f64,
+    prior: Prior,
 }
 
 impl WarmStart {
@@ -71,9 +71,8 @@ impl WarmStart {
             }
             _ if plan.cold => None,
             Ok(Some((prior, age_s))) => {
-                let (age, sd_deg_s) = (record::age(age_s), prior.bias_sd_rad_s.to_degrees());
-                warm.said
-                    .push(format!("warm start: the gyro's bias of {age} ago, within {sd_deg_s:.3} °/s, from {name}"));
+                let (age, found) = (record::age(age_s), record::words(&prior));
+                warm.said.push(format!("warm start: {found}, found {age} ago, from {name}"));
                 Some(prior)
             }
             Ok(None) => None,
@@ -110,11 +109,10 @@ impl WarmStart {
         let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
             return;
         };
-        let bias_sd_rad_s = prior.bias_sd_rad_s;
-        let worth = |kept: Kept| kept.at.elapsed() >= interval || bias_sd_rad_s < 0.5 * kept.bias_sd_rad_s;
+        let worth = |kept: Kept| kept.at.elapsed() >= interval || prior.is_much_surer_than(&kept.prior);
         if self.kept.is_none_or(worth) {
             keeper.keep(prior);
-            self.kept = Some(Kept { at: Instant::now(), next_tick, bias_sd_rad_s });
+            self.kept = Some(Kept { at: Instant::now(), next_tick, prior });
         }
     }
 }

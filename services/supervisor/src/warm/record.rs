@@ -35,7 +35,7 @@ pub(super) enum Unusable {
     Damaged,
     #[error("it is of other sensors: source, calibration or mounting were changed since")]
     OtherSensors,
-    #[error("it is {} old, and a gyro's bias may be anything by then", age(*.0))]
+    #[error("it is {} old, and by then the sensors may have become others", age(*.0))]
     TooOld(f64),
     #[error("it is from the future, by {}; look at this machine's clock", age(*.0))]
     FromTheFuture(f64),
@@ -83,11 +83,18 @@ pub(super) fn prior(text: &str, sensors: u64, now: &Moment) -> Result<(Prior, f6
     if age_s < 0.0 {
         return Err(Unusable::FromTheFuture(-age_s));
     }
-    let prior = record.prior.aged(age_s, power_lost);
-    if !record.prior.is_sound() || !prior.is_sound() {
+    if !record.prior.is_sound() {
         return Err(Unusable::Damaged);
     }
+    let prior = record.prior.aged(age_s, power_lost);
     if prior.tells() { Ok((prior, age_s)) } else { Err(Unusable::TooOld(age_s)) }
+}
+
+/// What is known, and how well.
+pub(super) fn words(prior: &Prior) -> String {
+    let bias = prior.bias_rad_s.map(|known| format!("the gyro's bias within {:.3} °/s", known.sd.to_degrees()));
+    let hard_iron = prior.hard_iron_ut.map(|known| format!("hard iron within {:.1} µT", known.sd));
+    bias.into_iter().chain(hard_iron).collect::<Vec<_>>().join(" and ")
 }
 
 /// A time in its usual unit.
@@ -105,8 +112,12 @@ mod tests {
     use launch::Launch;
 
     use super::*;
+    use runtime::Known;
 
-    const PRIOR: Prior = Prior { bias_rad_s: [0.001, -0.002, 0.003], bias_sd_rad_s: 2e-4 };
+    const PRIOR: Prior = Prior {
+        bias_rad_s: Some(Known { mean: [0.001, -0.002, 0.003], sd: 2e-4 }),
+        hard_iron_ut: Some(Known { mean: [20.0, 0.0, -7.5], sd: 0.5 }),
+    };
     const SENSORS: u64 = 7;
 
     fn at(boot: &str, since_boot_s: f64, unix_s: f64, is_set: bool) -> Moment {
@@ -125,20 +136,27 @@ mod tests {
     #[test]
     fn the_bias_comes_back_to_the_last_bit_and_less_sure_by_its_age() {
         let soon = prior(&kept(), SENSORS, &at("a", 1001.0, 0.0, false)).unwrap();
-        assert_eq!((soon.0.bias_rad_s, soon.1), (PRIOR.bias_rad_s, 1.0));
-        assert!((soon.0.bias_sd_rad_s - 2e-4f64.hypot(3e-5)).abs() < 1e-12);
-        let hour = prior(&kept(), SENSORS, &at("a", 4600.0, 0.0, false)).unwrap().0;
-        assert!((hour.bias_sd_rad_s - 2e-4f64.hypot(3e-5 * 60.0)).abs() < 1e-12);
-        // A gyro that was without power in between is less sure than one that was not.
+        let bias = |(prior, _): (Prior, f64)| prior.bias_rad_s.unwrap();
+        assert_eq!((bias(soon).mean, soon.1), (PRIOR.bias_rad_s.unwrap().mean, 1.0));
+        assert_eq!(soon.0.hard_iron_ut.unwrap().mean, PRIOR.hard_iron_ut.unwrap().mean);
+        assert!((bias(soon).sd - 2e-4f64.hypot(3e-5)).abs() < 1e-12);
+        let hour = prior(&kept(), SENSORS, &at("a", 4600.0, 0.0, false)).unwrap();
+        assert!((bias(hour).sd - 2e-4f64.hypot(3e-5 * 60.0)).abs() < 1e-12);
+        // A gyro that was without power in between is less sure than one that was not; iron is not.
         let started_again = prior(&kept(), SENSORS, &at("b", 5.0, 1.7e9 + 60.0, true)).unwrap();
         assert_eq!(started_again.1, 60.0);
-        assert!(started_again.0.bias_sd_rad_s > 1e-3);
+        assert!(bias(started_again).sd > 1e-3 && started_again.0.hard_iron_ut.unwrap().sd < 0.6);
+        // Over night a bias is lost, iron is not.
+        let night = prior(&kept(), SENSORS, &at("b", 5.0, 1.7e9 + 36_000.0, true)).unwrap();
+        assert_eq!((night.0.bias_rad_s, night.1), (None, 36_000.0));
+        assert_eq!(words(&night.0), "hard iron within 0.6 µT");
+        assert_eq!(words(&PRIOR), "the gyro's bias within 0.011 °/s and hard iron within 0.5 µT");
     }
 
     #[test]
     fn a_state_is_used_only_as_far_as_its_age_is_known_and_allows() {
         let refused = |now| prior(&kept(), SENSORS, &now).unwrap_err();
-        let days_s = 3.0 * 86_400.0;
+        let days_s = 100.0 * 86_400.0;
         assert_eq!(refused(at("a", 1000.0 + days_s, 1.7e9, true)), Unusable::TooOld(days_s));
         assert_eq!(refused(at("b", 10.0, 1.7e9 + days_s, true)), Unusable::TooOld(days_s));
         assert_eq!(refused(at("a", 940.0, 1.7e9 + 9.0, true)), Unusable::FromTheFuture(60.0));
