@@ -34,6 +34,8 @@ impl Bench {
 
     pub(crate) fn of(system: System, arguments: &[&str]) -> Self {
         let running = system.start(arguments);
+        // Else this would join what a killed one of the name has left.
+        until("the system to answer", || !system.ps().is_empty());
         let domain = Domain::new(&system.name).unwrap();
         let mut joined = None;
         until("the system", || {
