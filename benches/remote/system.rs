@@ -89,6 +89,7 @@ fn orders(launch: Launch, rate_hz: u32) -> Orders {
         incarnation: 1,
         epoch: FIRST_EPOCH,
         role: Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: std::process::id(),
     }

@@ -34,7 +34,7 @@ pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use gateway::{Gateway, Rate, Tls};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
-    Sim, Source, Stage, TOPIC_MESSAGES_MAX,
+    Sim, Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems};
 pub use program::Program;

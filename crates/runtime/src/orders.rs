@@ -5,6 +5,8 @@ use launch::{GyroSamples, Launch, Service, Source, Stage, TOPIC_MESSAGES_MAX};
 use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
 
+use crate::prior::Prior;
+
 /// How fast the source goes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Pace {
@@ -31,6 +33,8 @@ pub struct Orders {
     pub epoch: u32,
     /// Whether it owns its slot.
     pub role: Role,
+    /// What an earlier run has found of the sensors; every life begins with it that does not go on from a later state.
+    pub prior: Option<Prior>,
     /// From where it goes on, if it is not its first life.
     pub resume: Option<Resume>,
     /// The process to end with.

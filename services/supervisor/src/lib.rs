@@ -12,6 +12,7 @@
 //! | [`collector`], `out` | what becomes of the attitude: accuracy, latency; the file |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `warm` | what outlives a stop of the whole system |
 //! | `cleaner` | what killed services leave on the bus |
 //! | `urgency` | which process runs first |
 //! | `exchange` | who owns a slot, and how it changes hands |
@@ -33,6 +34,7 @@ pub mod report;
 pub mod system;
 mod urgency;
 mod view;
+mod warm;
 mod watch;
 
 use std::{

@@ -11,7 +11,7 @@ use std::{
 use bus::{Bus, Claim, Domain, Publisher, Subscriber};
 use launch::{Launch, Service};
 use messages::{AttitudeOutput, Checkpoint, Credit, Health, ImuSample, Reference, State};
-use runtime::{Input, Reader, orders::BUFFER_BESIDE};
+use runtime::{Input, Orders, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
     Plan, Report, UpError,
@@ -25,6 +25,7 @@ use crate::{
     report::{Account, ServiceReport},
     urgency,
     view::View,
+    warm::WarmStart,
     watch::Watches,
 };
 
@@ -54,6 +55,7 @@ struct System {
     cleaner: Cleaner,
     ports: Ports,
     memory: Memory,
+    warm: WarmStart,
     exchange: Exchange,
     watches: Watches,
     door: Door,
@@ -98,10 +100,12 @@ impl System {
         let control = ports.bus.publisher(BUFFER_BESIDE)?;
         let door = Door::open(&domain)?;
         let cleaner = Cleaner::new(domain)?;
+        let (warm, prior) = WarmStart::begin(plan)?;
+        let orders = Orders { prior, ..plan.orders.clone() };
         urgency::set_own();
         // All topics of its own are open by now: to wait for one that a service is just making is what a signal would break off.
-        let crew = Crew::start(&plan.orders)?;
-        let exchange = Exchange::new(control, &plan.orders, &crew);
+        let crew = Crew::start(&orders)?;
+        let exchange = Exchange::new(control, &orders, &crew);
         let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
         Ok(Self {
@@ -109,6 +113,7 @@ impl System {
             cleaner,
             ports,
             memory,
+            warm,
             exchange,
             watches,
             door,
@@ -216,7 +221,8 @@ impl System {
 
     /// Sees to the services and their slots, and says what happened to them.
     fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { crew, cleaner, exchange, memory, ports, view, .. } = self;
+        let Self { crew, cleaner, exchange, memory, warm, ports, view, .. } = self;
+        view.announce(&warm.heed(memory));
         let mut news = News::default();
         let mut tended = crew.tend(&mut news);
         if !news.deaths.is_empty() {
@@ -296,6 +302,7 @@ impl System {
 
     fn end(mut self) {
         self.crew.end();
+        self.view.announce(&self.warm.end(&self.memory));
         self.view.end();
     }
 

@@ -25,6 +25,7 @@ fn known(attitude: Attitude) -> Estimate {
         inclination_sd_rad: 0.0,
         heading_sd_rad: 0.0,
         bias_sd_rad_s: 0.0,
+        hard_iron: HardIron::UNKNOWN,
     }
 }
 

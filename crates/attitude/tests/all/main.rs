@@ -17,3 +17,4 @@ mod level;
 mod levelling;
 mod scenarios;
 mod vehicles;
+mod warm;
