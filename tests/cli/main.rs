@@ -5,5 +5,6 @@
 mod common;
 
 mod keys;
+mod means;
 mod seeing;
 mod up;

@@ -8,16 +8,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Claim, Domain, Publisher, Subscriber};
+use bus::{Bus, Claim, Domain, Publisher, SharedMemory, Subscriber};
 use launch::{Launch, Service};
-use messages::{AttitudeOutput, Checkpoint, Credit, Health, ImuSample, Reference, State};
-use runtime::{Input, Reader, orders::BUFFER_BESIDE};
+use messages::{AttitudeOutput, Checkpoint, Credit, Difference, Health, ImuSample, Reference, State};
+use runtime::{Input, Orders, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
     Plan, Report, UpError,
     cleaner::Cleaner,
     collector::Collector,
     crew::{Crew, News, own_cpu_s},
+    damage::Damage,
     door::{Ask, Door},
     exchange::{Exchange, published_tick},
     memory::Memory,
@@ -43,8 +44,12 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 pub fn run(plan: &Plan) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut system = System::start(plan)?;
-    system.await_ready(&mut collector)?;
-    let report = system.operate(plan, collector)?;
+    let mut run = system.run(plan, &mut collector);
+    while let Err(UpError::Damaged { .. }) = run {
+        system = system.start_anew(collector.sequence().next_tick)?;
+        run = system.run(plan, &mut collector);
+    }
+    let report = run?;
     system.end();
     Ok(report)
 }
@@ -63,7 +68,8 @@ struct System {
     view: View,
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
-    _claim: Claim,
+    damage: Damage,
+    claim: Claim,
 }
 
 /// A caller who waits for the answer to a request.
@@ -89,19 +95,19 @@ impl System {
         let asked_to_end = crate::asked_to_end()?;
         let notifier = Notifier::new()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
+        SharedMemory::suffices(domain.name(), plan.orders.shared_memory_bytes())?;
         let claim = domain.claim()?;
-        let ports = Ports::open(plan, &domain)?;
+        let ports = Ports::open(&domain, &plan.orders, 0)?;
         let view = View::new(plan);
-        let watched = !plan.orders.launch.watch.is_empty();
-        let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
         let control = ports.bus.publisher(BUFFER_BESIDE)?;
+        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, ports.differences(&plan.orders)?);
         let door = Door::open(&domain)?;
+        let damage = Damage::new(domain.clone());
         let cleaner = Cleaner::new(domain)?;
         urgency::set_own();
         // All topics of its own are open by now: to wait for one that a service is just making is what a signal would break off.
         let crew = Crew::start(&plan.orders)?;
         let exchange = Exchange::new(control, &plan.orders, &crew);
-        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
         let (memory, waiting) = (Memory::default(), Vec::new());
         Ok(Self {
             crew,
@@ -115,8 +121,36 @@ impl System {
             view,
             notifier,
             asked_to_end,
-            _claim: claim,
+            damage,
+            claim,
         })
+    }
+
+    /// The same system on another bus of its name, where somebody has removed the files of the one it had: every service goes on from its
+    /// checkpoint, and `next_tick` comes out next.
+    fn start_anew(self, next_tick: u64) -> Result<Self, UpError> {
+        let Self { mut crew, cleaner, ports, memory, exchange, mut watches, door, claim, .. } = self;
+        crew.leave_bus();
+        watches.leave_bus();
+        // What was open on the old bus is closed first: its topics have the names of the new ones.
+        drop((door, exchange, cleaner, ports));
+        let claim = claim.renew()?;
+        let domain = claim.domain();
+        let ports = Ports::open(domain, crew.orders(), next_tick)?;
+        let control = ports.bus.publisher(BUFFER_BESIDE)?;
+        watches.go_on_at(ports.differences(crew.orders())?);
+        let (door, cleaner, damage) = (Door::open(domain)?, Cleaner::new(domain.clone())?, Damage::new(domain.clone()));
+        crew.start_anew(&memory)?;
+        let mut exchange = Exchange::new(control, crew.orders(), &crew);
+        crew.away().into_iter().try_for_each(|service| exchange.leave_empty(&ports.bus, service))?;
+        let waiting = Vec::new();
+        Ok(Self { crew, cleaner, ports, memory, exchange, watches, door, waiting, damage, claim, ..self })
+    }
+
+    /// Runs to the end.
+    fn run(&mut self, plan: &Plan, collector: &mut Collector) -> Result<Report, UpError> {
+        self.await_ready(collector)?;
+        self.operate(plan, collector)
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed. How long one may take, and what
@@ -132,14 +166,14 @@ impl System {
         Ok(())
     }
 
-    fn operate(&mut self, plan: &Plan, mut collector: Collector) -> Result<Report, UpError> {
+    fn operate(&mut self, plan: &Plan, collector: &mut Collector) -> Result<Report, UpError> {
         let origin = plan.orders.launch.origin();
         // After a cut an import has more to give than a topic holds.
         let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
         let window = plan.orders.window_ticks();
         let start = Instant::now();
         let cpu_start_s = own_cpu_s() + self.crew.cpu_s();
-        let mut granted = if lockstep { window } else { u64::MAX };
+        let mut granted = if lockstep { self.next_tick(collector) + window } else { u64::MAX };
         let (mut stopping, mut given_up) = (false, false);
         let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
@@ -153,10 +187,10 @@ impl System {
             self.wait(lockstep);
             self.ports.credit.greet()?;
             if self.published_elsewhere().is_none() {
-                self.ports.collect(&mut collector)?;
+                self.ports.collect(collector)?;
             }
             self.hear()?;
-            let before = std::mem::replace(&mut next_tick, self.next_tick(&collector));
+            let before = std::mem::replace(&mut next_tick, self.next_tick(collector));
             if next_tick != before {
                 progress = Instant::now();
                 self.notifier.flowing(next_tick);
@@ -179,21 +213,21 @@ impl System {
             given_up = (stopping || finished.is_some()) && progress.elapsed() > limit;
             ended = finished.is_some_and(|health| next_tick >= health.ticks) || given_up;
             if !ended {
-                self.tend(&mut collector)?;
-                self.answer(&mut collector);
-                self.watch(&mut collector)?;
+                self.tend(collector)?;
+                self.answer(collector);
+                self.watch(collector)?;
             }
             if shown.elapsed() > VIEW_INTERVAL {
                 shown = Instant::now();
-                self.view.show(&collector, Some(&self.crew));
+                self.view.show(collector, Some(&self.crew));
             }
         }
         self.notifier.stopping();
         let cpu_s_per_s = cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s(cpu_start_s, start));
-        self.ports.finish(&mut collector)?;
+        self.ports.finish(collector)?;
         collector.finish()?;
         let whole = !given_up || self.asked_to_end.load(Ordering::SeqCst);
-        Ok(Report { whole, ..Report::new(&collector, self.account(cpu_s_per_s, &plan.orders.launch)) })
+        Ok(Report { whole, ..Report::new(collector, self.account(cpu_s_per_s, &plan.orders.launch)) })
     }
 
     fn cpu_s_per_s(&self, at_start_s: f64, start: Instant) -> f64 {
@@ -202,11 +236,13 @@ impl System {
 
     /// Sees to the services and their slots, and says what happened to them.
     fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { crew, cleaner, exchange, memory, ports, view, .. } = self;
+        let Self { crew, cleaner, exchange, memory, ports, view, damage, .. } = self;
         let mut news = News::default();
+        news.lines.extend(damage.look());
         let mut tended = crew.tend(&mut news);
         if !news.deaths.is_empty() {
             cleaner.heed();
+            tended = tended.and_then(|()| damage.assess(crew, &mut news));
         }
         if tended.is_ok() {
             tended = exchange.go_on(&ports.bus, &mut news, collector, crew, memory);
@@ -346,11 +382,12 @@ impl System {
 }
 
 impl Ports {
-    fn open(plan: &Plan, domain: &Domain) -> Result<Self, UpError> {
+    /// The first attitude to come is that of `next_tick`.
+    fn open(domain: &Domain, orders: &Orders, next_tick: u64) -> Result<Self, UpError> {
         let bus = Bus::join(domain, "supervisor")?;
-        let buffer = plan.orders.buffer_ticks();
+        let buffer = orders.buffer_ticks();
         Ok(Self {
-            attitude: Reader::new(bus.subscriber(buffer)?, 0, &plan.orders),
+            attitude: Reader::new(bus.subscriber(buffer)?, next_tick, orders),
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
             checkpoints: bus.subscriber(BUFFER_BESIDE)?,
@@ -358,6 +395,12 @@ impl Ports {
             buffer,
             bus,
         })
+    }
+
+    /// Where shadows say how far they are, if anybody wants to know.
+    fn differences(&self, orders: &Orders) -> Result<Option<Subscriber<Difference>>, UpError> {
+        let watched = !orders.launch.watch.is_empty();
+        Ok(watched.then(|| self.bus.subscriber(BUFFER_BESIDE)).transpose()?)
     }
 
     fn grant(&self, ticks: u64) -> Result<(), UpError> {
