@@ -5,6 +5,7 @@
 mod common;
 
 mod aborted;
+mod damage;
 mod files;
 mod notify;
 mod own_stage;

@@ -235,8 +235,36 @@ pub struct Claim {
     _lock: File,
 }
 
+impl Claim {
+    /// The name.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// Takes the name anew when somebody has removed its files: nothing of before is left but the ticks that the topics have had. No process
+    /// may have anything open on the bus by then.
+    pub fn renew(self) -> Result<Self, BusError> {
+        let domain = self.domain.clone();
+        let page = |file: &File| Page::map(file).map_err(|cause| domain.page_error("mapping", cause));
+        let earlier = page(&self._lock)?;
+        drop(self);
+        let claim = domain.claim()?;
+        page(&claim._lock)?.go_on_from(&earlier);
+        Ok(claim)
+    }
+
+    /// Its files were removed, and another has taken the name since.
+    fn is_superseded(&self) -> bool {
+        let page_path = self.domain.page_path();
+        page_path.exists() && !is_at(&self._lock, &page_path)
+    }
+}
+
 impl Drop for Claim {
     fn drop(&mut self) {
+        if self.is_superseded() {
+            return;
+        }
         let _alone = self.domain.await_members(OBSERVERS_LIMIT);
         self.domain.remove_remains();
         let _ = fs::remove_file(self.domain.members_path());

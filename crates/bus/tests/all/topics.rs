@@ -358,3 +358,31 @@ fn the_page_of_another_system_is_never_removed() {
     fs::remove_file(&foreign).unwrap();
     assert!(there);
 }
+
+#[test]
+fn a_name_taken_anew_after_its_files_were_removed_goes_on_with_its_ticks() {
+    let domain = domain();
+    let claim = domain.claim().unwrap();
+    let driver = Bus::join(&domain, "driver").unwrap();
+    let bus = Bus::join(&domain, "supervisor").unwrap();
+    let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    publisher.note(41);
+    let own = [std::process::id()];
+    assert_eq!(domain.removed(&own), None);
+    for name in remains(&domain) {
+        let path = PathBuf::from("/dev/shm").join(name);
+        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
+    }
+    assert!(domain.removed(&own).is_some());
+    drop((publisher, bus));
+    let claim = claim.renew().unwrap();
+    assert!(!driver.is_running(), "it has to join again");
+    let bus = Bus::join(&domain, "supervisor").unwrap();
+    assert_eq!(bus.next_tick::<ImuSample>(), 42);
+    assert!(bus.is_running());
+    assert!(domain.removed(&own).is_some(), "the driver's are still the old ones");
+    drop(driver);
+    assert_eq!(domain.removed(&own), None);
+    drop((bus, claim));
+    assert_eq!(remains(&domain), Vec::<String>::new());
+}

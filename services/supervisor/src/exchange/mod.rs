@@ -230,7 +230,7 @@ impl Exchange {
     }
 
     /// Nobody owns the slot any more from the tick after the newest one on.
-    fn leave_empty(&mut self, bus: &Bus, service: Service) -> Result<(), UpError> {
+    pub(crate) fn leave_empty(&mut self, bus: &Bus, service: Service) -> Result<(), UpError> {
         let from_tick = published_tick(bus, service);
         let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch()) + 1;
         self.control.send(&Control { from_tick, epoch, service: service as u32, owner: 0, reserved: 0 })?;
