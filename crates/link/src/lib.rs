@@ -6,11 +6,13 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`ends`] | the endpoints, and what secures them |
+//! | `guard` | how much may come in, and what those may do who show no certificate |
 //! | [`outlet`] | what a vehicle shows: messages, answers, signs of life |
 //! | [`remote`] | a vehicle seen from elsewhere |
 #![forbid(unsafe_code)]
 
 pub mod ends;
+mod guard;
 pub mod outlet;
 pub mod remote;
 
@@ -19,6 +21,7 @@ use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
 
 pub use ends::Ends;
+pub use guard::SESSIONS_MAX;
 pub use outlet::{Answering, Outlet, Question, Sign};
 pub use remote::{Arrival, Stream};
 

@@ -40,6 +40,7 @@ use std::{
 };
 
 use bus::BusError;
+use keys::access::AccessList;
 use launch::{Launch, Service};
 use link::LinkError;
 use messages::{Health, State};
@@ -188,13 +189,14 @@ fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, lif
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
+        plain: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
         client: false,
     };
     let ends = ends.with_free_ports()?;
     let link = link::Link::open(&ends)?;
     let at = ends.listen.join(" ");
     tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
-    let carrying = end.carry(&link, shared)?;
+    let carrying = end.carry(&link, &ends, shared)?;
     let sender = Sender::open(&link, shared.clone(), launch, life)?;
     let _answering = answers::open(&link, shared, sender.last())?;
     let sender = sending.get_or_init(|| Mutex::new(sender));
