@@ -104,12 +104,8 @@ impl Way {
     /// The way, gone.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
         let ends = self.ends()?;
-        let link = Link::open(&ends)?;
-        if link.await_somebody(CONNECT_LIMIT) {
-            Ok(link)
-        } else {
-            Err(LinkError::Nobody { ends: ends.to_string() }.into())
-        }
+        ends.check()?;
+        Ok(Link::reach(&ends, CONNECT_LIMIT)?)
     }
 }
 
@@ -148,9 +144,7 @@ pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -
     match answer {
         Ok(answer) => Ok(report(answer)),
         // Who has just answered has not gone: an access list ends such a question at once.
-        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => {
-            Err(way.no_command(vehicle, &request))
-        }
+        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => Err(way.no_command(vehicle, &request)),
         Err(error) => Err(error.into()),
     }
 }

@@ -77,6 +77,12 @@ impl Ends {
         Ok(self)
     }
 
+    /// One's own certificates serve now. Who is shown one that does not will not say so.
+    pub fn check(&self) -> Result<(), LinkError> {
+        let files = self.tls.iter().flat_map(|tls| [&tls.ca, &tls.cert]);
+        Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
+    }
+
     /// Some of what it speaks to is beyond this machine.
     pub(crate) fn are_secured(&self) -> bool {
         self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))

@@ -74,15 +74,21 @@ mod tests {
     fn the_list_of_a_file_and_that_of_the_gateway_are_one() {
         let parties = ["vehicle.boat", "operator.ann"].map(|party| party.parse().unwrap());
         let list = with_file(&AccessList::new(&parties, &[]).text()).unwrap().unwrap();
-        let ids = |part: &str| list[part].as_array().unwrap().iter().map(|one| one["id"].to_string()).collect::<Vec<_>>();
+        let ids =
+            |part: &str| list[part].as_array().unwrap().iter().map(|one| one["id"].to_string()).collect::<Vec<_>>();
         assert_eq!(ids("subjects"), ["\"vehicle.boat\"", "\"operators\"", "\"plain\""]);
-        assert!(ids("rules").contains(&"\"plain subscribe\"".into()) && list["policies"].as_array().unwrap().len() == 3);
+        assert!(
+            ids("rules").contains(&"\"plain subscribe\"".into()) && list["policies"].as_array().unwrap().len() == 3
+        );
         Config::default().insert_json5("access_control", &list.to_string()).unwrap();
     }
 
     #[test]
     fn a_list_that_lets_everybody_in_is_refused_with_its_place() {
-        for text in ["{ enabled: false }", "{ enabled: true, default_permission: \"allow\", rules: [], subjects: [], policies: [] }"] {
+        for text in [
+            "{ enabled: false }",
+            "{ enabled: true, default_permission: \"allow\", rules: [], subjects: [], policies: [] }",
+        ] {
             let error = with_file(text).unwrap_err().to_string();
             assert!(error.contains("must say") && error.contains("/tmp"), "{error}");
         }
