@@ -7,6 +7,7 @@ mod common;
 mod aborted;
 mod notify;
 mod own_stage;
+mod rescue;
 mod restart;
 mod swap;
 mod watch;

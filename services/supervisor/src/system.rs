@@ -242,7 +242,7 @@ impl System {
                     Service::named(&slot).into_iter().for_each(|slot| exchange.cancel(slot, crew, memory));
                     door.answer(caller, &());
                 }
-                Ask::Ps => door.answer(caller, &crew.ps()),
+                Ask::Ps => door.answer(caller, &exchange.ps(crew)),
                 Ask::Orders => door.answer(caller, crew.orders()),
                 Ask::Tell { service, what } => {
                     view.announce(&[format!("{service}: {what}")]);
