@@ -15,7 +15,7 @@ use crate::common::{
 use serde_json::Value;
 
 /// A Python with what the client needs, made once; says why where there is none.
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
+pub(crate) static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
 
 fn python() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("foreign-venv");

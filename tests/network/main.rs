@@ -5,6 +5,7 @@
 mod common;
 
 mod certificates;
+mod docs;
 mod elsewhere;
 mod foreign;
 mod gateway;

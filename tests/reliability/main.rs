@@ -10,6 +10,7 @@ mod files;
 mod notify;
 mod own_stage;
 mod record;
+mod rescue;
 mod restart;
 mod swap;
 mod watch;

@@ -128,6 +128,18 @@ pub enum BusError {
         /// The layout of whoever created the topic.
         there: String,
     },
+    /// Whoever opened the topic first had it hold less.
+    #[error(
+        "opening the topic `{topic}`: it was opened first with room for {there} messages for each reader, here {here} are asked for; every program that publishes or reads a topic of the path asks for buffer_s x rate_hz of the launch file, rounded up, and for 256 at least"
+    )]
+    Buffer {
+        /// The topic.
+        topic: &'static str,
+        /// Messages asked for here.
+        here: usize,
+        /// Messages that the topic holds.
+        there: usize,
+    },
     /// The topic could not be opened.
     #[error("opening the topic `{topic}`: {cause}")]
     Topic {

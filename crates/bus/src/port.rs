@@ -116,7 +116,7 @@ impl Topic {
             .max_subscribers(SUBSCRIBERS)
             .max_nodes(NODES)
             .open_or_create_with_attributes(&layout_required(topic, layout)?)
-            .map_err(|cause| unopened(node.config(), topic, &name, layout, &cause))?;
+            .map_err(|cause| unopened(node.config(), topic, &name, layout, buffer, &cause))?;
         Ok(Self { name: topic, bytes, factory })
     }
 
@@ -125,7 +125,7 @@ impl Topic {
         let opened = builder.open_with_attributes(&layout_required(topic, layout)?);
         let factory = opened.map_err(|cause| match cause {
             PublishSubscribeOpenError::DoesNotExist => BusError::Unopened { topic },
-            cause => unopened(node.config(), topic, &name, layout, &cause),
+            cause => unopened(node.config(), topic, &name, layout, 0, &cause),
         })?;
         Ok(Self { name: topic, bytes, factory })
     }
@@ -214,18 +214,28 @@ fn layout_required(topic: &'static str, layout: &str) -> Result<AttributeVerifie
     Ok(attributes)
 }
 
-/// Why a topic could not be opened: another layout, or what iceoryx2 answered.
-fn unopened(config: &Config, topic: &'static str, name: &ServiceName, here: &str, cause: &dyn fmt::Debug) -> BusError {
-    match layout_on_bus(config, name) {
-        Some(there) if there != here => BusError::Layout { topic, here: here.into(), there },
+/// Why a topic could not be opened to hold `buffer` messages: another layout, less room, or what iceoryx2 answered.
+fn unopened(
+    config: &Config,
+    topic: &'static str,
+    name: &ServiceName,
+    layout: &str,
+    buffer: usize,
+    cause: &dyn fmt::Debug,
+) -> BusError {
+    let Ok(Some(details)) = ipc::Service::details(name, config, MessagingPattern::PublishSubscribe) else {
+        return failed(topic, cause);
+    };
+    let held = details.static_details.publish_subscribe().subscriber_max_buffer_size();
+    match layout_on_bus(details.static_details.attributes()) {
+        Some(there) if there != layout => BusError::Layout { topic, here: layout.into(), there },
+        _ if held < buffer => BusError::Buffer { topic, here: buffer, there: held },
         _ => failed(topic, cause),
     }
 }
 
 /// The layout that the topic's creator wrote down.
-fn layout_on_bus(config: &Config, name: &ServiceName) -> Option<String> {
-    let details = ipc::Service::details(name, config, MessagingPattern::PublishSubscribe).ok()??;
-    let attributes: &AttributeSet = details.static_details.attributes();
+fn layout_on_bus(attributes: &AttributeSet) -> Option<String> {
     let text: String = attributes.iter().map(|attribute| attribute.value().to_string()).collect();
     (!text.is_empty()).then_some(text)
 }

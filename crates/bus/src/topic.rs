@@ -105,6 +105,11 @@ impl<M: Message> Publisher<M> {
         self.word.note(tick);
     }
 
+    /// The tick after the newest one that was ever about to be published.
+    pub fn next_tick(&self) -> u64 {
+        self.word.next_tick()
+    }
+
     /// Hands what it holds to readers that have come since it last acted.
     pub fn greet(&self) -> Result<(), BusError> {
         self.port.greet()

@@ -2,20 +2,18 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
+    filling::filling,
     gateway::{Gateway, Tls, gateway},
-    model::{Gnss, Ingest, Replay, Stage, StateFile, TOPIC_MESSAGES_MAX, system_name},
+    model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
-    program::{Program, programs},
+    program::programs,
     sensors::{calibration, mounting},
     split,
     walk::{self, Section},
     watch::watches,
 };
-use attitude::{
-    accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
-};
 use scenario::Motion;
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
@@ -241,49 +239,6 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     }
 }
 
-/// What fills a slot: the keys `stage` and `set`.
-pub(crate) fn filling(
-    section: &mut Section<'_, '_>,
-    slot: Service,
-    programs: &BTreeMap<String, Program>,
-    out: &mut Stage,
-) -> bool {
-    let own = programs.iter().filter(|(_, program)| program.slot == slot);
-    let own = own.map(|(name, _)| (name.as_str(), name.clone()));
-    let allowed: Vec<_> = names(slot).iter().map(|name| (*name, (*name).to_owned())).chain(own).collect();
-    let taken = section.choice("stage", allowed, &mut out.stage);
-    section.section("set", |section| {
-        let Some(parameters) = parameters(slot, &out.stage) else { return section.numbers(&mut out.set) };
-        for Parameter { name, least, most, default, .. } in parameters {
-            let mut value = *default;
-            if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
-                out.set.insert((*name).into(), value);
-            }
-        }
-    });
-    taken
-}
-
-fn names(slot: Service) -> &'static [&'static str] {
-    match slot {
-        Service::Ingest | Service::Gateway => &[],
-        Service::Gyro => &Gyro::NAMES,
-        Service::Accel => &Accelerometer::NAMES,
-        Service::Fuser => &Fuser::NAMES,
-        Service::Course => &Course::NAMES,
-    }
-}
-
-fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
-    match slot {
-        Service::Ingest | Service::Gateway => None,
-        Service::Gyro => Some(Gyro::named(stage)?.parameters()),
-        Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
-        Service::Fuser => Some(Fuser::named(stage)?.parameters()),
-        Service::Course => Some(Course::named(stage)?.parameters()),
-    }
-}
-
 fn state_file(text: &str) -> Option<StateFile> {
     match text {
         "" => None,
@@ -309,7 +264,9 @@ fn named(name: &'static str) -> (&'static str, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BusSource, Limits, Sim};
+    use crate::{BusSource, Limits, Sim, Stage};
+    use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
+    use std::collections::BTreeMap;
 
     fn problems(text: &str) -> String {
         Launch::parse("launch.toml", text).unwrap_err().to_string()

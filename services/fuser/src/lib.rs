@@ -203,16 +203,13 @@ impl<S: FuserStage> Slot for FuserSlot<S> {
 }
 
 impl<S: FuserStage> FuserSlot<S> {
-    /// A slot that nobody owns any more is not waited for.
+    /// A slot that nobody owns any more is not waited for, until somebody owns it again.
     fn heed(&mut self, control: &Control) {
-        match control {
-            Control { owner: 0, service, from_tick, .. } if *service == Service::Gyro as u32 => {
-                self.join.first_is_absent_from(*from_tick);
-            }
-            Control { owner: 0, service, from_tick, .. } if *service == Service::Accel as u32 => {
-                self.join.second_is_absent_from(*from_tick);
-            }
-            _ => {}
+        let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
+        if control.service == Service::Gyro as u32 {
+            self.join.first_is_absent_from(absent_from);
+        } else if control.service == Service::Accel as u32 {
+            self.join.second_is_absent_from(absent_from);
         }
     }
 

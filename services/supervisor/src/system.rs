@@ -141,7 +141,7 @@ impl System {
     /// The same system on another bus of its name, where somebody has removed the files of the one it had: every service goes on from its
     /// checkpoint, and `next_tick` comes out next.
     fn start_anew(self, next_tick: u64) -> Result<Self, UpError> {
-        let Self { mut crew, cleaner, ports, memory, exchange, mut watches, door, claim, .. } = self;
+        let Self { mut crew, cleaner, ports, mut memory, exchange, mut watches, door, claim, .. } = self;
         crew.leave_bus();
         watches.leave_bus();
         // What was open on the old bus is closed first: its topics have the names of the new ones.
@@ -154,7 +154,9 @@ impl System {
         let (door, cleaner, damage) = (Door::open(domain)?, Cleaner::new(domain.clone())?, Damage::new(domain.clone()));
         crew.start_anew(&memory)?;
         let mut exchange = Exchange::new(control, crew.orders(), &crew);
-        crew.away().into_iter().try_for_each(|service| exchange.leave_empty(&ports.bus, service))?;
+        for service in crew.away() {
+            exchange.leave_empty(&ports.bus, service, &mut crew, &mut memory);
+        }
         let waiting = Vec::new();
         Ok(Self { crew, cleaner, ports, memory, exchange, watches, door, waiting, damage, claim, ..self })
     }
@@ -295,7 +297,7 @@ impl System {
                     Service::named(&slot).into_iter().for_each(|slot| exchange.cancel(slot, crew, memory));
                     door.answer(caller, &());
                 }
-                Ask::Ps => door.answer(caller, &crew.ps()),
+                Ask::Ps => door.answer(caller, &exchange.ps(crew)),
                 Ask::Orders => door.answer(caller, crew.orders()),
                 Ask::Record => door.answer(caller, &collector.record()),
                 Ask::Tell { service, what } => {

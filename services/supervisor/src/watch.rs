@@ -101,8 +101,10 @@ impl Watches {
         differences.drain(BUFFER_BESIDE, |difference| heard.push(difference))?;
         for Attended { rule, shadow, takeover, attempts, due } in all {
             let slot = rule.watch.slot;
-            let mut wish = |stage: &Stage, shadow| {
-                let wish = Wish { slot: slot.name().into(), stage: stage.clone(), shadow, expected_epoch: None };
+            let mut wish = |stage: &Stage, shadow: bool| {
+                let limit_ms = (!shadow).then_some(Wish::LIMIT_MS);
+                let (slot, stage) = (slot.name().into(), stage.clone());
+                let wish = Wish { slot, stage, shadow, expected_epoch: None, limit_ms };
                 exchange.wish(wish, collector, crew, memory)
             };
             for difference in heard.iter().filter(|it| it.service == slot as u32 && shadow.is_some()) {

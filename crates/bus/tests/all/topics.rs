@@ -250,6 +250,19 @@ fn assert_names_both_layouts(error: &BusError, here: &Layout, there: &Layout) {
 }
 
 #[test]
+fn a_topic_that_holds_too_little_says_how_much_all_must_ask_for() {
+    let Pair { here, there, .. } = &pair();
+    let _publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    for error in [there.publisher::<ImuSample>(2000).unwrap_err(), there.subscriber::<ImuSample>(2000).unwrap_err()] {
+        assert!(matches!(error, BusError::Buffer { here: 2000, there: BUFFER, .. }), "{error:?}");
+        let said = error.to_string();
+        assert!(said.contains("`imu`") && said.contains("buffer_s x rate_hz of the launch file"), "{said}");
+    }
+    // Whoever asks for less takes what there is.
+    there.publisher::<ImuSample>(BUFFER / 2).unwrap();
+}
+
+#[test]
 fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
     let Pair { here, there, .. } = &pair();
     let _publisher = here.publisher::<Reference>(BUFFER).unwrap();

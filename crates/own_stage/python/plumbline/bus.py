@@ -122,6 +122,10 @@ class Publisher:
         """Notes the tick of the message that is sent next."""
         self._word.note(tick)
 
+    def next_tick(self):
+        """The tick after the newest one that was ever about to be published."""
+        return self._word.next_tick()
+
     def wake(self):
         self._word.wake()
 

@@ -9,7 +9,7 @@ import sys
 from . import messages
 from .attitude import Attitude, Turn
 from .messages import Flag
-from .rules import Beside, Join
+from .rules import NEVER, Beside, Join
 from .stage import ARBITRARY, Estimate, FuserInput, Inclination, Motion
 from .values import (
     BRIDGE_S,
@@ -81,9 +81,10 @@ class FuserSlot(Slot):
             self.field.offer(message)
         elif kind is messages.GnssFix:
             self.fixes.offer(message)
-        # A slot that nobody owns any more is not waited for.
-        elif message.owner == 0 and message.service in (messages.SLOTS.index("gyro"), messages.SLOTS.index("accel")):
-            self.join.absent_from[message.service - messages.SLOTS.index("gyro")] = message.from_tick
+        # A slot that nobody owns any more is not waited for, until somebody owns it again.
+        elif message.service in (messages.SLOTS.index("gyro"), messages.SLOTS.index("accel")):
+            absent_from = NEVER if message.owner else message.from_tick
+            self.join.absent_from[message.service - messages.SLOTS.index("gyro")] = absent_from
         while self._waits_for() is None:
             tick = self.join.take()
             if tick is None:

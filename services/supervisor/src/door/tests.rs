@@ -53,7 +53,7 @@ impl House {
 
 fn shadow() -> Ask {
     let stage = Stage { stage: "vqf".into(), set: Default::default() };
-    Ask::Swap(Wish { slot: "fuser".into(), stage, shadow: true, expected_epoch: None })
+    Ask::Swap(Wish { slot: "fuser".into(), stage, shadow: true, expected_epoch: None, limit_ms: None })
 }
 
 #[test]
