@@ -16,4 +16,5 @@ mod identities;
 mod level;
 mod levelling;
 mod scenarios;
+mod steps;
 mod vehicles;
