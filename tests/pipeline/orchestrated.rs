@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 use crate::common::{System, inclination_deg, lives, signal, until};
 use bus::{Bus, Domain, Publisher, Subscriber};
 use launch::Service;
-use messages::{AttitudeOutput, Flags, Health, SensorReading};
+use messages::{AttitudeOutput, Chart, Flags, FusedState, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
     orders::BUFFER_BESIDE,
@@ -178,12 +178,23 @@ fn s1_through_the_bus_with_wz_open() {
 fn tumbling_through_the_bus_stays_exact_in_both_charts() {
     let motion = Motion::named("tumble").unwrap();
     let bench = Bench::start("");
+    let fused: Subscriber<FusedState> = bench.bus.subscriber(BUFFER).unwrap();
     let outputs = bench.feed(&readings(motion, Errors::default(), 5000));
     assert_in_order(&outputs);
     for output in &outputs {
         let error_deg = inclination_deg(output.quaternion, truth(motion, output.header.tick));
         assert!(error_deg < 1e-6, "tick {}: {error_deg}°", output.header.tick);
     }
+    let charts: Vec<Chart> = core::iter::from_fn(|| fused.receive().unwrap()).map(|state| state.chart).collect();
+    let inverted = charts.iter().filter(|chart| **chart == Chart::INVERTED).count();
+    let changes = charts.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    println!("{inverted} of {} ticks inverted, {changes} changes of chart", charts.len());
+    assert_eq!(charts.len(), outputs.len());
+    assert!(
+        inverted > 1000 && charts.len() - inverted > 1000 && changes > 20,
+        "{inverted} inverted, {changes} changes"
+    );
+    drop(fused);
     bench.stop().assert_whole();
 }
 
