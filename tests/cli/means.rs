@@ -88,11 +88,7 @@ fn shared_memory_that_runs_out_is_named_and_what_failed_comes_back_once_there_is
     let system = System::new("[restart]\non_limit = \"hold\"\nbackoff_max_s = 0.1");
     let Some(command) = in_memory_of("24M", &system.command(&[])) else { return };
     let log = system.path("log");
-    let mut command = after(&format!("exec 2> {}", log.display()), &command);
-    let running = Running::of({
-        command.stdin(std::process::Stdio::null());
-        command
-    });
+    let running = Running::of(after(&format!("exec 2> {}", log.display()), &command));
     running.all_services();
     let heard = |what: &str| fs::read_to_string(&log).is_ok_and(|text| text.contains(what));
     until("ticks", || heard("tick "));

@@ -28,7 +28,9 @@ fn a_system_whose_files_are_removed_starts_anew_when_a_service_dies_and_loses_no
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
     // All of them, as logind does; then of one kind only.
-    for (kind, service) in [("", "fuser"), ("", "ingest"), ("", "course"), (".data", "gyro"), (&system.name, "accel")] {
+    for (kind, service) in
+        [("", "fuser"), ("", "ingest"), ("", "course"), (".data", "gyro"), (system.name.as_str(), "accel")]
+    {
         std::thread::sleep(Duration::from_millis(1200));
         let before = pids(&running);
         remove(&files(&system, kind));

@@ -97,7 +97,7 @@ impl Domain {
             let alone = self.await_members(members_limit)?;
             page.begin_run();
             self.remove_remains();
-            return Ok((Claim { domain: self.clone(), _lock: file }, alone));
+            return Ok((Claim { domain: self.clone(), lock: file }, alone));
         }
         Err(self.page_error("locking", io::Error::other("it kept disappearing")))
     }
@@ -232,7 +232,7 @@ impl Domain {
 #[derive(Debug)]
 pub struct Claim {
     domain: Domain,
-    _lock: File,
+    lock: File,
 }
 
 impl Claim {
@@ -246,17 +246,17 @@ impl Claim {
     pub fn renew(self) -> Result<Self, BusError> {
         let domain = self.domain.clone();
         let page = |file: &File| Page::map(file).map_err(|cause| domain.page_error("mapping", cause));
-        let earlier = page(&self._lock)?;
+        let earlier = page(&self.lock)?;
         drop(self);
         let claim = domain.claim()?;
-        page(&claim._lock)?.go_on_from(&earlier);
+        page(&claim.lock)?.go_on_from(&earlier);
         Ok(claim)
     }
 
     /// Its files were removed, and another has taken the name since.
     fn is_superseded(&self) -> bool {
         let page_path = self.domain.page_path();
-        page_path.exists() && !is_at(&self._lock, &page_path)
+        page_path.exists() && !is_at(&self.lock, &page_path)
     }
 }
 
