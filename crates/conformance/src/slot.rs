@@ -4,7 +4,7 @@ use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
-    fuser::{Estimate, Fused, Fuser, FuserInput},
+    fuser::{Estimate, Fused, Fuser, FuserInput, HardIron},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
     stage::Stage,

@@ -4,7 +4,7 @@ use attitude::{
     Vector3,
     accel::Projector,
     course::Reference,
-    fuser::{Estimate, Fuser, FuserInput},
+    fuser::{Estimate, Fuser, FuserInput, HardIron},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
