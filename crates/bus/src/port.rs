@@ -188,10 +188,10 @@ impl InPort for In {
     }
 }
 
-fn builder(
-    node: &Node<ipc::Service>,
-    topic: &'static str,
-) -> Result<(ServiceName, Builder<[u8], (), ipc::Service>), BusError> {
+/// What a topic is opened with.
+type Opening = Builder<[u8], (), ipc::Service>;
+
+fn builder(node: &Node<ipc::Service>, topic: &'static str) -> Result<(ServiceName, Opening), BusError> {
     let name = ServiceName::new(topic).map_err(|cause| failed(topic, &cause))?;
     let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| failed(topic, &"an alignment that is no power of two"))?;
     let builder = node.service_builder(&name).publish_subscribe::<[u8]>().payload_alignment(alignment);
