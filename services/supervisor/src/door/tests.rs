@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{
-    fs,
     io::{ErrorKind, Read, Write},
     os::unix::net::UnixStream,
     sync::atomic::{AtomicU32, Ordering},
