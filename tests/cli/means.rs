@@ -17,7 +17,7 @@ const NOBODY: &str = "65534";
 fn after(shell: &str, command: &Command) -> Command {
     let mut wrapped = Command::new("sh");
     wrapped.args(["-c", &format!("{shell} && exec \"$@\""), "sh"]);
-    wrapped.arg(command.get_program()).args(command.get_arguments());
+    wrapped.arg(command.get_program()).args(command.get_args());
     wrapped
 }
 
@@ -27,7 +27,7 @@ fn in_memory_of(size: &str, command: &Command) -> Option<Command> {
     let apart = |command: &Command| {
         let inner = after(&mount, command);
         let mut unshared = Command::new("unshare");
-        unshared.args(["--mount", "--"]).arg(inner.get_program()).args(inner.get_arguments());
+        unshared.args(["--mount", "--"]).arg(inner.get_program()).args(inner.get_args());
         unshared
     };
     match apart(&Command::new("true")).output() {
