@@ -106,7 +106,9 @@ impl Ends {
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
         set("scouting/gossip/enabled", "false".into())?;
-        set("transport/link/tx/lease", LEASE_MS.into())?;
+        if self.are_secured() {
+            set("transport/link/tx/lease", LEASE_MS.into())?;
+        }
         set(guard::MESSAGE_MAX.0, guard::MESSAGE_MAX.1.into())?;
         if self.listen.is_empty() {
             set("connect/retry", RETRY.into())?;
