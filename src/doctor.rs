@@ -44,7 +44,7 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     checks.extend(match domain.owner_pid() {
         Ok(Some(pid)) => examine(&name, pid, seconds).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![Check::ok("system", format!("{name:?} does not run"))],
-        Err(error) => vec![Check::warning("system", error.to_string(), "ask its owner")],
+        Err(error) => vec![Check::problem("system", error.to_string(), "free the name as it says, or be its owner")],
     });
     let diagnosis = Diagnosis { system: name, checks };
     // Strings and lists always serialise.

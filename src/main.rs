@@ -94,6 +94,7 @@ enum ConfigCommand {
 }
 
 fn main() -> ExitCode {
+    bus::say_when_memory_runs_out();
     match Cli::parse().command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),

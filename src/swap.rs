@@ -238,7 +238,8 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 impl Exchange {
     fn wish(&self, shadow: bool) -> Wish {
         let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None }
+        let limit_ms = (!shadow).then_some(Wish::LIMIT_MS);
+        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None, limit_ms }
     }
 }
 

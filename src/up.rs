@@ -28,14 +28,17 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
+    #[arg(long)]
+    cold: bool,
     /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
-    let report = match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
+    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
+    let report = match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out, cold }) {
         Ok(report) => {
             supervisor::tell(&report);
             report

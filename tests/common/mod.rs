@@ -47,6 +47,8 @@ impl System {
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = plumb(&["up"]);
         command.arg(self.path("launch.toml")).args(arguments).arg("--json");
+        // What a system keeps for its next start is the test's own.
+        command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
     }
 

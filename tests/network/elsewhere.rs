@@ -140,7 +140,7 @@ fn an_unknown_vehicle_or_topic_is_said_with_the_remedy() {
     let nowhere = format!("tcp/127.0.0.1:{}", free_port());
     let nobody = plumb(&["topic", "list", "--remote", "boat", "--connect", &nowhere]).output().unwrap();
     assert_eq!(nobody.status.code(), Some(1));
-    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("nobody is there"), "{}", said(&nobody));
+    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("nobody listens there"), "{}", said(&nobody));
 
     for verb in ["echo", "hz", "bw", "info"] {
         let unknown = vehicle.ask(&["topic", verb, "altitude"]);

@@ -125,6 +125,7 @@ fn published(it: &Vector) -> AttitudeOutput {
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: 0,
     };

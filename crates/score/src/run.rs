@@ -119,10 +119,12 @@ fn plan(launch: &Launch, trial: &Trial) -> Plan {
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: std::process::id(),
     };
-    Plan { orders, ticks: Some(trial.rows), stop_after_s: None, has_reference: trial.has_reference, out: None }
+    let (ticks, has_reference) = (Some(trial.rows), trial.has_reference);
+    Plan { orders, ticks, stop_after_s: None, has_reference, out: None, state_file: None, cold: true }
 }
 
 /// One path through the slots, and what becomes of its attitudes.

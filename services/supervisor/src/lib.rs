@@ -12,7 +12,9 @@
 //! | [`collector`], `out` | what becomes of the attitude: accuracy, latency; the file |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `warm` | what outlives a stop of the whole system |
 //! | `cleaner` | what killed services leave on the bus |
+//! | `damage` | whether who starts can still join the bus |
 //! | `urgency` | which process runs first |
 //! | `exchange` | who owns a slot, and how it changes hands |
 //! | `door` | the socket at which others ask |
@@ -21,6 +23,7 @@
 mod cleaner;
 pub mod collector;
 mod crew;
+mod damage;
 mod door;
 mod exchange;
 pub mod in_process;
@@ -33,6 +36,7 @@ pub mod report;
 pub mod system;
 mod urgency;
 mod view;
+mod warm;
 mod watch;
 
 use std::{
@@ -118,6 +122,12 @@ pub enum UpError {
     #[error("writing {path}: that is the recording itself; give --out another name")]
     OutIsReplay {
         /// The file.
+        path: PathBuf,
+    },
+    /// The files of the bus were removed while the system ran.
+    #[error("{path} was removed while the system ran, so nobody who starts can join it")]
+    Damaged {
+        /// One of them.
         path: PathBuf,
     },
     /// A process could not be started or asked.

@@ -8,16 +8,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Claim, Domain, Publisher, Subscriber};
+use bus::{Bus, Claim, Domain, Publisher, SharedMemory, Subscriber};
 use launch::{Launch, Service};
-use messages::{AttitudeOutput, Checkpoint, Credit, Health, ImuSample, Reference, State};
-use runtime::{Input, Reader, orders::BUFFER_BESIDE};
+use messages::{AttitudeOutput, Checkpoint, Credit, Difference, Health, ImuSample, Reference, State};
+use runtime::{Input, Orders, Reader, orders::BUFFER_BESIDE};
 
 use crate::{
     Plan, Report, UpError,
     cleaner::Cleaner,
     collector::Collector,
     crew::{Crew, News, own_cpu_s},
+    damage::Damage,
     door::{Ask, Door},
     exchange::{Exchange, published_tick},
     memory::Memory,
@@ -25,6 +26,7 @@ use crate::{
     report::{Account, ServiceReport},
     urgency,
     view::View,
+    warm::WarmStart,
     watch::Watches,
 };
 
@@ -42,7 +44,15 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut system = System::start(plan, asked_to_end)?;
-    let run = system.await_ready(&mut collector).and_then(|()| system.operate(plan, &mut collector));
+    let ready = system.await_ready(&mut collector);
+    if ready.is_ok() {
+        (system.since, system.cpu_since_s) = (Instant::now(), own_cpu_s() + system.crew.cpu_s());
+    }
+    let mut run = ready.and_then(|()| system.operate(plan, &mut collector));
+    while let Err(UpError::Damaged { .. }) = run {
+        system = system.start_anew(collector.next_tick())?;
+        run = system.await_ready(&mut collector).and_then(|()| system.operate(plan, &mut collector));
+    }
     let report = system.report(plan, collector, run);
     system.end();
     Ok(report)
@@ -54,6 +64,7 @@ struct System {
     cleaner: Cleaner,
     ports: Ports,
     memory: Memory,
+    warm: WarmStart,
     exchange: Exchange,
     watches: Watches,
     door: Door,
@@ -65,7 +76,8 @@ struct System {
     /// From when on the cost of the processes counts, and what it was by then, CPU s.
     since: Instant,
     cpu_since_s: f64,
-    _claim: Claim,
+    damage: Damage,
+    claim: Claim,
 }
 
 /// A caller who waits for the answer to a request.
@@ -90,25 +102,28 @@ impl System {
     fn start(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
         let domain = Domain::new(&plan.orders.launch.name)?;
+        SharedMemory::suffices(domain.name(), plan.orders.shared_memory_bytes())?;
         let claim = domain.claim()?;
-        let ports = Ports::open(plan, &domain)?;
+        let ports = Ports::open(&domain, &plan.orders, 0)?;
         let view = View::new(plan);
-        let watched = !plan.orders.launch.watch.is_empty();
-        let differences = watched.then(|| ports.bus.subscriber(BUFFER_BESIDE)).transpose()?;
         let control = ports.bus.publisher(BUFFER_BESIDE)?;
+        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, ports.differences(&plan.orders)?);
         let door = Door::open(&domain)?;
+        let damage = Damage::new(domain.clone());
         let cleaner = Cleaner::new(domain)?;
+        let (warm, prior) = WarmStart::begin(plan)?;
+        let orders = Orders { prior, ..plan.orders.clone() };
         urgency::set_own();
         // All topics of its own are open by now: to wait for one that a service is just making is what a signal would break off.
-        let crew = Crew::start(&plan.orders)?;
-        let exchange = Exchange::new(control, &plan.orders, &crew);
-        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, differences);
+        let crew = Crew::start(&orders)?;
+        let exchange = Exchange::new(control, &orders, &crew);
         let (memory, waiting) = (Memory::default(), Vec::new());
         Ok(Self {
             crew,
             cleaner,
             ports,
             memory,
+            warm,
             exchange,
             watches,
             door,
@@ -118,8 +133,32 @@ impl System {
             asked_to_end,
             since: Instant::now(),
             cpu_since_s: 0.0,
-            _claim: claim,
+            damage,
+            claim,
         })
+    }
+
+    /// The same system on another bus of its name, where somebody has removed the files of the one it had: every service goes on from its
+    /// checkpoint, and `next_tick` comes out next.
+    fn start_anew(self, next_tick: u64) -> Result<Self, UpError> {
+        let Self { mut crew, cleaner, ports, mut memory, exchange, mut watches, door, claim, .. } = self;
+        crew.leave_bus();
+        watches.leave_bus();
+        // What was open on the old bus is closed first: its topics have the names of the new ones.
+        drop((door, exchange, cleaner, ports));
+        let claim = claim.renew()?;
+        let domain = claim.domain();
+        let ports = Ports::open(domain, crew.orders(), next_tick)?;
+        let control = ports.bus.publisher(BUFFER_BESIDE)?;
+        watches.go_on_at(ports.differences(crew.orders())?);
+        let (door, cleaner, damage) = (Door::open(domain)?, Cleaner::new(domain.clone())?, Damage::new(domain.clone()));
+        crew.start_anew(&memory)?;
+        let mut exchange = Exchange::new(control, crew.orders(), &crew);
+        for service in crew.away() {
+            exchange.leave_empty(&ports.bus, service, &mut crew, &mut memory);
+        }
+        let waiting = Vec::new();
+        Ok(Self { crew, cleaner, ports, memory, exchange, watches, door, waiting, damage, claim, ..self })
     }
 
     /// Waits until every service has opened its topics: from then on nothing that is published is missed. How long one may take, and what
@@ -141,8 +180,7 @@ impl System {
         // After a cut an import has more to give than a topic holds.
         let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
         let window = plan.orders.window_ticks();
-        (self.since, self.cpu_since_s) = (Instant::now(), own_cpu_s() + self.crew.cpu_s());
-        let mut granted = if lockstep { window } else { u64::MAX };
+        let mut granted = if lockstep { self.next_tick(collector) + window } else { u64::MAX };
         let mut stopping = false;
         let (mut cpu_s_per_s, mut next_tick) = (None, 0);
         let (mut progress, mut shown) = (Instant::now(), Instant::now());
@@ -216,11 +254,14 @@ impl System {
 
     /// Sees to the services and their slots, and says what happened to them.
     fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { crew, cleaner, exchange, memory, ports, view, .. } = self;
+        let Self { crew, cleaner, exchange, memory, warm, ports, view, damage, .. } = self;
+        view.announce(&warm.heed(memory));
         let mut news = News::default();
+        news.lines.extend(damage.look());
         let mut tended = crew.tend(&mut news);
         if !news.deaths.is_empty() {
             cleaner.heed();
+            tended = tended.and_then(|()| damage.assess(crew, &mut news));
         }
         if tended.is_ok() {
             tended = exchange.go_on(&ports.bus, &mut news, collector, crew, memory);
@@ -256,7 +297,7 @@ impl System {
                     Service::named(&slot).into_iter().for_each(|slot| exchange.cancel(slot, crew, memory));
                     door.answer(caller, &());
                 }
-                Ask::Ps => door.answer(caller, &crew.ps()),
+                Ask::Ps => door.answer(caller, &exchange.ps(crew)),
                 Ask::Orders => door.answer(caller, crew.orders()),
                 Ask::Record => door.answer(caller, &collector.record()),
                 Ask::Tell { service, what } => {
@@ -296,6 +337,7 @@ impl System {
 
     fn end(mut self) {
         self.crew.end();
+        self.view.announce(&self.warm.end(&self.memory));
         self.view.end();
     }
 
@@ -365,11 +407,12 @@ impl System {
 }
 
 impl Ports {
-    fn open(plan: &Plan, domain: &Domain) -> Result<Self, UpError> {
+    /// The first attitude to come is that of `next_tick`.
+    fn open(domain: &Domain, orders: &Orders, next_tick: u64) -> Result<Self, UpError> {
         let bus = Bus::join(domain, "supervisor")?;
-        let buffer = plan.orders.buffer_ticks();
+        let buffer = orders.buffer_ticks();
         Ok(Self {
-            attitude: Reader::new(bus.subscriber(buffer)?, 0, &plan.orders),
+            attitude: Reader::new(bus.subscriber(buffer)?, next_tick, orders),
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
             checkpoints: bus.subscriber(BUFFER_BESIDE)?,
@@ -377,6 +420,12 @@ impl Ports {
             buffer,
             bus,
         })
+    }
+
+    /// Where shadows say how far they are, if anybody wants to know.
+    fn differences(&self, orders: &Orders) -> Result<Option<Subscriber<Difference>>, UpError> {
+        let watched = !orders.launch.watch.is_empty();
+        Ok(watched.then(|| self.bus.subscriber(BUFFER_BESIDE)).transpose()?)
     }
 
     fn grant(&self, ticks: u64) -> Result<(), UpError> {
