@@ -11,3 +11,4 @@ mod foreign;
 mod gateway;
 mod rough_network;
 mod split;
+mod strangers;

@@ -23,7 +23,7 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{BusError, observer::OBSERVERS};
+use crate::{BusError, means::why, observer::OBSERVERS};
 
 /// Active, candidate and injector, and as many that were killed and are not yet cleaned up.
 pub(crate) const PUBLISHERS: usize = 6;
@@ -155,7 +155,7 @@ struct Out {
 
 impl OutPort for Out {
     fn send(&self, message: &[u8]) -> Result<(), BusError> {
-        let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: self.topic, cause: format!("{cause:?}") };
+        let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: self.topic, cause: why(cause) };
         let sample = self.port.loan_slice_uninit(message.len()).map_err(|cause| failed(&cause))?;
         sample.write_from_slice(message).send().map_err(|cause| failed(&cause))?;
         Ok(())
@@ -163,7 +163,7 @@ impl OutPort for Out {
 
     fn greet(&self) -> Result<(), BusError> {
         let updated = self.port.update_connections();
-        updated.map_err(|cause| BusError::Send { topic: self.topic, cause: format!("{cause:?}") })
+        updated.map_err(|cause| BusError::Send { topic: self.topic, cause: why(&cause) })
     }
 }
 
@@ -178,7 +178,7 @@ impl InPort for In {
         match self.port.receive() {
             Ok(Some(sample)) => take(sample.payload()),
             Ok(None) => return Ok(false),
-            Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: format!("{cause:?}") }),
+            Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: why(&cause) }),
         }
         Ok(true)
     }
@@ -188,10 +188,10 @@ impl InPort for In {
     }
 }
 
-fn builder(
-    node: &Node<ipc::Service>,
-    topic: &'static str,
-) -> Result<(ServiceName, Builder<[u8], (), ipc::Service>), BusError> {
+/// What a topic is opened with.
+type Opening = Builder<[u8], (), ipc::Service>;
+
+fn builder(node: &Node<ipc::Service>, topic: &'static str) -> Result<(ServiceName, Opening), BusError> {
     let name = ServiceName::new(topic).map_err(|cause| failed(topic, &cause))?;
     let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| failed(topic, &"an alignment that is no power of two"))?;
     let builder = node.service_builder(&name).publish_subscribe::<[u8]>().payload_alignment(alignment);
@@ -199,7 +199,7 @@ fn builder(
 }
 
 fn failed(topic: &'static str, cause: &dyn fmt::Debug) -> BusError {
-    BusError::Topic { topic, cause: format!("{cause:?}") }
+    BusError::Topic { topic, cause: why(cause) }
 }
 
 /// What a topic's creator must have written down for it to be read or published.

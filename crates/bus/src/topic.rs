@@ -10,6 +10,7 @@ use messages::Message;
 
 use crate::{
     BusError, Domain, Woken,
+    means::{allow_files, why},
     place::Place,
     port::{InPort, OutPort, Topic},
     wake::TopicWord,
@@ -51,6 +52,11 @@ impl Bus {
         self.place.page.wake_all();
     }
 
+    /// The system is still the one that was joined. Whoever feeds one that had to start anew joins again.
+    pub fn is_running(&self) -> bool {
+        self.place.is_of_this_run()
+    }
+
     /// The tick after the newest one that was ever about to be published on the topic.
     pub fn next_tick<M: Message>(&self) -> u64 {
         self.word::<M>().next_tick()
@@ -70,7 +76,8 @@ impl Bus {
 /// A process's node under the prefix of the system.
 pub(crate) fn node(domain: &Domain, who: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
-    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
+    allow_files()?;
+    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: why(cause) };
     NodeBuilder::new()
         .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
         .config(&domain.config())

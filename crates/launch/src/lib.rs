@@ -37,7 +37,7 @@ pub use filling::UnknownStage;
 pub use gateway::{Gateway, Rate, Tls};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
-    Sim, Source, Stage, TOPIC_MESSAGES_MAX,
+    Sim, Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;

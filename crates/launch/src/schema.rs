@@ -4,7 +4,7 @@ use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
     filling::filling,
     gateway::{Gateway, Tls, gateway},
-    model::{Gnss, Ingest, Replay, TOPIC_MESSAGES_MAX, system_name},
+    model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
     program::programs,
     sensors::{calibration, mounting},
@@ -17,7 +17,7 @@ use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative file of `ingest.replay` or `gateway` is taken from the launch file's folder.
+    /// Reads a launch file. A relative file of `state_file`, `ingest.replay` or `gateway` is taken from the launch file's folder.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
@@ -26,6 +26,9 @@ impl Launch {
         let mut launch = Self::parse_in(place.parent(), &path.display().to_string(), &text)?;
         let Replay { file, gnss, .. } = &mut launch.ingest.replay;
         if let Some(folder) = path.parent() {
+            if let StateFile::File(file) = &mut launch.state_file {
+                *file = folder.join(&*file);
+            }
             if !file.as_os_str().is_empty() {
                 *file = folder.join(&*file);
             }
@@ -68,6 +71,7 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
+        section.text("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
         section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
@@ -235,6 +239,15 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     }
 }
 
+fn state_file(text: &str) -> Option<StateFile> {
+    match text {
+        "" => None,
+        "auto" => Some(StateFile::Auto),
+        "off" => Some(StateFile::Off),
+        path => Some(StateFile::File(path.into())),
+    }
+}
+
 fn gnss(text: &str) -> Option<Gnss> {
     match text {
         "" => None,
@@ -284,6 +297,7 @@ mod tests {
             services = ["course", "fuser", "accel", "gyro", "ingest"]
             buffer_s = 60
             lateness_s = 0.01
+            state_file = "imu.state"
             restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
             faults = true
             gyro.stage = "rk4"
@@ -322,6 +336,7 @@ mod tests {
             services: Service::PATH.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
+            state_file: StateFile::File("imu.state".into()),
             restart: Restart {
                 silence_s: 1.0,
                 settled_s: 2.0,
@@ -377,7 +392,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "state_file", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
@@ -469,9 +484,11 @@ launch.toml: 2 problems"#;
     }
 
     #[test]
-    fn a_relative_recording_lies_beside_the_launch_file() {
+    fn a_relative_file_lies_beside_the_launch_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("launch.toml");
+        fs::write(&path, "state_file = \"imu.state\"").unwrap();
+        assert_eq!(Launch::read(&path).unwrap().state_file, StateFile::File(folder.path().join("imu.state")));
         for (file, expected) in [("a.csv", folder.path().join("a.csv")), ("/b.csv", "/b.csv".into()), ("", "".into())] {
             fs::write(&path, format!("ingest.replay.file = {file:?}")).unwrap();
             assert_eq!(Launch::read(&path).unwrap().ingest.replay.file, expected);

@@ -101,7 +101,10 @@ fn slot_with<S: FuserStage>(
     orders: &Orders,
     named: impl FnOnce(&str) -> Option<S>,
 ) -> Result<FuserSlot<S>, RuntimeError> {
-    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    let mut stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    if let Some(Err(error)) = orders.prior.map(|prior| stage.begin_with(&prior.estimate())) {
+        eprintln!("the service fuser begins without what an earlier run has found: {error}");
+    }
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
         join: Join::new(lateness_ticks),
@@ -357,6 +360,7 @@ mod tests {
             ticks_max: None,
             incarnation: 1,
             epoch: 1,
+            prior: None,
             resume: None,
             supervisor_pid: 0,
         };

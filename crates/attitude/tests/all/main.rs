@@ -16,4 +16,6 @@ mod identities;
 mod level;
 mod levelling;
 mod scenarios;
+mod steps;
 mod vehicles;
+mod warm;

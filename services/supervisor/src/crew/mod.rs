@@ -9,6 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use bus::{MORE_MEMORY, SharedMemory};
 use launch::{OnLimit, Restart, Service};
 use messages::Health;
 use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
@@ -173,6 +174,41 @@ impl Crew {
         }
     }
 
+    /// Kills every process: its bus is no more. What is known of the services stays.
+    pub(crate) fn leave_bus(&mut self) {
+        for post in &mut self.posts {
+            let lives = [post.process.take(), post.candidate.take(), post.retired.take()];
+            lives.into_iter().flatten().for_each(|mut process| process.kill());
+            (post.due, post.term, post.at, post.ending) = (None, None, None, false);
+        }
+    }
+
+    /// Starts every service that has not failed from its checkpoint, on another bus.
+    pub(crate) fn start_anew(&mut self, memory: &Memory) -> Result<(), UpError> {
+        self.tended = Instant::now();
+        for service in self.orders.launch.services.clone() {
+            if !self.post(service).away {
+                self.begin(service, Some(memory.resume(service, &self.orders.launch)))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The processes that fill the slots.
+    pub(crate) fn pids(&self) -> Vec<u32> {
+        self.path().map(|(_, post)| post.pid()).filter(|pid| *pid != 0).collect()
+    }
+
+    /// Somebody is to be started again.
+    pub(crate) fn lacks_somebody(&self) -> bool {
+        self.posts.iter().any(|post| post.due.is_some())
+    }
+
+    /// Services that are not started again.
+    pub(crate) fn away(&self) -> Vec<Service> {
+        self.posts().filter(|(_, post)| post.away).map(|(service, _)| service).collect()
+    }
+
     /// The owner of the slot is to begin anew from its checkpoint.
     pub(crate) fn begin_anew(&self, service: Service) {
         self.post(service).process.iter().for_each(|process| process.signal(Signal::KILL));
@@ -237,7 +273,11 @@ impl Crew {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
         let how = match (status.code(), status.signal()) {
+            (Some(0), _) => "ended with code 0, as if somebody else had sent it SIGTERM".into(),
             (Some(code), _) => format!("ended with code {code}"),
+            (None, Some(libc::SIGBUS)) => {
+                format!("found no memory for its part of the bus (signal 7): {}", memory_state())
+            }
             (None, Some(signal)) => format!("was ended by signal {signal}"),
             (None, None) => "ended".into(),
         };
@@ -349,6 +389,12 @@ impl Crew {
         let living = self.posts.iter().filter_map(|post| post.process.as_ref());
         living.map(|process| cpu_s(&process.pid.to_string())).sum::<f64>()
     }
+}
+
+/// How much shared memory there is, and how to have more.
+fn memory_state() -> String {
+    let state = SharedMemory::now().map_or(String::new(), |memory| format!("{memory}; "));
+    format!("{state}{MORE_MEMORY}")
 }
 
 /// What can be done about a service that has failed.

@@ -106,6 +106,11 @@ impl Post {
         self.candidate.as_ref().is_some_and(|candidate| candidate.owns)
     }
 
+    /// No life of it goes on.
+    pub(crate) fn has_ended(&self) -> bool {
+        self.process.as_ref().is_none_or(|process| process.ended.is_some())
+    }
+
     /// A time in which nobody could say anything. Of a service that still says nothing no second one is forgiven: on a machine with too much to
     /// do the supervisor is late again and again.
     pub(super) fn forgive(&mut self, stood_still: Duration) {

@@ -45,6 +45,8 @@ pub enum Ask {
     Ps,
     /// What was to run, with the stages that fill the slots by now.
     Orders,
+    /// What the report and the file lack by now.
+    Record,
     /// A service has something to say to people.
     Tell {
         /// Which one.

@@ -221,8 +221,7 @@ impl Exchange {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
             let kept =
                 readers(service).iter().filter_map(|reader| memory.resume_tick(*reader, &self.orders.launch)).min();
-            let next_tick =
-                if readers(service).is_empty() { collector.sequence().next_tick } else { kept.unwrap_or(0) };
+            let next_tick = if readers(service).is_empty() { collector.next_tick() } else { kept.unwrap_or(0) };
             self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
@@ -245,6 +244,12 @@ impl Exchange {
         let now_ms = self.now_ms();
         self.desk.finish(now_ms, collector);
         Ok(())
+    }
+
+    /// Nobody owns the slot any more: its service has failed.
+    pub(crate) fn leave_empty(&mut self, bus: &Bus, service: Service, crew: &mut Crew, memory: &mut Memory) {
+        self.tell(service, Event::Published { next_tick: published_tick(bus, service) }, crew, memory);
+        self.tell(service, Event::Vacated, crew, memory);
     }
 
     /// The tick at which a slot changes hands, between the decision and its confirmation.

@@ -6,9 +6,11 @@
 //! ε' = −j Σ a_i b_i − κ,   h/g = ε + acceleration/g.
 //!
 //! The loop stays what it is: of the filter's findings it is only told what the error of the bias, and of the first level, did to
-//! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro.
+//! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro. At rest it is told nothing
+//! of that: accelerations of the movement before may have hidden it, and the force shows what is left of both.
 
 use super::{
+    T1_S,
     doubt::Doubt,
     level::{Error, Response},
     underway::Underway,
@@ -208,13 +210,10 @@ impl BiasFilter {
         }
         self.bias_rad_s += change.fixed_rows::<3>(2);
         let tilt = Complex::new(change[0], change[1]);
-        let [x, y, z] = self.bias_share;
-        let error = Error {
-            tilt: x.tilt * change[2] + y.tilt * change[3] + z.tilt * change[4] + tilt * self.tilt_share[0],
-            velocity: x.velocity * change[2]
-                + y.velocity * change[3]
-                + z.velocity * change[4]
-                + tilt * self.tilt_share[1],
+        let error = if bias_at_rest.is_some() {
+            self.settled(velocity_s, force - leaned_rad * 0.5)
+        } else {
+            self.error(&change)
         };
         self.tilt_rad += tilt - error.tilt;
         let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
@@ -222,6 +221,30 @@ impl BiasFilter {
         self.tilt_rad -= under_way.tilt;
         self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
         Error { tilt: error.tilt + under_way.tilt, velocity: error.velocity + under_way.velocity }
+    }
+
+    /// What the bias, and the first level, had done to the loop, by as much as they have changed.
+    fn error(&self, change: &State) -> Error {
+        let [x, y, z] = self.bias_share;
+        let tilt = Complex::new(change[0], change[1]);
+        Error {
+            tilt: x.tilt * change[2] + y.tilt * change[3] + z.tilt * change[4] + tilt * self.tilt_share[0],
+            velocity: x.velocity * change[2]
+                + y.velocity * change[3]
+                + z.velocity * change[4]
+                + tilt * self.tilt_share[1],
+        }
+    }
+
+    /// At rest the force shows all that the loop is off by, whatever did it: with the velocity of that tilt alone the loop settles in
+    /// T2, and nothing is to be told of what came before.
+    fn settled(&mut self, velocity_s: Complex<f64>, tilt_rad: Complex<f64>) -> Error {
+        for share in &mut self.bias_share {
+            share.velocity = share.tilt * T1_S;
+        }
+        self.tilt_share[1] = self.tilt_share[0] * T1_S;
+        self.underway = Underway::default();
+        Error { tilt: Complex::new(0.0, 0.0), velocity: velocity_s - tilt_rad * T1_S }
     }
 
     /// The level was wrong by `wrong_rad` more than was known, so the velocity is its work: level and bias are as unknown as at the

@@ -5,7 +5,7 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use super::{T1_S, T2_S};
+use super::{T1_S, T2_S, ease};
 use crate::{
     Complex, GRAVITY_M_S2,
     point::Point,
@@ -17,7 +17,7 @@ use crate::{
 /// From the velocity, m/s, to half the tilt rate, rad/s.
 const HALF_TILT_RATE: f64 = 0.5 / (GRAVITY_M_S2 * T1_S * T2_S);
 
-/// A change of the level that is a jump, rad: 0.5°; the loop's own lean may come beside it.
+/// More is not taken back by and by, rad: 0.5°.
 const JUMP_RAD: f64 = 0.008_726_646;
 
 /// The attitude and the velocity of the levelling loop.
@@ -29,8 +29,8 @@ pub(super) struct Level {
     velocity_m_s: Complex<f64>,
     /// At the last [`Level::take_leaned`].
     velocity_before_m_s: Complex<f64>,
-    /// Half of what is to be leaned at the next turn, besides what the velocity tells, in the frame of fixed azimuth.
-    pending: Complex<f64>,
+    /// What is known of the tilt and not yet taken back, rad, in the frame of fixed azimuth.
+    left_rad: Complex<f64>,
     started: bool,
 }
 
@@ -89,7 +89,7 @@ impl Level {
             azimuth: Complex::new(cos, sin),
             velocity_m_s: zero,
             velocity_before_m_s: zero,
-            pending: zero,
+            left_rad: zero,
             started: true,
         }
     }
@@ -125,11 +125,20 @@ impl Level {
         *self = Self { started: false, ..Self::of(self.attitude) };
     }
 
-    /// The body turns while the level leans, for `dt_s`, as the velocity tells; the body's axes in the frame of fixed azimuth.
+    /// The body turns for `dt_s`, while the level leans as the velocity tells for `lean_s` of it, and takes back what is left of a known
+    /// error; the body's axes in the frame of fixed azimuth.
     #[inline]
-    pub(super) fn turn(&mut self, turn: Turn, dt_s: f64) -> Axes {
-        let lean = core::mem::take(&mut self.pending) + self.velocity_m_s * (HALF_TILT_RATE * dt_s);
+    pub(super) fn turn(&mut self, turn: Turn, dt_s: f64, lean_s: f64) -> Axes {
+        let back_rad = self.left_rad * ease::share(self.left_rad.norm_sqr(), dt_s);
+        self.left_rad -= back_rad;
+        let lean = back_rad * 0.5 + self.velocity_m_s * (HALF_TILT_RATE * lean_s);
         self.attitude.turn_and_lean(turn, lean * self.azimuth.conj(), &mut self.azimuth)
+    }
+
+    /// The horizontal part of a force as it is where nothing is left to be taken back; `up_m_s2` is its vertical part.
+    #[inline]
+    pub(super) fn corrected(&self, horizontal_m_s2: Complex<f64>, up_m_s2: f64) -> Complex<f64> {
+        horizontal_m_s2 - self.left_rad * up_m_s2
     }
 
     /// The shortest turn of the level that brings `up` up.
@@ -154,14 +163,15 @@ impl Level {
         (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE * T1_S)
     }
 
-    /// Takes a known error back, the tilt with the next turn, or at once where that is a jump, which is told.
+    /// Takes a known error back, the tilt by and by, or at once where that is a jump, which is told.
     pub(super) fn take_back(&mut self, error: Error) -> bool {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
         self.velocity_before_m_s = self.velocity_m_s;
-        self.pending += error.tilt * 0.5;
-        let jumps = error.tilt.norm_sqr() > JUMP_RAD * JUMP_RAD;
+        self.left_rad += error.tilt;
+        let jumps = self.left_rad.norm_sqr() > JUMP_RAD * JUMP_RAD;
         if jumps {
-            self.turn(Turn::NONE, 0.0);
+            let lean = core::mem::take(&mut self.left_rad) * 0.5;
+            self.moved(self.attitude.leaned(lean * self.azimuth.conj()));
         }
         jumps
     }
@@ -185,7 +195,7 @@ impl Numbers for Level {
         self.azimuth.visit(visit);
         self.velocity_m_s.visit(visit);
         self.velocity_before_m_s.visit(visit);
-        self.pending.visit(visit);
+        self.left_rad.visit(visit);
         self.started.visit(visit);
     }
 }

@@ -11,6 +11,7 @@
 
 mod bias;
 mod doubt;
+mod ease;
 mod heading;
 mod level;
 mod underway;
@@ -19,10 +20,8 @@ use super::{Corrections, Estimate, Fused, FuserInput, rest::Rest};
 
 use crate::{
     Complex, Vector3,
-    accel::Inclination,
     parameters::{Parameter, ParameterError, Parameters},
     stage::{Numbers, RestoreError, Stage},
-    state::Axes,
     turn::Turn,
 };
 use {
@@ -69,7 +68,7 @@ impl Default for Wz {
 impl Wz {
     /// The hard iron that the heading found, µT, body axes: where it is above 3 µT the magnetometer wants a calibration.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {
-        self.heading.hard_iron_ut()
+        self.heading.hard_iron().field_ut
     }
 
     /// How late the magnetometer was found to be on the gyro, s.
@@ -147,14 +146,16 @@ impl Stage for Wz {
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
-        let axes = self.level.turn(turn.less(self.bias.bias_rad_s() * (0.5 * dt_s)), lean_s);
+        let axes = self.level.turn(turn.less(self.bias.bias_rad_s() * (0.5 * dt_s)), dt_s, lean_s);
         self.bias.drift(&axes, dt_s);
 
         let (mut innovation_rad, mut force_m_s2) = (0.0, Complex::new(0.0, 0.0));
         if let Some(inclination) = inclination {
             if levelling {
-                force_m_s2 = axes.horizontal(inclination.force_m_s2);
-                innovation_rad = angle_rad(&axes, inclination, force_m_s2);
+                let up_m_s2 = axes.up.dot(&inclination.force_m_s2);
+                let horizontal_m_s2 = axes.horizontal(inclination.force_m_s2);
+                innovation_rad = angle_rad(inclination.norm_m_s2, up_m_s2, horizontal_m_s2);
+                force_m_s2 = self.level.corrected(horizontal_m_s2, up_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.follow(force_dt_m_s, dt_s);
                 self.bias.saw(force_dt_m_s, inclination.norm_m_s2, dt_s);
@@ -224,13 +225,13 @@ impl Stage for Wz {
             inclination_sd_rad: self.bias.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.bias.sd_rad_s(),
+            hard_iron: self.heading.hard_iron(),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
-        self.heading =
-            Heading::of(self.heading.settings, common.reference, common.heading_sd_rad, common.bias_sd_rad_s);
+        self.heading = Heading::of(self.heading.settings, common);
         self.level = Level::of(common.attitude);
         self.bias = BiasFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest = Rest::default();
@@ -238,13 +239,11 @@ impl Stage for Wz {
     }
 }
 
-/// Angle between the accelerometer's up and the attitude's, rad, of a force whose horizontal part is given.
+/// Angle between the accelerometer's up and the attitude's, rad, of a force of this length, vertical and horizontal part.
 ///
 /// By the first terms of its series in the chord: to 1e-3 of itself up to 60°, to 1 % up to 90°.
 #[inline]
-fn angle_rad(axes: &Axes, inclination: &Inclination, horizontal_m_s2: Complex<f64>) -> f64 {
-    let norm_m_s2 = inclination.norm_m_s2;
-    let up_m_s2 = axes.up.dot(&inclination.force_m_s2);
+fn angle_rad(norm_m_s2: f64, up_m_s2: f64, horizontal_m_s2: Complex<f64>) -> f64 {
     // 2 (1 − cos) = 2 sin² / (1 + cos), and 4 upside down.
     let below = (norm_m_s2 * (norm_m_s2 + up_m_s2)).max(f64::MIN_POSITIVE);
     let chord2 = (2.0 * horizontal_m_s2.norm_sqr() / below).min(4.0);

@@ -1,5 +1,7 @@
 //! The trials of BROAD for the stages, and its metrics.
 
+pub(crate) mod ulog;
+
 use std::{io::Read, path::PathBuf};
 
 use attitude::{

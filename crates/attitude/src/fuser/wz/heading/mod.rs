@@ -28,13 +28,14 @@ use core::f64::consts::PI;
 use crate::{
     Complex, Vector3,
     course::Reference,
+    fuser::{Estimate, HardIron, wz::ease},
     parameters::settings,
     stage::Numbers,
     state::{Attitude, wrapped_rad},
 };
 use {
     contest::Contest,
-    filter::{B, BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
+    filter::{BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
     levelled::{Interval, Levelled},
 };
 
@@ -58,9 +59,7 @@ const LOST_RAD: f64 = 1.0;
 const UNKNOWN_RATE_RAD_S: f64 = 3.0;
 /// An unknown turn beyond which the field is no longer linear in it, rad; its direction is open then.
 const LINEAR_RAD: f64 = 0.3;
-/// A heading that is not sure, rad: it jumps to where it is found.
-const UNSURE_RAD: f64 = 0.1;
-/// A change of heading that is a jump, rad: 1°.
+/// A heading that is found so far from where it was jumps there, rad: 1°.
 const JUMP_RAD: f64 = 0.017_453_293;
 
 settings! {
@@ -118,23 +117,28 @@ pub(super) struct Heading {
     /// What the tilt may still be off after a start in motion, rad.
     settling_rad: f64,
     turn_rad: f64,
+    /// What of the turn is not yet in the attitude, rad.
+    left_rad: f64,
     sd_rad: f64,
     /// Of the gyro's heading before the first field, rad/s.
     drift_sd_rad_s: f64,
     /// The reference of a heading that another stage found.
     magnetic: bool,
     by_track: bool,
+    /// Of the giver.
+    hard_iron: HardIron,
 }
 
 impl Default for Heading {
     fn default() -> Self {
-        Self::of(Settings::default(), Reference::Arbitrary, PI, f64::INFINITY)
+        Self::of(Settings::default(), &Estimate::UNKNOWN)
     }
 }
 
 impl Heading {
-    /// Goes on from a heading that is already in the attitude, with a gyro whose bias is known within `bias_sd_rad_s`.
-    pub(super) fn of(settings: Settings, reference: Reference, sd_rad: f64, bias_sd_rad_s: f64) -> Self {
+    /// Goes on from a heading that is already in the attitude, with the giver's bias and hard iron.
+    pub(super) fn of(settings: Settings, common: &Estimate) -> Self {
+        let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
         Self {
             settings,
             levelled: Levelled::default(),
@@ -144,10 +148,12 @@ impl Heading {
             disturbed: false,
             settling_rad: 0.0,
             turn_rad: 0.0,
-            sd_rad: sd_rad.min(PI),
+            left_rad: 0.0,
+            sd_rad: heading_sd_rad.min(PI),
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
             magnetic: reference == Reference::Magnetic,
             by_track: reference == Reference::True,
+            hard_iron,
         }
     }
 
@@ -157,7 +163,7 @@ impl Heading {
         if !self.begun {
             return attitude;
         }
-        Attitude { z_rad: wrapped_rad(attitude.z_rad + self.turn_rad), ..attitude }
+        Attitude { z_rad: wrapped_rad(attitude.z_rad + self.turn_rad - self.left_rad), ..attitude }
     }
 
     /// Standard deviation of the heading, rad.
@@ -179,10 +185,9 @@ impl Heading {
         self.disturbed
     }
 
-    /// Hard iron, µT, body axes.
-    pub(super) fn hard_iron_ut(&self) -> Vector3<f64> {
-        let x = &self.contest.main.x;
-        Vector3::new(x[B], x[B + 1], x[B + 2])
+    /// Hard iron; where it is taken to be none it is not estimated.
+    pub(super) fn hard_iron(&self) -> HardIron {
+        if self.begun { self.contest.main.hard_iron() } else { self.hard_iron }
     }
 
     /// How late the magnetometer is on the gyro, s.
@@ -193,8 +198,11 @@ impl Heading {
     /// The level was lost, and with it the gyro's heading.
     pub(super) fn realign(&mut self) {
         self.levelled = Levelled::default();
-        self.lose();
-        self.publish();
+        // Before the first field there is no north to lose.
+        if self.begun {
+            self.lose();
+            self.publish();
+        }
     }
 
     /// The body may face anywhere, on a level that has to settle.
@@ -228,6 +236,7 @@ impl Heading {
         if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
             return News::default();
         }
+        self.left_rad -= self.left_rad * ease::share(self.left_rad * self.left_rad, sighting.dt_s);
         match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU], !self.begun) {
             Some(interval) => self.update(&interval),
             None => News::default(),
@@ -242,11 +251,11 @@ impl Heading {
         }
         let usable = interval.blind_s == 0.0 || self.turned_unseen(interval);
         if interval.windows == 0.0 || !usable {
-            if self.begun {
-                self.contest.pass(&Passage::of(interval));
-                self.publish();
+            if !self.begun {
+                return News::default();
             }
-            return News::default();
+            self.contest.pass(&Passage::of(interval));
+            return News { magnetic: false, aligned: self.publish() };
         }
         let [x, y, z] = interval.field_ut;
         let strength_ut = libm::sqrt(x * x + y * y + z * z);
@@ -268,10 +277,7 @@ impl Heading {
         self.contest.pass(&Passage::of(interval));
         let outcome = self.contest.judge(interval, &self.settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
-        let (before_rad, unsure) = (self.turn_rad, self.sd_rad > UNSURE_RAD);
-        self.publish();
-        let aligned = (outcome.replaced || unsure) && libm::fabs(wrapped_rad(self.turn_rad - before_rad)) > JUMP_RAD;
-        News { magnetic: !self.disturbed, aligned }
+        News { magnetic: !self.disturbed, aligned: self.publish() }
     }
 
     /// The first field: from a heading that is known to be magnetic it need not jump.
@@ -282,31 +288,38 @@ impl Heading {
             main.face_north(interval.field_ut, self.sd_rad);
         }
         main.reset(BETA, self.drift_sd_rad_s);
+        main.know(self.hard_iron);
         self.contest = Contest::of(main);
         if self.rested {
             self.contest.rested();
         }
         self.contest.begin(interval, self.settings.magnetometer_delay_s, variance_ut2);
         self.begun = true;
-        self.publish();
-        News { magnetic: true, aligned: !known }
+        let aligned = self.publish();
+        News { magnetic: true, aligned }
     }
 
-    /// A heading that the field does not tell is left to the gyro.
-    fn publish(&mut self) {
+    /// The attitude is to face where the field says; a heading that it does not tell is left to the gyro. The heading jumps.
+    fn publish(&mut self) -> bool {
         let (turn_rad, variance_rad2) = self.contest.main.turn_rad();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);
-        if self.sd_rad < LOST_RAD {
-            self.turn_rad = turn_rad;
+        if self.sd_rad >= LOST_RAD {
+            return false;
         }
+        self.left_rad = wrapped_rad(self.left_rad + turn_rad - self.turn_rad);
+        self.turn_rad = turn_rad;
+        let jumps = libm::fabs(self.left_rad) > JUMP_RAD;
+        self.left_rad = if jumps { 0.0 } else { self.left_rad };
+        jumps
     }
 
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
-        let Self { settling_rad, turn_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI;
+        let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI && libm::fabs(*left_rad) <= PI;
         let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
-        self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
+        let bounds = (!bounds).then_some("a heading that is no angle");
+        self.levelled.flaw().or(bounds).or_else(|| self.contest.flaw()).or_else(|| self.hard_iron.flaw())
     }
 }
 
@@ -316,7 +329,8 @@ impl Numbers for Heading {
         self.contest.visit(visit);
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
-        let Self { settling_rad, turn_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        [settling_rad, turn_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
+        let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(&mut *visit);
+        self.hard_iron.visit(visit);
     }
 }
