@@ -6,7 +6,7 @@ use campaign::{CampaignError, Kills, Swaps};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, print};
+use crate::{fail, out::print};
 
 /// The campaigns.
 #[derive(Subcommand)]

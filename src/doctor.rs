@@ -5,14 +5,15 @@ use std::{process::ExitCode, time::Duration};
 use bus::{BusError, Domain};
 use clap::Args;
 use observe::{
-    doctor::{Check, Diagnosis, Outcome, leftovers, machine, running::Seen},
+    doctor::{Check, Diagnosis, Outcome, leftovers, machine, running, running::Seen},
     process::is_stopped,
 };
 use runtime::Orders;
-use supervisor::{Ask, DoorError, Standing, ask};
+use supervisor::{Ask, DoorError, Record, Standing, ask};
 
 use crate::{
-    fail, print,
+    fail,
+    out::print,
     seeing::{Until, duration, observer},
     swap::OnBoard,
 };
@@ -43,7 +44,7 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     checks.extend(match domain.owner_pid() {
         Ok(Some(pid)) => examine(&name, pid, seconds).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![Check::ok("system", format!("{name:?} does not run"))],
-        Err(error) => vec![Check::warning("system", error.to_string(), "ask its owner")],
+        Err(error) => vec![Check::problem("system", error.to_string(), "free the name as it says, or be its owner")],
     });
     let diagnosis = Diagnosis { system: name, checks };
     // Strings and lists always serialise.
@@ -57,7 +58,9 @@ fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>,
     let unseen = |error: BusError| Check::warning("system", error.to_string(), "try again");
     let unanswered = |error: DoorError| {
         if is_stopped(supervisor) {
-            let found = format!("the supervisor of {name:?}, process {supervisor}, has been stopped");
+            let found = format!(
+                "the supervisor of {name:?}, process {supervisor}, has been stopped: nobody starts services again, and attitudes older than buffer_s are missing in its report and file"
+            );
             return Check::problem("system", found, format!("let it go on: kill -CONT {supervisor}"));
         }
         Check::problem("system", error.to_string(), "look again; if it stays so, start the system anew")
@@ -67,5 +70,6 @@ fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>,
     let seen = Seen::watch(&observer, &mut || until.is_over()).map_err(unseen)?;
     let standings = ask::<Vec<Standing>>(name, &Ask::Ps).map_err(unanswered)?;
     let orders = ask::<Orders>(name, &Ask::Orders).map_err(unanswered)?;
-    Ok(seen.checks(&standings, &orders))
+    let record = ask::<Record>(name, &Ask::Record).map_err(unanswered)?;
+    Ok([seen.checks(&standings, &orders), vec![running::record(&record)]].concat())
 }

@@ -6,7 +6,7 @@ use ::keys::{Host, Keys, KeysError, Party, Role, Written, certificate::DAYS};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, print};
+use crate::{fail, out::print};
 
 /// Certificates that end sooner are pointed at, days.
 const SOON_DAYS: i64 = 30;

@@ -4,6 +4,7 @@
 mod bench;
 mod doctor;
 mod keys;
+mod out;
 mod remote;
 mod score;
 mod seeing;
@@ -15,12 +16,7 @@ mod topic;
 mod track;
 mod up;
 
-use std::{
-    fmt::Display,
-    io::{self, Write},
-    path::PathBuf,
-    process::ExitCode,
-};
+use std::{fmt::Display, path::PathBuf, process::ExitCode};
 
 use clap::{Parser, Subcommand};
 use launch::{Launch, Service};
@@ -29,7 +25,7 @@ use launch::{Launch, Service};
 #[derive(Parser)]
 #[command(
     version,
-    after_help = "Exit codes: 0 done, 1 failed while running, 2 wrong usage, 3 wrong configuration or input file."
+    after_help = "Exit codes: 0 done, 1 failed while running or lost ticks, 2 wrong usage, 3 wrong configuration or input file."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -98,6 +94,7 @@ enum ConfigCommand {
 }
 
 fn main() -> ExitCode {
+    bus::say_when_memory_runs_out();
     match Cli::parse().command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
@@ -129,13 +126,6 @@ fn main() -> ExitCode {
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }
-    }
-}
-
-fn print(text: &dyn Display) -> ExitCode {
-    match writeln!(io::stdout(), "{text}") {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(_) => fail(&"printing the result: standard output is closed", 1),
     }
 }
 

@@ -47,6 +47,11 @@ pub(crate) enum RemoteError {
         "commanding {vehicle:?}: it tells how its services are and takes no command from here, as its access list has it for viewers; with the folder of an operator, --keys keys/operator.NAME, it does"
     )]
     NoCommand { vehicle: String },
+    /// An endpoint at which anybody could be anybody.
+    #[error(
+        "commanding {vehicle:?}: over {endpoint}, where nobody shows a certificate, one may look and not command; on that machine, as the user who runs it, `plumb swap {slot} {stage}` does; from elsewhere a quic/ endpoint and the folder of an operator, --keys keys/operator.NAME: docs/security.md"
+    )]
+    PlainLooksOnly { vehicle: String, endpoint: String, slot: String, stage: String },
 }
 
 impl RemoteError {
@@ -72,8 +77,21 @@ pub(crate) struct Way {
 }
 
 impl Way {
+    fn endpoints(&self) -> Vec<String> {
+        if self.connect.is_empty() { vec![USUAL.to_owned()] } else { self.connect.clone() }
+    }
+
+    /// Why a vehicle that answers takes no command.
+    fn no_command(&self, vehicle: &str, request: &SwapRequest) -> RemoteError {
+        let (vehicle, SwapRequest { slot, stage, .. }) = (vehicle.into(), request.clone());
+        match self.endpoints().into_iter().find(|endpoint| !is_secured(endpoint)) {
+            Some(endpoint) => RemoteError::PlainLooksOnly { vehicle, endpoint, slot, stage },
+            None => RemoteError::NoCommand { vehicle },
+        }
+    }
+
     fn ends(&self) -> Result<Ends, RemoteError> {
-        let connect = if self.connect.is_empty() { &[USUAL.to_owned()] } else { &self.connect[..] };
+        let connect = &self.endpoints()[..];
         let secured = connect.iter().find(|endpoint| is_secured(endpoint));
         let tls = match (&self.keys, secured) {
             (Some(folder), _) => Some(tls(folder)?),
@@ -86,12 +104,8 @@ impl Way {
     /// The way, gone.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
         let ends = self.ends()?;
-        let link = Link::open(&ends)?;
-        if link.await_somebody(CONNECT_LIMIT) {
-            Ok(link)
-        } else {
-            Err(LinkError::Nobody { ends: ends.to_string() }.into())
-        }
+        ends.check()?;
+        Ok(Link::reach(&ends, CONNECT_LIMIT)?)
     }
 }
 
@@ -130,9 +144,7 @@ pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -
     match answer {
         Ok(answer) => Ok(report(answer)),
         // Who has just answered has not gone: an access list ends such a question at once.
-        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => {
-            Err(RemoteError::NoCommand { vehicle: vehicle.into() })
-        }
+        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => Err(way.no_command(vehicle, &request)),
         Err(error) => Err(error.into()),
     }
 }

@@ -11,7 +11,7 @@ use score::{
     trial::{Gnss, Options},
 };
 
-use crate::{fail, print};
+use crate::{fail, out::print};
 
 /// The command line of `plumb score`.
 #[derive(Args)]

@@ -11,7 +11,7 @@ use conformance::Report;
 use launch::{Launch, LaunchError, Service};
 use own_stage::template::{Language, Template, TemplateError};
 
-use crate::{fail, print};
+use crate::{fail, out::print};
 
 #[derive(Subcommand)]
 pub(crate) enum Stage {

@@ -1,6 +1,7 @@
 //! `plumb swap`, `plumb shadow`, `plumb ps`: what a running system is asked.
 
 use std::{
+    ops::ControlFlow,
     path::Path,
     process::ExitCode,
     sync::{
@@ -17,7 +18,8 @@ use messages::{Difference, Message};
 use supervisor::{Ask, Standing, SwapReport, Wish, ask};
 
 use crate::{
-    fail, print,
+    fail,
+    out::{self, print},
     remote::{self, Way},
     seeing::observer,
 };
@@ -118,9 +120,10 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
             || answer.is_finished()
             || duration_s.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s)
     });
-    if let Err(error) = watched {
-        return fail(&error, 1);
-    }
+    let shown = match watched {
+        Ok(shown) => shown,
+        Err(error) => return fail(&error, 1),
+    };
     let by_itself = answer.is_finished();
     if !by_itself && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
@@ -137,7 +140,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     }
     match answer.join() {
         Ok(Ok(report)) if by_itself => show(&report, json),
-        Ok(Ok(_)) => ExitCode::SUCCESS,
+        Ok(Ok(_)) => shown.break_value().unwrap_or(ExitCode::SUCCESS),
         Ok(Err(error)) => fail(&error, 1),
         Err(_) => fail(&"asking the system: the question failed", 1),
     }
@@ -168,12 +171,17 @@ pub(crate) fn ps(system: System) -> ExitCode {
     }
 }
 
-/// Shows the difference of the slot's candidate until `ends`.
-fn watch(name: &str, service: Service, json: bool, ends: &dyn Fn(Instant) -> bool) -> Result<(), BusError> {
+/// Shows the difference of the slot's candidate until `ends`, or nobody reads on.
+fn watch(
+    name: &str,
+    service: Service,
+    json: bool,
+    ends: &dyn Fn(Instant) -> bool,
+) -> Result<ControlFlow<ExitCode>, BusError> {
     let observer = observer(name, "shadow")?;
-    let mut differences = None;
-    let (since, mut shown) = (Instant::now(), Instant::now());
-    while !ends(since) {
+    let (mut differences, mut shown) = (None, ControlFlow::Continue(()));
+    let (since, mut shown_at) = (Instant::now(), Instant::now());
+    while shown.is_continue() && !ends(since) {
         std::thread::sleep(Duration::from_millis(20));
         let mut newest = None;
         match &differences {
@@ -188,12 +196,12 @@ fn watch(name: &str, service: Service, json: bool, ends: &dyn Fn(Instant) -> boo
                 Err(error) => return Err(error),
             },
         }
-        if let Some(difference) = newest.filter(|_| shown.elapsed() > SHOW_INTERVAL) {
-            shown = Instant::now();
-            print(&line(&difference, json));
+        if let Some(difference) = newest.filter(|_| shown_at.elapsed() > SHOW_INTERVAL) {
+            shown_at = Instant::now();
+            shown = out::show(&line(&difference, json));
         }
     }
-    Ok(())
+    Ok(shown)
 }
 
 fn line(difference: &Difference, json: bool) -> String {
@@ -230,7 +238,8 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 impl Exchange {
     fn wish(&self, shadow: bool) -> Wish {
         let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None }
+        let limit_ms = (!shadow).then_some(Wish::LIMIT_MS);
+        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None, limit_ms }
     }
 }
 

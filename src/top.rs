@@ -1,18 +1,18 @@
 //! `plumb top`: how the services of a running system do, from moment to moment.
 
 use std::{
-    io::{IsTerminal, stdout},
+    ops::ControlFlow,
     process::ExitCode,
     time::{Duration, Instant},
 };
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use observe::top::{Moment, Top};
 use supervisor::{Ask, Standing, ask};
 
 use crate::{
-    fail, print,
+    fail,
+    out::{self, Screen},
     seeing::{LOOK, Until, duration, observer},
     swap::OnBoard,
 };
@@ -46,7 +46,7 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
         Err(error) => return fail(&error, 1),
     };
     let mut until = Until::new(|| observer.is_running(), seconds);
-    let screen = (stdout().is_terminal() && !system.json && count.is_none()).then(screen);
+    let screen = Screen::new(!system.json && count.is_none());
     let mut left = count.unwrap_or(u64::MAX);
     let mut last = Instant::now();
     while left > 0 && !until.is_over() {
@@ -65,32 +65,21 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
             Err(_) if !observer.is_running() => continue,
             Err(error) => return fail(&error, 1),
         };
-        let shown = show(&moment, system.json, screen.as_ref());
-        if shown != ExitCode::SUCCESS {
-            return shown;
+        if let ControlFlow::Break(code) = show(&moment, system.json, &screen) {
+            return code;
         }
     }
-    screen.iter().for_each(ProgressBar::abandon);
+    drop(screen);
     if until.system_ended() {
         supervisor::tell(format_args!("the system {name:?} has ended"));
     }
     ExitCode::SUCCESS
 }
 
-fn show(moment: &Moment, json: bool, screen: Option<&ProgressBar>) -> ExitCode {
-    match screen {
-        Some(screen) => {
-            screen.set_message(moment.to_string());
-            ExitCode::SUCCESS
-        }
+fn show(moment: &Moment, json: bool, screen: &Screen) -> ControlFlow<ExitCode> {
+    if json {
         // Numbers, strings and lists always serialise.
-        None if json => print(&serde_json::to_string(moment).unwrap_or_default()),
-        None => print(moment),
+        return out::show(&serde_json::to_string(moment).unwrap_or_default());
     }
-}
-
-/// A place on the terminal that is written again and again.
-fn screen() -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-    ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout()).with_style(style)
+    screen.show(&|columns| moment.table(columns))
 }

@@ -1,6 +1,7 @@
 //! `plumb topic`: what flows through a running system.
 
 use std::{
+    ops::ControlFlow,
     process::ExitCode,
     time::{Duration, Instant},
 };
@@ -14,7 +15,8 @@ use observe::{
 };
 
 use crate::{
-    fail, print,
+    fail,
+    out::{print, show},
     seeing::{LOOK, Place, SeeError, Until, Watched, duration},
     swap::System,
 };
@@ -111,7 +113,7 @@ fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, SeeE
 }
 
 fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
-    let (mut came, mut shown) = (0, ExitCode::SUCCESS);
+    let (mut came, mut shown) = (0, ControlFlow::Continue(()));
     let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
     let report = follow(
         watch,
@@ -121,29 +123,36 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
             came += 1;
             if (came - 1u64).is_multiple_of(every) {
                 shown = match Record::new(layout, bytes) {
-                    Ok(record) if watch.system.json() => print(&record.json()),
-                    Ok(record) => print(&format_args!("{}:{record}", watch.topic)),
-                    Err(error) => fail(&error, 1),
+                    Ok(record) if watch.system.json() => show(&record.json()),
+                    Ok(record) => show(&format_args!("{}:{record}", watch.topic)),
+                    Err(error) => ControlFlow::Break(fail(&error, 1)),
                 };
             }
-            shown == ExitCode::SUCCESS
+            shown.is_continue()
         },
         &mut |_| true,
     )?;
+    if let ControlFlow::Break(code) = shown {
+        return Ok(code);
+    }
     supervisor::tell(format_args!("{}: {report}", watch.topic));
-    Ok(shown)
+    Ok(ExitCode::SUCCESS)
 }
 
 fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, SeeError> {
     let json = watch.system.json();
-    let mut told = None;
+    let (mut told, mut shown) = (None, ControlFlow::Continue(()));
     let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
         if json || told.get_or_insert_with(Instant::now).elapsed() < LINE_INTERVAL {
             return true;
         }
         told = Some(Instant::now());
-        print(&line(&flow.report())) == ExitCode::SUCCESS
+        shown = show(&line(&flow.report()));
+        shown.is_continue()
     })?;
+    if let ControlFlow::Break(code) = shown {
+        return Ok(code);
+    }
     // Numbers and strings always serialise.
     Ok(if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&line(&report)) })
 }

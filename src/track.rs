@@ -27,6 +27,9 @@ pub(crate) struct Track {
 }
 
 impl Track {
+    /// The heads of the columns that it is shown in; what was left out and dropped was so on board.
+    pub(crate) const HEAD: &str = " messages  samples  lost messages  lost samples  left out  dropped";
+
     /// Takes a message; whether it is a new one.
     pub(crate) fn take(&mut self, envelope: &Envelope, samples: u64) -> bool {
         let Envelope { sequence, life, samples_before, left_out, dropped, .. } = *envelope;
@@ -63,10 +66,7 @@ impl Track {
 impl fmt::Display for Track {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { messages, samples, lost_messages, lost_samples, left_out, dropped, .. } = self;
-        write!(
-            f,
-            "{messages:>8} messages, {samples:>8} samples; lost {lost_messages} with {lost_samples}; on board left out {left_out}, dropped {dropped}"
-        )
+        write!(f, "{messages:>9}{samples:>9}{lost_messages:>15}{lost_samples:>14}{left_out:>10}{dropped:>9}")
     }
 }
 

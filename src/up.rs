@@ -1,16 +1,12 @@
 //! `plumb up`: runs a system.
 
-use std::{
-    io::{self, Write},
-    path::PathBuf,
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode};
 
 use clap::Args;
 use runtime::Pace;
-use supervisor::Request;
+use supervisor::{Report, Request};
 
-use crate::fail;
+use crate::{fail, out::print};
 
 /// The command line of `plumb up`.
 #[derive(Args, Default)]
@@ -32,26 +28,27 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// Print one JSON object at the end, on the last line of standard output.
+    /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
+    #[arg(long)]
+    cold: bool,
+    /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, json } = up;
-    match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out }) {
+    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
+    let report = match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out, cold }) {
         Ok(report) => {
             supervisor::tell(&report);
-            if json && writeln!(io::stdout(), "{}", report.json()).is_err() {
-                return fail(&"printing the report: standard output is closed", 1);
-            }
-            if report.whole {
-                ExitCode::SUCCESS
-            } else {
-                fail(&"the last ticks never came out: a service does not answer", 1)
-            }
+            report
         }
-        Err(error) => fail(&error, error.exit_code()),
+        Err(error) => Report::none(&error),
+    };
+    let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
+    match &report.error {
+        Some(error) => fail(error, report.exit_code),
+        None => printed,
     }
 }
 

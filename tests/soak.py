@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Kills, freezes, exchanges and frozen readers for a while: nothing may be lost, and nothing may grow.
+"""Kills, freezes, exchanges, shadows and frozen readers for a while: nothing may be lost, and nothing may grow.
 
-    tests/soak.py [--seconds 1200] [--seed 1] [--plumb target/release/plumb]
+    tests/soak.py [--seconds 1200] [--seed 1] [--pause 1.0] [--plumb target/release/plumb]
 
 Exit code 0 when no tick was lost or came twice and resident memory, descriptors, shared memory and files did not grow from the
-second quarter of the time to the last.
+second quarter of the time to the last. For each process it tells how fast its resident memory, private and mapped from the bus, grew
+over the second half: the slope of the line of least squares, with its standard error.
 """
 
 import argparse
@@ -25,31 +26,40 @@ STAGES = {
     "fuser": ["wz", "wz-open", "wz-closed", "madgwick", "madgwick-improved", "levelling", "levelling-pi", "aided", "vqf"],
     "course": ["angles", "track"],
 }
-# Between two disturbances, s.
-PAUSE_S = (0.3, 1.0)
+# What is looked at of every process.
+PROCESS = ("private_kib", "mapped_kib", "mappings", "descriptors")
 # A service is started again within this, or the soak has failed, s.
 BACK_LIMIT_S = 30
 READERS_MAX = 3
 # Growth that is noise: a share, and what comes with a page, a port or a log line.
-NOISE = {"resident_kib": (0.10, 2048), "descriptors": (0.0, 4), "shared_kib": (0.10, 1024), "files": (0.10, 20)}
+NOISE = {
+    "private_kib": (0.10, 2048),
+    "mapped_kib": (0.10, 8192),
+    "mappings": (0.10, 40),
+    "descriptors": (0.0, 4),
+    "shared_kib": (0.10, 1024),
+    "files": (0.10, 20),
+}
 
 
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--seconds", type=float, default=1200)
     arguments.add_argument("--seed", type=int, default=1)
+    arguments.add_argument("--pause", type=float, default=1.0, help="between two disturbances at most, s")
     arguments.add_argument("--plumb", default=str(Path(__file__).parent.parent / "target/release/plumb"))
     asked = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        return Soak(asked.plumb, Path(folder), random.Random(asked.seed)).run(asked.seconds)
+        return Soak(asked.plumb, Path(folder), random.Random(asked.seed), asked.pause).run(asked.seconds)
 
 
 class Soak:
-    def __init__(self, plumb, folder, chance):
-        self.plumb, self.chance, self.name = plumb, chance, f"soak-{os.getpid()}"
+    def __init__(self, plumb, folder, chance, pause_s):
+        self.plumb, self.chance, self.pause_s, self.name = plumb, chance, pause_s, f"soak-{os.getpid()}"
         self.readers, self.done, self.samples, self.refusal = [], {}, [], ""
         launch = folder / "launch.toml"
-        launch.write_text(f'name = "{self.name}"\n[restart]\nsettled_s = 0\n[ingest]\nsource = "sim"\n')
+        services = ["ingest", *STAGES, "gateway"]
+        launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nsettled_s = 0\n')
         self.log, self.report = folder / "log", folder / "report"
         with open(self.log, "wb") as log, open(self.report, "wb") as report:
             self.system = subprocess.Popen([plumb, "up", launch, "--json"], stdout=report, stderr=log)
@@ -72,10 +82,10 @@ class Soak:
             if now >= next_sample:
                 next_sample = now + max(seconds / 200, 1)
                 self.samples.append(self.measure())
-            what = self.chance.choice([self.kill, self.freeze, self.swap, self.swap, self.read])
+            what = self.chance.choice([self.kill, self.freeze, self.swap, self.swap, self.shadow, self.read])
             what()
             self.done[what.__name__] = self.done.get(what.__name__, 0) + 1
-            time.sleep(self.chance.uniform(*PAUSE_S))
+            time.sleep(self.chance.uniform(0.3, 1.0) * self.pause_s)
             if self.system.poll() is not None:
                 sys.exit(f"the system ended:\n{self.log.read_text()}")
 
@@ -99,6 +109,15 @@ class Soak:
         if answer["outcome"] != "committed":
             print(f"not committed: {answer}")
 
+    def shadow(self):
+        """A stage beside the one in the slot, which ends with whoever asked for it."""
+        slot = self.chance.choice(list(STAGES))
+        command = [self.plumb, "shadow", slot, self.chance.choice(STAGES[slot]), "--system", self.name]
+        shadow = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(self.chance.uniform(0.2, 2.0))
+        shadow.kill()
+        shadow.wait()
+
     def read(self):
         """A reader that freezes; the oldest one is killed where it stands."""
         command = [self.plumb, "topic", "echo", "attitude", "--json", "--system", self.name]
@@ -112,14 +131,12 @@ class Soak:
             oldest.wait()
 
     def measure(self):
-        pids = [self.system.pid, *(s["pid"] for s in self.services() if s["pid"])]
+        pids = {"supervisor": self.system.pid} | {s["service"]: s["pid"] for s in self.services() if s["pid"]}
+        processes = {name: found for name, pid in pids.items() if (found := process(pid))}
         shared = self.carried()
-        return {
-            "resident_kib": sum(resident_kib(pid) for pid in pids),
-            "descriptors": sum(descriptors(pid) for pid in pids),
-            "shared_kib": sum(kib(path) for path in shared),
-            "files": len(shared),
-        }
+        total = {what: sum(one[what] for one in processes.values()) for what in PROCESS}
+        files = {"shared_kib": sum(kib(path) for path in shared), "files": len(shared)}
+        return {"at_h": time.monotonic() / 3600, "processes": processes} | total | files
 
     def carried(self):
         """Everything that carries the system's name; what goes while it is looked at is left out."""
@@ -140,6 +157,15 @@ class Soak:
             grows = after > before * (1 + share) + constant
             grew |= grows
             print(f"{what}: {before:.0f} → {after:.0f}{', which is growth' if grows else ''}")
+        half = self.samples[len(self.samples) // 2 :]
+        for name in self.samples[-1]["processes"]:
+            seen = [(sample["at_h"], sample["processes"][name]) for sample in half if name in sample["processes"]]
+            grown = []
+            for what in ("private_kib", "mapped_kib"):
+                slope, error = line([(at_h, one[what]) for at_h, one in seen])
+                middle = statistics.median(one[what] for _, one in seen)
+                grown.append(f"{what} {middle:.0f}, {slope:+.0f} ± {error:.0f} an hour")
+            print(f"{name}: {'; '.join(grown)}")
         left = [path.name for path in self.carried()]
         print(f"left behind: {left}")
         if not whole:
@@ -166,19 +192,27 @@ class Soak:
             time.sleep(0.02)
 
 
-def resident_kib(pid):
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    except OSError:
-        return 0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("RssAnon:"))
+def line(points):
+    """Slope of the line of least squares, and its standard error."""
+    if len(points) < 3:
+        return float("nan"), float("nan")
+    mean_x, mean_y = (statistics.fmean(axis) for axis in zip(*points))
+    spread = sum((x - mean_x) ** 2 for x, _ in points)
+    slope = sum((x - mean_x) * (y - mean_y) for x, y in points) / spread
+    left = sum((y - mean_y - slope * (x - mean_x)) ** 2 for x, y in points)
+    return slope, (left / (len(points) - 2) / spread) ** 0.5
 
 
-def descriptors(pid):
+def process(pid):
+    """What a process has; none where it has just ended."""
     try:
-        return len(os.listdir(f"/proc/{pid}/fd"))
-    except OSError:
-        return 0
+        status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+        mappings = len(Path(f"/proc/{pid}/maps").read_text().splitlines())
+        descriptors = len(os.listdir(f"/proc/{pid}/fd"))
+        private, mapped = (int(status[what].split()[0]) for what in ("RssAnon", "RssShmem"))
+    except (OSError, KeyError):
+        return None
+    return dict(zip(PROCESS, (private, mapped, mappings, descriptors)))
 
 
 def kib(path):

@@ -2,7 +2,6 @@
 
 use std::{
     ffi::OsStr,
-    fs,
     io::{BufRead, BufReader, Write},
     net::TcpListener,
     os::unix::net::UnixListener,
@@ -37,9 +36,7 @@ impl System {
     pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
         let domain = Domain::new(name)?;
         let claim = domain.claim()?;
-        let door = domain.door();
-        door.parent().map_or(Ok(()), fs::create_dir_all)?;
-        let listener = UnixListener::bind(door)?;
+        let listener = UnixListener::bind(domain.door()?)?;
         // It ends with the process.
         thread::spawn(move || {
             for mut stream in listener.incoming().flatten() {
@@ -92,6 +89,7 @@ fn orders(launch: Launch, rate_hz: u32) -> Orders {
         incarnation: 1,
         epoch: FIRST_EPOCH,
         role: Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: std::process::id(),
     }

@@ -4,6 +4,7 @@ mod csv;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    ops::ControlFlow,
     path::PathBuf,
     process::ExitCode,
     sync::{
@@ -25,7 +26,12 @@ use wire::{
     v1::{Envelope, GatewayReport},
 };
 
-use crate::{fail, print, remote::Way, track::Track};
+use crate::{
+    fail,
+    out::{Screen, print},
+    remote::Way,
+    track::Track,
+};
 use csv::Tables;
 
 /// Between two tables on the screen.
@@ -77,8 +83,8 @@ pub(crate) fn run(station: &Station) -> ExitCode {
         Err(error) => return fail(&error, error.exit_code()),
     };
     match watch(station, &link, &ends) {
-        Ok(vehicles) if station.json => print(&report(&vehicles)),
-        Ok(_) => ExitCode::SUCCESS,
+        Ok((vehicles, _)) if station.json => print(&report(&vehicles)),
+        Ok((_, shown)) => shown.break_value().unwrap_or(ExitCode::SUCCESS),
         Err(error) => fail(&error, 1),
     }
 }
@@ -87,28 +93,29 @@ fn watch(
     station: &Station,
     link: &Link,
     ends: &AtomicBool,
-) -> Result<BTreeMap<String, Vehicle>, Box<dyn std::error::Error>> {
+) -> Result<(BTreeMap<String, Vehicle>, ControlFlow<ExitCode>), Box<dyn std::error::Error>> {
     let messages = link.stream(&keys::key("*", "*"))?;
     let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
     let mut tables = station.csv.as_deref().map(Tables::in_folder);
     let mut vehicles = BTreeMap::<String, Vehicle>::new();
-    let (since, mut shown) = (Instant::now(), Instant::now());
+    let (screen, mut shown) = (Screen::new(true), ControlFlow::Continue(()));
+    let (since, mut shown_at) = (Instant::now(), Instant::now());
     let over = || station.seconds.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s);
-    while !ends.load(Ordering::SeqCst) && !over() {
+    while shown.is_continue() && !ends.load(Ordering::SeqCst) && !over() {
         while let Some(sign) = signs.next(Duration::ZERO) {
             see(&mut vehicles, &sign);
         }
         if let Some(message) = messages.next(TURN) {
             take(&mut vehicles, &message, tables.as_mut())?;
         }
-        if shown.elapsed() > SHOW_INTERVAL && !station.json {
-            shown = Instant::now();
-            print(&table(&vehicles, station.vehicle.as_deref()));
+        if shown_at.elapsed() > SHOW_INTERVAL && !station.json {
+            shown_at = Instant::now();
+            shown = screen.show(&|_| table(&vehicles, station.vehicle.as_deref()));
         }
     }
     tables.map_or(Ok(()), Tables::finish)?;
     link.close();
-    Ok(vehicles)
+    Ok((vehicles, shown))
 }
 
 /// A vehicle by its name, as long as there are not too many.
@@ -200,17 +207,18 @@ fn table(vehicles: &BTreeMap<String, Vehicle>, detail: Option<&str>) -> String {
     if vehicles.is_empty() {
         return "no vehicle yet".into();
     }
-    let mut lines = vec![format!("{:<20}{:<6}{:>9}{:>10}  {}", "vehicle", "lives", "messages", "lost", "services")];
+    let mut lines = vec![format!("{:<17}{:<6}{:>9}{:>8}  {}", "vehicle", "lives", "messages", "lost", "services")];
     for (name, vehicle) in vehicles {
         let messages: u64 = vehicle.tracks.values().map(|track| track.messages).sum();
         let lives = if vehicle.lives { "yes" } else { "no" };
         let services: Vec<_> = vehicle.services.iter().map(String::as_str).collect();
-        lines.push(format!("{name:<20}{lives:<6}{messages:>9}{:>10}  {}", vehicle.lost(), services.join(" ")));
+        lines.push(format!("{name:<17}{lives:<6}{messages:>9}{:>8}  {}", vehicle.lost(), services.join(" ")));
     }
     let shown =
         detail.or(vehicles.keys().next().map(String::as_str)).and_then(|name| Some((name, vehicles.get(name)?)));
     if let Some((name, vehicle)) = shown {
         lines.push(format!("{name}: {}", vehicle.attitude.as_ref().map_or("no attitude yet".into(), attitude)));
+        lines.push(format!("  {:<11}{}", "topic", Track::HEAD));
         for (topic, track) in &vehicle.tracks {
             lines.push(format!("  {topic:<11}{track}"));
         }

@@ -5,5 +5,7 @@
 mod common;
 
 mod keys;
+mod means;
+mod output;
 mod seeing;
 mod up;

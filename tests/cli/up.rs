@@ -11,6 +11,19 @@ use crate::common::{Run, Running, System, lives, plumb, signal, until};
 use flate2::{Compression, write::GzEncoder};
 use rustix::process::{Pid, Signal, kill_process_group};
 
+/// What the report for scripts says, whatever became of the run.
+const REPORT: [&str; 10] = [
+    "cpu_s_per_s",
+    "duplicated",
+    "error",
+    "error_deg",
+    "latency_us",
+    "lost",
+    "not_recorded",
+    "services",
+    "ticks_in",
+    "ticks_out",
+];
 const RECORDING: &str = "t_s,gx,gy,gz,ax,ay,az\n0.00,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n0.02,0,0,0,0,0,9.8\n";
 /// A system is given so long to end before the test is taken as failed.
 const HANG: Duration = Duration::from_secs(10);
@@ -19,12 +32,18 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
-/// It ended so, said each of these on standard error, and nothing on standard output.
+/// It ended so, said each of these on standard error, and on standard output nothing but, where that was asked for, the same for scripts.
 fn assert_refused(mut command: Command, code: i32, said: &[&str]) -> String {
     let output = command.output().unwrap();
     let people = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{people}");
-    assert_eq!(text(&output.stdout), "", "standard output is for scripts");
+    if command.get_args().any(|argument| argument == "--json") {
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(sorted(keys(&report)), REPORT);
+        assert_eq!((report["error"].as_str(), report["ticks_in"].as_u64()), (Some(people.trim_end()), Some(0)));
+    } else {
+        assert_eq!(text(&output.stdout), "", "standard output is for scripts");
+    }
     for words in said {
         assert!(people.contains(words), "no {words:?} in:\n{people}");
     }
@@ -259,8 +278,8 @@ fn assert_report(output: &Output, has_error: bool) {
     let scripts = text(&output.stdout);
     assert_eq!(scripts.lines().count(), 1, "{scripts}");
     let json: serde_json::Value = serde_json::from_str(&scripts).unwrap();
-    let all = "cpu_s_per_s duplicated error_deg latency_us lost services ticks_in ticks_out";
-    assert_eq!(sorted(keys(&json)), all.split(' ').collect::<Vec<_>>());
+    assert_eq!(sorted(keys(&json)), REPORT);
+    assert!(json["error"].is_null(), "{json}");
     assert_eq!(sorted(keys(&json["latency_us"])), ["max", "p50", "p99", "p999"]);
     if has_error {
         assert_eq!(sorted(keys(&json["error_deg"])), ["inclination_max", "inclination_rmse"]);
@@ -467,6 +486,7 @@ fn a_pipe_is_refused_as_the_file_of_attitudes() {
     let run = Run::of(system.command(&["--out", pipe.to_str().unwrap()]).output().unwrap());
     assert_eq!(run.code, Some(1), "{}", run.people);
     assert!(run.people.contains("it is a pipe"), "{}", run.people);
+    assert!(run.json["error"].as_str().unwrap().contains("it is a pipe"), "{}", run.json);
 }
 
 #[test]

@@ -47,6 +47,8 @@ impl System {
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = plumb(&["up"]);
         command.arg(self.path("launch.toml")).args(arguments).arg("--json");
+        // What a system keeps for its next start is the test's own.
+        command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
     }
 
@@ -212,6 +214,15 @@ pub fn plumb(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).stdin(Stdio::null());
     command
+}
+
+/// What `plumb` writes to a terminal of 24 lines and 80 columns.
+pub fn on_a_terminal(arguments: &[&str]) -> String {
+    let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
+    let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{text}");
+    text
 }
 
 /// The service with the faults, which is built with the tests.

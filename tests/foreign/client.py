@@ -122,18 +122,22 @@ request = made(
     expected_epoch=fuser.epoch,
     t_deadline_ns=answer.t_now_ns + 30_000_000_000,
 )
-first, again = swap(request), swap(request)
-request.request_id = "foreign-2"
-reordered = swap(request)
-say(
-    "swap",
-    outcome=first.outcome,
-    lost=first.lost,
-    same=first == again,
-    reordered=reordered.outcome,
-    reason=reordered.reason,
-    stage=services()[1].stage,
-)
+if folder:
+    first, again = swap(request), swap(request)
+    request.request_id = "foreign-2"
+    reordered = swap(request)
+    say(
+        "swap",
+        outcome=first.outcome,
+        lost=first.lost,
+        same=first == again,
+        reordered=reordered.outcome,
+        reason=reordered.reason,
+        stage=services()[1].stage,
+    )
+else:
+    answers = ask(session, "command/swap", request.SerializeToString())
+    say("unheard", all=not answers and services()[1].epoch == fuser.epoch)
 
 sys.stdin.readline()
 say("went", all=wait_for(lambda: not living), living=sorted(living))

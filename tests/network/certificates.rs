@@ -16,10 +16,10 @@ use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
 /// A folder of keys.
-struct Site(TempDir);
+pub(crate) struct Site(TempDir);
 
 impl Site {
-    fn new(parties: &[&[&str]]) -> Self {
+    pub(crate) fn new(parties: &[&[&str]]) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.keys(&["init"]);
         parties.iter().for_each(|party| site.keys(party));
@@ -31,12 +31,12 @@ impl Site {
         assert!(made.status.success(), "{}", said(&made));
     }
 
-    fn of(&self, party: &str) -> PathBuf {
+    pub(crate) fn of(&self, party: &str) -> PathBuf {
         self.0.path().join(party)
     }
 
     /// What `[gateway]` says of a party's certificate.
-    fn tls(&self, party: &str) -> String {
+    pub(crate) fn tls(&self, party: &str) -> String {
         let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| self.of(party).join(file));
         format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}")
     }
@@ -63,7 +63,7 @@ fn system(gateway: &str) -> System {
 }
 
 /// A vehicle that listens itself at `port`.
-fn listening(site: &Site, port: u16) -> System {
+pub(crate) fn listening(site: &Site, port: u16) -> System {
     let access = site.of("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");
     system(&format!("vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))
@@ -153,7 +153,8 @@ fn at_a_vehicle_that_listens_itself_an_operator_commands_a_viewer_looks_and_nobo
 
     // Another authority, no certificate, no folder of keys, no TLS.
     let nowhere = site.of("nobody");
-    for (foreign, code, word) in [(&other.of("operator.ann"), 1, "the authority"), (&nowhere, 2, "there is no ca.pem")]
+    for (foreign, code, word) in
+        [(&other.of("operator.ann"), 1, "another authority"), (&nowhere, 2, "there is no ca.pem")]
     {
         for verb in [&["station", "--seconds", "2"][..], &["ps", "--remote", "alpha"], &swap] {
             let refused = with(port, foreign, verb);

@@ -8,7 +8,7 @@ use std::{
 use crate::common::{
     Running, System,
     beyond::{endpoint, free_port, gateway, with_gateway},
-    plumb, signal, until,
+    on_a_terminal, plumb, signal, until,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -140,7 +140,7 @@ fn an_unknown_vehicle_or_topic_is_said_with_the_remedy() {
     let nowhere = format!("tcp/127.0.0.1:{}", free_port());
     let nobody = plumb(&["topic", "list", "--remote", "boat", "--connect", &nowhere]).output().unwrap();
     assert_eq!(nobody.status.code(), Some(1));
-    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("nobody is there"), "{}", said(&nobody));
+    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("nobody listens there"), "{}", said(&nobody));
 
     for verb in ["echo", "hz", "bw", "info"] {
         let unknown = vehicle.ask(&["topic", verb, "altitude"]);
@@ -212,4 +212,17 @@ fn an_observation_ends_when_its_vehicle_stays_away() {
     echo.0.stderr.take().unwrap().read_to_string(&mut summary).unwrap();
     assert!(summary.contains("the vehicle \"boat\" has been out of reach for 10 s"), "{summary}");
     assert_eq!(echo.0.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn a_station_is_drawn_in_place_and_fits_a_terminal_of_80_columns() {
+    let vehicle = Vehicle::start("");
+    let drawn = on_a_terminal(&["station", "--connect", &vehicle.endpoint, "--seconds", "4.5"]);
+    // What is drawn anew begins where the cursor was taken back to.
+    let pictures: Vec<_> = drawn.split("\u{1b}[").filter(|picture| picture.contains("lost messages")).collect();
+    assert!(pictures.len() > 1, "{drawn:?}");
+    let last = pictures.last().unwrap();
+    assert!(last.contains("attitude") && last.contains("boat: yaw"), "{last:?}");
+    assert_eq!(last.matches("vehicle").count(), 1, "each picture takes the place of the one before: {last:?}");
+    vehicle.end();
 }

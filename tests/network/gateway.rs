@@ -6,12 +6,13 @@ use std::{
     time::Duration,
 };
 
+use crate::certificates::{Site, listening};
 use crate::common::{
     Running, System,
     beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},
     plumb, signal, until,
 };
-use link::{Ends, Link, LinkError};
+use link::{Ends, Link, LinkError, ends::Tls};
 use rustix::process::Signal;
 use serde_json::Value;
 use wire::{
@@ -99,12 +100,6 @@ fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
     running.into_iter().for_each(end);
 }
 
-fn open(endpoint: &str) -> Link {
-    let link = Link::open(&Ends::connecting(&[endpoint.to_owned()])).unwrap();
-    assert!(link.await_somebody(LIMIT));
-    link
-}
-
 fn services(link: &Link, vehicle: &str) -> Services {
     link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), LIMIT).unwrap()
 }
@@ -115,12 +110,14 @@ fn epoch(services: &Services) -> u32 {
 
 #[test]
 fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_comes() {
-    let system = with_gateway(free_port(), "");
+    let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["operator", "ann"]]);
+    let system = listening(&site, free_port());
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
     until("the fuser to run", || ps(&system).iter().filter(|one| one["state"] == "running").count() == 6);
 
-    let remote = ["--remote", &system.name, "--connect", &endpoint, "--json"];
+    let operator = site.of("operator.ann");
+    let remote = ["--remote", "alpha", "--connect", &endpoint, "--json", "--keys", operator.to_str().unwrap()];
     let output = plumb(&["swap", "fuser", "vqf"]).args(remote).output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"));
     assert_eq!((report["outcome"].as_str(), report["lost"].as_u64()), (Some("committed"), Some(0)), "{report}");
@@ -128,8 +125,10 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     let standings: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(standings[3]["stage"], "vqf", "{standings}");
 
-    let link = open(&endpoint);
-    let before = services(&link, &system.name);
+    let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| operator.join(file));
+    let ends = Ends { tls: Some(Tls { ca, cert, key }), ..Ends::connecting(&[endpoint]) };
+    let link = Link::reach(&ends, LIMIT).unwrap();
+    let before = services(&link, "alpha");
     let request = |id: &str, stage: &str| SwapRequest {
         request_id: id.into(),
         slot: "fuser".into(),
@@ -139,7 +138,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
         ..SwapRequest::default()
     };
     let ask = |request: &SwapRequest| -> SwapAnswer {
-        link.ask_one(&keys::key(&system.name, keys::SWAP), request.encoded(), LIMIT).unwrap()
+        link.ask_one(&keys::key("alpha", keys::SWAP), request.encoded(), LIMIT).unwrap()
     };
     // The same one many times at once, as a network does that is not sure.
     let answers: Vec<SwapAnswer> = thread::scope(|scope| {
@@ -148,7 +147,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     });
     assert_eq!(answers[0].outcome(), Outcome::Committed, "{answers:?}");
     assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
-    let after = services(&link, &system.name);
+    let after = services(&link, "alpha");
     assert_eq!(epoch(&after), epoch(&before) + 1, "one decision");
     // One that was sent before that decision, and one that comes after its time.
     let overtaken = ask(&request("two", "vqf"));
@@ -160,7 +159,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     assert!(ask(&wrong).reason.contains("there is no stage `kalman`"));
     // What is no request is refused, counted, and whoever asked reads why.
     let refused = |payload: Vec<u8>, why: &str| {
-        let key = keys::key(&system.name, keys::SWAP);
+        let key = keys::key("alpha", keys::SWAP);
         let error = link.ask_one::<SwapAnswer>(&key, payload, LIMIT).unwrap_err();
         assert!(matches!(&error, LinkError::Refused { reason, .. } if reason.contains(why)), "{error}");
     };
@@ -170,12 +169,11 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
         "`set` is not finite",
     );
     until("the refusal in its health", || {
-        let report =
-            link.ask_one::<wire::v1::GatewayReport>(&keys::key(&system.name, keys::GATEWAY), Vec::new(), LIMIT);
+        let report = link.ask_one::<wire::v1::GatewayReport>(&keys::key("alpha", keys::GATEWAY), Vec::new(), LIMIT);
         report
             .is_ok_and(|report| report.refused.is_some_and(|refused| (refused.malformed, refused.not_finite) == (1, 1)))
     });
-    assert_eq!(epoch(&services(&link, &system.name)), epoch(&after));
+    assert_eq!(epoch(&services(&link, "alpha")), epoch(&after));
     end(running);
 }
 
@@ -316,5 +314,5 @@ fn a_station_that_finds_nobody_says_where_it_looked() {
     let output = plumb(&["ps", "--remote", "boat", "--connect", &endpoint]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains(&endpoint) && said.contains("nobody is there"), "{said}");
+    assert!(said.contains(&endpoint) && said.contains("nobody listens there"), "{said}");
 }

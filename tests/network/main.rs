@@ -5,8 +5,10 @@
 mod common;
 
 mod certificates;
+mod docs;
 mod elsewhere;
 mod foreign;
 mod gateway;
 mod rough_network;
 mod split;
+mod strangers;

@@ -179,6 +179,26 @@ fn two_halves_give_the_bytes_of_the_whole() {
 }
 
 #[test]
+fn ticks_come_from_whom_the_base_calls_and_from_nobody_who_calls_it() {
+    let called = format!("tcp/127.0.0.1:{}", free_port());
+    let honest = board(&called, "");
+    let base = base(&honest, &called, "");
+    let base_runs = base.start(&[]);
+    let at = || Some(standing(&base, "gateway")?["at"].as_str()?.to_owned());
+    until("the base to listen", || at().is_some());
+    // Another system under the name of the board.
+    let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, at().unwrap());
+    let forger = board(&format!("tcp/127.0.0.1:{}", free_port()), &more);
+    let forger_runs = forger.start(&[]);
+    until("forged ticks", || ticks(&forger) > 3000);
+    assert_eq!(ticks(&base), 0);
+    // It is not deaf: the one that it calls it hears.
+    let honest_runs = honest.start(&[]);
+    until("ticks at the base", || ticks(&base) > 0);
+    drop((forger_runs, honest_runs, base_runs));
+}
+
+#[test]
 fn field_and_fixes_go_with_their_ticks() {
     for (scenario, flag) in [("cruise", "fix"), ("s3", "field")] {
         let endpoint = format!("tcp/127.0.0.1:{}", free_port());
@@ -274,7 +294,7 @@ fn a_cut_longer_than_the_cache_is_named_exactly() {
     until("two seconds of ticks", || ticks(&halves.base) > 2000);
     way.cut_for(Duration::from_secs(4));
     let (run, bytes) = halves.end();
-    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert_eq!((run.code, run.number("/not_recorded")), (Some(1), 0.0), "{}", run.people);
     let lost = run.number("/lost") as usize;
     assert!(lost > 1000 && run.number("/ticks_in") == 16_000.0, "{}", run.people);
     let named = named_losses(&run.people);

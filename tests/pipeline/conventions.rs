@@ -125,6 +125,7 @@ fn published(it: &Vector) -> AttitudeOutput {
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: 0,
     };
@@ -166,7 +167,7 @@ fn the_file_that_is_written_has_w_x_y_z() {
         let mut output = published(it);
         output.header.tick = tick;
         output.header.t_end_ns = tick as i64 * 250_000_000;
-        collector.attitude(&output).unwrap();
+        collector.attitude(&output);
     }
     collector.finish().unwrap();
     let text = std::fs::read_to_string(path).unwrap();

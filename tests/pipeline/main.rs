@@ -11,3 +11,4 @@ mod fault_script;
 mod orchestrated;
 mod replay;
 mod score;
+mod warm_start;

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 use crate::common::{System, inclination_deg, lives, signal, until};
 use bus::{Bus, Domain, Publisher, Subscriber};
 use launch::Service;
-use messages::{AttitudeOutput, Flags, Health, SensorReading};
+use messages::{AttitudeOutput, Chart, Flags, FusedState, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
     orders::BUFFER_BESIDE,
@@ -12,24 +12,30 @@ use runtime::{
 use rustix::process::Signal;
 use scenario::{Errors, Motion, Sensors};
 
-const RATE_HZ: f64 = 500.0;
+pub(crate) const RATE_HZ: f64 = 500.0;
 /// Half a minute at the rate: what is tested does not depend on how fast this machine is.
-const BUFFER: usize = 15_000;
-const LAUNCH: &str = "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
+pub(crate) const BUFFER: usize = 15_000;
+pub(crate) const LAUNCH: &str =
+    "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
 
 /// A system that reads its sensors from the bus, and our place on that bus.
-struct Bench {
-    system: System,
-    running: Option<crate::common::Running>,
+pub(crate) struct Bench {
+    pub(crate) system: System,
+    pub(crate) running: Option<crate::common::Running>,
     sensor: Publisher<SensorReading>,
     attitude: Subscriber<AttitudeOutput>,
-    _bus: Bus,
+    pub(crate) bus: Bus,
 }
 
 impl Bench {
     fn start(slots: &str) -> Self {
-        let system = System::new(&format!("{LAUNCH}gyro_samples = \"instants\"\n{slots}"));
-        let running = system.start(&[]);
+        Self::of(System::new(&format!("{LAUNCH}gyro_samples = \"instants\"\n{slots}")), &[])
+    }
+
+    pub(crate) fn of(system: System, arguments: &[&str]) -> Self {
+        let running = system.start(arguments);
+        // Else this would join what a killed one of the name has left.
+        until("the system to answer", || !system.ps().is_empty());
         let domain = Domain::new(&system.name).unwrap();
         let mut joined = None;
         until("the system", || {
@@ -47,7 +53,7 @@ impl Bench {
             }
             ready.iter().all(|ready| *ready)
         });
-        Self { system, running: Some(running), sensor, attitude, _bus: bus }
+        Self { system, running: Some(running), sensor, attitude, bus }
     }
 
     /// Sends readings at the rate; what comes out, until every tick has come.
@@ -64,17 +70,32 @@ impl Bench {
     }
 
     /// Sends readings at the rate; `before` each one something may happen.
-    fn send(&self, readings: &[SensorReading], mut before: impl FnMut(usize)) {
+    fn send(&self, readings: &[SensorReading], before: impl FnMut(usize)) {
+        self.send_at(RATE_HZ, readings, before);
+    }
+
+    /// The same at another rate: the readings say themselves when they were taken.
+    pub(crate) fn send_at(&self, rate_hz: f64, readings: &[SensorReading], mut before: impl FnMut(usize)) {
         let start_ns = monotonic_ns();
         for (count, reading) in readings.iter().enumerate() {
-            sleep_until_ns(start_ns + (count as f64 * 1e9 / RATE_HZ) as u64, Duration::from_secs(1));
+            sleep_until_ns(start_ns + (count as f64 * 1e9 / rate_hz) as u64, Duration::from_secs(1));
             before(count);
             self.sensor.send(reading).unwrap();
             self.sensor.wake();
         }
     }
 
-    fn stop(mut self) -> crate::common::Run {
+    /// Kills the supervisor as a power cut does, and waits until its services are no more.
+    pub(crate) fn killed(mut self) -> System {
+        let running = self.running.take().unwrap();
+        let pids: Vec<u32> = running.services().into_iter().map(|(_, pid)| pid).collect();
+        signal(running.pid(), Signal::KILL);
+        drop(running);
+        until("the services to end", || !pids.iter().any(|pid| lives(*pid)));
+        self.system
+    }
+
+    pub(crate) fn stop(mut self) -> crate::common::Run {
         let running = self.running.take().unwrap();
         let pids: Vec<u32> = running.services().into_iter().map(|(_, pid)| pid).collect();
         assert_eq!(pids.len(), 5);
@@ -83,13 +104,13 @@ impl Bench {
         let run = running.wait();
         println!("ended {} ms after Ctrl-C", asked.elapsed().as_millis());
         assert!(pids.into_iter().all(|pid| !lives(pid)), "a process lives on");
-        drop((self.sensor, self.attitude, self._bus));
+        drop((self.sensor, self.attitude, self.bus));
         assert_eq!(self.system.remains(), Vec::<String>::new());
         run
     }
 }
 
-fn readings(motion: Motion, errors: Errors, count: u64) -> Vec<SensorReading> {
+pub(crate) fn readings(motion: Motion, errors: Errors, count: u64) -> Vec<SensorReading> {
     let mut sensors = Sensors::new(motion, errors, 3);
     (0..count)
         .map(|count| {
@@ -157,12 +178,23 @@ fn s1_through_the_bus_with_wz_open() {
 fn tumbling_through_the_bus_stays_exact_in_both_charts() {
     let motion = Motion::named("tumble").unwrap();
     let bench = Bench::start("");
+    let fused: Subscriber<FusedState> = bench.bus.subscriber(BUFFER).unwrap();
     let outputs = bench.feed(&readings(motion, Errors::default(), 5000));
     assert_in_order(&outputs);
     for output in &outputs {
         let error_deg = inclination_deg(output.quaternion, truth(motion, output.header.tick));
         assert!(error_deg < 1e-6, "tick {}: {error_deg}°", output.header.tick);
     }
+    let charts: Vec<Chart> = core::iter::from_fn(|| fused.receive().unwrap()).map(|state| state.chart).collect();
+    let inverted = charts.iter().filter(|chart| **chart == Chart::INVERTED).count();
+    let changes = charts.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    println!("{inverted} of {} ticks inverted, {changes} changes of chart", charts.len());
+    assert_eq!(charts.len(), outputs.len());
+    assert!(
+        inverted > 1000 && charts.len() - inverted > 1000 && changes > 20,
+        "{inverted} inverted, {changes} changes"
+    );
+    drop(fused);
     bench.stop().assert_whole();
 }
 

@@ -5,8 +5,12 @@
 mod common;
 
 mod aborted;
+mod damage;
+mod files;
 mod notify;
 mod own_stage;
+mod record;
+mod rescue;
 mod restart;
 mod swap;
 mod watch;

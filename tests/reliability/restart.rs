@@ -48,6 +48,27 @@ fn a_source_that_is_killed_goes_on_at_the_tick_where_it_died() {
 }
 
 #[test]
+fn a_service_that_somebody_else_asks_to_end_goes_on_and_that_is_said() {
+    let services = ["ingest", "gyro", "accel", "fuser", "course"];
+    let run = assert_undisturbed("", &[], |running| {
+        for service in services {
+            // Without a look at /proc meanwhile: whoever is in the folder of a dying process holds up its parent.
+            pause(600);
+            signal(running.service(service), Signal::TERM);
+        }
+        pause(600);
+    });
+    for service in services {
+        assert_eq!(restarts(&run, service), 1);
+        let said = |line: &str| {
+            line.starts_with(&format!("{service}: process "))
+                && line.contains("as if somebody else had sent it SIGTERM")
+        };
+        assert!(run.people.lines().any(said), "{service}: {}", run.people);
+    }
+}
+
+#[test]
 fn in_lockstep_a_killed_service_costs_time_and_nothing_else() {
     let launch = "[ingest.sim]\nscenario = \"cruise\"";
     let run = assert_undisturbed(launch, &["--speed", "40"], |running| {
@@ -179,7 +200,8 @@ fn a_service_that_cannot_live_ends_the_system_with_its_name() {
     assert_eq!(run.code, Some(1), "{}", run.people);
     let said = format!("the service gyro (process {last}) was ended by signal 9; the system was stopped");
     assert!(run.people.contains(&said), "{}", run.people);
-    assert!(run.json.is_null(), "no report of a run that failed: {}", run.json);
+    assert!(run.json["error"].as_str().unwrap().starts_with(&said), "{}", run.json);
+    assert_eq!(restarts(&run, "gyro"), 2);
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 

@@ -100,7 +100,11 @@ fn what_cannot_be_is_refused_and_changes_no_byte() {
     for (arguments, reason) in [
         (&["wing", "wz"][..], "there is no slot `wing`"),
         (&["ingest", "wz"], "there is no slot `ingest`"),
-        (&["fuser", "kalman"], "there is no stage `kalman`"),
+        (&["fusr", "wz"], "did you mean `fuser`?"),
+        (&["fuser", "kalman"], "there is no stage `kalman`; for the slot `fuser` there are "),
+        (&["fuser", "kalman"], ", madgwick-improved, "),
+        (&["fuser", "wz-opne"], "did you mean `wz-open`?"),
+        (&["course", "wz"], "`wz` fills the slot `fuser`, not `course`"),
         (&["fuser", "wz", "--set", "colour=3"], "no such parameter"),
         (&["fuser", "wz", "--set", "hard_iron_sd_ut=-3"], "hard_iron_sd_ut"),
     ] {

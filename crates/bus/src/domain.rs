@@ -1,9 +1,9 @@
 //! A system's name and everything that carries it: one running system per name, nothing left when it ends.
 
 use std::{
-    fs::{self, File, OpenOptions},
+    fs::{self, File},
     io,
-    os::unix::fs::{MetadataExt, OpenOptionsExt},
+    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
@@ -12,7 +12,7 @@ use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::{
-    BusError,
+    BusError, own,
     wake::{PAGE_BYTES, Page},
 };
 
@@ -54,20 +54,25 @@ impl Domain {
 
     /// Makes this process the owner of the name; what an earlier owner left behind is removed.
     pub fn claim(&self) -> Result<Claim, BusError> {
-        self.claim_within(MEMBERS_LIMIT)
+        let (claim, alone) = self.own(MEMBERS_LIMIT, true)?;
+        self.found()?;
+        drop(alone);
+        Ok(claim)
     }
 
-    /// The same, but services of an earlier owner may take only so long to end.
+    /// Only to remove what an earlier owner left behind, whose services may take so long to end.
     pub(crate) fn claim_within(&self, members_limit: Duration) -> Result<Claim, BusError> {
-        self.own(members_limit, true)
+        self.own(members_limit, true).map(|(claim, _)| claim)
     }
 
     /// The same, where an earlier owner has left its page; who comes after another that has removed it makes none.
     pub(crate) fn claim_left(&self, members_limit: Duration) -> Result<Claim, BusError> {
-        self.own(members_limit, false)
+        self.own(members_limit, false).map(|(claim, _)| claim)
     }
 
-    fn own(&self, members_limit: Duration, create: bool) -> Result<Claim, BusError> {
+    /// The name, and a lock that keeps everybody from joining.
+    fn own(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
+        self.files().iter().try_for_each(|path| own::owner(path))?;
         let deadline = Instant::now() + DEATH_LIMIT;
         // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
         for _ in 0..1000 {
@@ -92,8 +97,7 @@ impl Domain {
             let alone = self.await_members(members_limit)?;
             page.begin_run();
             self.remove_remains();
-            drop(alone);
-            return Ok(Claim { domain: self.clone(), _lock: file });
+            return Ok((Claim { domain: self.clone(), lock: file }, alone));
         }
         Err(self.page_error("locking", io::Error::other("it kept disappearing")))
     }
@@ -123,7 +127,7 @@ impl Domain {
 
     /// Takes part in the system: while the file is held, no later owner of the name clears it.
     pub(crate) fn take_part(&self) -> Result<File, BusError> {
-        let file = self.open_file(&self.members_path(), true)?;
+        let file = own::file(&self.members_path(), true)?;
         match flock(&file, FlockOperation::LockShared) {
             Ok(()) => Ok(file),
             Err(cause) => Err(BusError::File { doing: "locking", path: self.members_path(), cause: cause.into() }),
@@ -133,7 +137,7 @@ impl Domain {
     /// As a service does, but only while the system runs: nothing of its name is removed while the file is held.
     pub(crate) fn step_in(&self) -> Result<File, BusError> {
         let not_running = || BusError::NotRunning { name: self.name.clone() };
-        let file = match self.open_file(&self.members_path(), false) {
+        let file = match own::file(&self.members_path(), false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Err(not_running()),
             other => other?,
         };
@@ -149,7 +153,7 @@ impl Domain {
 
     /// Waits until the services of an earlier owner have ended: they would remove what is made anew under their names.
     fn await_members(&self, limit: Duration) -> Result<File, BusError> {
-        let file = self.open_file(&self.members_path(), true)?;
+        let file = own::file(&self.members_path(), true)?;
         let deadline = Instant::now() + limit;
         while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             if Instant::now() > deadline {
@@ -185,9 +189,11 @@ impl Domain {
         Path::new(SHARED_MEMORY).join(format!("{FAMILY}{}", self.name))
     }
 
-    /// The socket at which the owner of the name answers questions; it goes with the name.
-    pub fn door(&self) -> PathBuf {
-        self.root().join("door")
+    /// The socket at which the owner of the name answers questions; it goes with the name. Fails where the folder is not this user's
+    /// alone, or not there.
+    pub fn door(&self) -> Result<PathBuf, BusError> {
+        own::folder(&self.root())?;
+        Ok(self.root().join("door"))
     }
 
     pub(crate) fn page_path(&self) -> PathBuf {
@@ -203,30 +209,19 @@ impl Domain {
     }
 
     fn open_page(&self, create: bool) -> Result<File, BusError> {
-        self.open_file(&self.page_path(), create)
+        own::file(&self.page_path(), create)
     }
 
     /// The place of an observer, to be locked by whoever sits in it.
     pub(crate) fn open_seat(&self, number: usize) -> Result<File, BusError> {
-        self.open_file(&Path::new(SHARED_MEMORY).join(format!("{}seat.{number}", self.prefix())), true)
-    }
-
-    fn open_file(&self, path: &Path, create: bool) -> Result<File, BusError> {
-        OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(create)
-            .truncate(false)
-            .mode(0o600)
-            .open(path)
-            .map_err(|cause| BusError::File { doing: "opening", path: path.into(), cause })
+        own::file(&Path::new(SHARED_MEMORY).join(format!("{}seat.{number}", self.prefix())), true)
     }
 
     /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.
     fn remove_remains(&self) {
         let kept = [self.page_path(), self.members_path(), self.root()];
         for path in self.files().iter().filter(|path| !kept.contains(path)) {
-            // What cannot be removed belongs to somebody else; creating it anew will say so.
+            // What cannot be removed is somebody else's; making it anew will say so.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());
@@ -237,11 +232,39 @@ impl Domain {
 #[derive(Debug)]
 pub struct Claim {
     domain: Domain,
-    _lock: File,
+    lock: File,
+}
+
+impl Claim {
+    /// The name.
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// Takes the name anew when somebody has removed its files: nothing of before is left but the ticks that the topics have had. No process
+    /// may have anything open on the bus by then.
+    pub fn renew(self) -> Result<Self, BusError> {
+        let domain = self.domain.clone();
+        let page = |file: &File| Page::map(file).map_err(|cause| domain.page_error("mapping", cause));
+        let earlier = page(&self.lock)?;
+        drop(self);
+        let claim = domain.claim()?;
+        page(&claim.lock)?.go_on_from(&earlier);
+        Ok(claim)
+    }
+
+    /// Its files were removed, and another has taken the name since.
+    fn is_superseded(&self) -> bool {
+        let page_path = self.domain.page_path();
+        page_path.exists() && !is_at(&self.lock, &page_path)
+    }
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
+        if self.is_superseded() {
+            return;
+        }
         let _alone = self.domain.await_members(OBSERVERS_LIMIT);
         self.domain.remove_remains();
         let _ = fs::remove_file(self.domain.members_path());
@@ -251,7 +274,7 @@ impl Drop for Claim {
 
 /// The open file is the one that is at the path.
 fn is_at(file: &File, path: &Path) -> bool {
-    fs::metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
+    fs::symlink_metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
 }
 
 /// Who holds the page, as far as it has said so.

@@ -1,5 +1,7 @@
 use std::{io, path::PathBuf};
 
+use crate::means::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory};
+
 /// Why the bus could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
@@ -25,6 +27,18 @@ pub enum BusError {
         /// The name asked for.
         name: String,
     },
+    /// Something that carries the name of a system is not this user's alone.
+    #[error(
+        "using {path}: {why}; it is left as it is: {their_own}remove it where nobody needs it (sudo rm -r {path}), or set another `name` in launch.toml"
+    )]
+    NotOurs {
+        /// The file or folder.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+        /// What to do where another user's system runs; empty where it is this user's.
+        their_own: String,
+    },
     /// The page of wake words, or the folder of the bus.
     #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is space")]
     File {
@@ -40,6 +54,29 @@ pub enum BusError {
     NotRunning {
         /// The system's name.
         name: String,
+    },
+    /// Too few files may be open.
+    #[error(
+        "joining a system: a process of it has up to {} files open, this one may have {allowed}; {}",
+        FILES,
+        MORE_FILES
+    )]
+    Files {
+        /// The limit.
+        allowed: u64,
+    },
+    /// Too little shared memory is free.
+    #[error(
+        "starting the system {name:?}: its topics need {needed} of shared memory, {memory}; {}, or lower buffer_s in launch.toml",
+        MORE_MEMORY
+    )]
+    Memory {
+        /// The system's name.
+        name: String,
+        /// What it needs.
+        needed: Mib,
+        /// What there is.
+        memory: SharedMemory,
     },
     /// The node could not be made.
     #[error("joining the bus of {name:?}: {cause}")]
@@ -90,6 +127,18 @@ pub enum BusError {
         here: String,
         /// The layout of whoever created the topic.
         there: String,
+    },
+    /// Whoever opened the topic first had it hold less.
+    #[error(
+        "opening the topic `{topic}`: it was opened first with room for {there} messages for each reader, here {here} are asked for; every program that publishes or reads a topic of the path asks for buffer_s x rate_hz of the launch file, rounded up, and for 256 at least"
+    )]
+    Buffer {
+        /// The topic.
+        topic: &'static str,
+        /// Messages asked for here.
+        here: usize,
+        /// Messages that the topic holds.
+        there: usize,
     },
     /// The topic could not be opened.
     #[error("opening the topic `{topic}`: {cause}")]

@@ -7,10 +7,14 @@
 //! Data goes through iceoryx2, which no other crate names. Its events cost as much as a hop and can lose a wake-up, so each topic
 //! has one futex word in a page of our own instead.
 
+mod damage;
 mod domain;
 mod error;
 mod facts;
+mod founding;
+mod means;
 mod observer;
+mod own;
 mod place;
 mod port;
 mod remains;
@@ -21,6 +25,7 @@ mod wake;
 pub use domain::{Claim, Domain};
 pub use error::BusError;
 pub use facts::Facts;
+pub use means::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory, say_when_memory_runs_out};
 pub use observer::{OBSERVERS, Observer};
 pub use remains::{Remains, Standing};
 pub use tap::{Port, Ports, Tap};

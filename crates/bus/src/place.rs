@@ -18,6 +18,7 @@ const LOOKS: u32 = 3;
 #[derive(Debug)]
 pub(crate) struct Place {
     pub(crate) page: Page,
+    run: u64,
     member: Option<File>,
     domain: Domain,
     /// Who started this process: of a service, the owner of the name.
@@ -27,7 +28,11 @@ pub(crate) struct Place {
 impl Place {
     pub(crate) fn take(domain: &Domain) -> Result<Self, BusError> {
         let page = domain.page()?;
-        Ok(Self { page, member: Some(domain.take_part()?), domain: domain.clone(), parent: getppid() })
+        Ok(Self { run: page.run(), page, member: Some(domain.take_part()?), domain: domain.clone(), parent: getppid() })
+    }
+
+    pub(crate) fn is_of_this_run(&self) -> bool {
+        self.domain.page().is_ok_and(|page| page.run() == self.run)
     }
 
     /// Whoever started this process has died, or is dying: its threads do not end at once.

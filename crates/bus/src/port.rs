@@ -23,7 +23,7 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{BusError, observer::OBSERVERS};
+use crate::{BusError, means::why, observer::OBSERVERS};
 
 /// Active, candidate and injector, and as many that were killed and are not yet cleaned up.
 pub(crate) const PUBLISHERS: usize = 6;
@@ -116,7 +116,7 @@ impl Topic {
             .max_subscribers(SUBSCRIBERS)
             .max_nodes(NODES)
             .open_or_create_with_attributes(&layout_required(topic, layout)?)
-            .map_err(|cause| unopened(node.config(), topic, &name, layout, &cause))?;
+            .map_err(|cause| unopened(node.config(), topic, &name, layout, buffer, &cause))?;
         Ok(Self { name: topic, bytes, factory })
     }
 
@@ -125,7 +125,7 @@ impl Topic {
         let opened = builder.open_with_attributes(&layout_required(topic, layout)?);
         let factory = opened.map_err(|cause| match cause {
             PublishSubscribeOpenError::DoesNotExist => BusError::Unopened { topic },
-            cause => unopened(node.config(), topic, &name, layout, &cause),
+            cause => unopened(node.config(), topic, &name, layout, 0, &cause),
         })?;
         Ok(Self { name: topic, bytes, factory })
     }
@@ -155,7 +155,7 @@ struct Out {
 
 impl OutPort for Out {
     fn send(&self, message: &[u8]) -> Result<(), BusError> {
-        let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: self.topic, cause: format!("{cause:?}") };
+        let failed = |cause: &dyn fmt::Debug| BusError::Send { topic: self.topic, cause: why(cause) };
         let sample = self.port.loan_slice_uninit(message.len()).map_err(|cause| failed(&cause))?;
         sample.write_from_slice(message).send().map_err(|cause| failed(&cause))?;
         Ok(())
@@ -163,7 +163,7 @@ impl OutPort for Out {
 
     fn greet(&self) -> Result<(), BusError> {
         let updated = self.port.update_connections();
-        updated.map_err(|cause| BusError::Send { topic: self.topic, cause: format!("{cause:?}") })
+        updated.map_err(|cause| BusError::Send { topic: self.topic, cause: why(&cause) })
     }
 }
 
@@ -178,7 +178,7 @@ impl InPort for In {
         match self.port.receive() {
             Ok(Some(sample)) => take(sample.payload()),
             Ok(None) => return Ok(false),
-            Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: format!("{cause:?}") }),
+            Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: why(&cause) }),
         }
         Ok(true)
     }
@@ -188,10 +188,10 @@ impl InPort for In {
     }
 }
 
-fn builder(
-    node: &Node<ipc::Service>,
-    topic: &'static str,
-) -> Result<(ServiceName, Builder<[u8], (), ipc::Service>), BusError> {
+/// What a topic is opened with.
+type Opening = Builder<[u8], (), ipc::Service>;
+
+fn builder(node: &Node<ipc::Service>, topic: &'static str) -> Result<(ServiceName, Opening), BusError> {
     let name = ServiceName::new(topic).map_err(|cause| failed(topic, &cause))?;
     let alignment = Alignment::new(ALIGNMENT).ok_or_else(|| failed(topic, &"an alignment that is no power of two"))?;
     let builder = node.service_builder(&name).publish_subscribe::<[u8]>().payload_alignment(alignment);
@@ -199,7 +199,7 @@ fn builder(
 }
 
 fn failed(topic: &'static str, cause: &dyn fmt::Debug) -> BusError {
-    BusError::Topic { topic, cause: format!("{cause:?}") }
+    BusError::Topic { topic, cause: why(cause) }
 }
 
 /// What a topic's creator must have written down for it to be read or published.
@@ -214,18 +214,28 @@ fn layout_required(topic: &'static str, layout: &str) -> Result<AttributeVerifie
     Ok(attributes)
 }
 
-/// Why a topic could not be opened: another layout, or what iceoryx2 answered.
-fn unopened(config: &Config, topic: &'static str, name: &ServiceName, here: &str, cause: &dyn fmt::Debug) -> BusError {
-    match layout_on_bus(config, name) {
-        Some(there) if there != here => BusError::Layout { topic, here: here.into(), there },
+/// Why a topic could not be opened to hold `buffer` messages: another layout, less room, or what iceoryx2 answered.
+fn unopened(
+    config: &Config,
+    topic: &'static str,
+    name: &ServiceName,
+    layout: &str,
+    buffer: usize,
+    cause: &dyn fmt::Debug,
+) -> BusError {
+    let Ok(Some(details)) = ipc::Service::details(name, config, MessagingPattern::PublishSubscribe) else {
+        return failed(topic, cause);
+    };
+    let held = details.static_details.publish_subscribe().subscriber_max_buffer_size();
+    match layout_on_bus(details.static_details.attributes()) {
+        Some(there) if there != layout => BusError::Layout { topic, here: layout.into(), there },
+        _ if held < buffer => BusError::Buffer { topic, here: buffer, there: held },
         _ => failed(topic, cause),
     }
 }
 
 /// The layout that the topic's creator wrote down.
-fn layout_on_bus(config: &Config, name: &ServiceName) -> Option<String> {
-    let details = ipc::Service::details(name, config, MessagingPattern::PublishSubscribe).ok()??;
-    let attributes: &AttributeSet = details.static_details.attributes();
+fn layout_on_bus(attributes: &AttributeSet) -> Option<String> {
     let text: String = attributes.iter().map(|attribute| attribute.value().to_string()).collect();
     (!text.is_empty()).then_some(text)
 }

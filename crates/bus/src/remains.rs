@@ -16,6 +16,7 @@ use crate::{
     BusError, Domain, Port,
     domain::{FAMILY, LOOK, OWNER_LIMIT, SHARED_MEMORY},
     observer::members,
+    own,
 };
 
 /// The files of one system.
@@ -66,6 +67,7 @@ impl Remains {
     /// What there is of one system. Fails where its files are another user's.
     pub fn of(domain: &Domain) -> Result<Self, BusError> {
         let files = domain.files();
+        files.iter().try_for_each(|path| own::owner(path))?;
         let standing = match domain.owner_pid()? {
             Some(pid) => Standing::Runs { pid },
             None => match holders(&domain.members_path()) {
@@ -114,7 +116,7 @@ impl Domain {
         let prefix = self.prefix();
         let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
         let own = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
-        let folder = Some(self.root()).filter(|root| root.exists());
+        let folder = Some(self.root()).filter(|root| fs::symlink_metadata(root).is_ok());
         own.map(|entry| entry.path()).chain(folder).collect()
     }
 
@@ -122,7 +124,7 @@ impl Domain {
     pub(crate) fn half_made(&self) -> Option<PathBuf> {
         let empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
-            made && fs::metadata(path).is_ok_and(|segment| segment.len() == 0)
+            made && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
         };
         let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
         let deadline = Instant::now() + OWNER_LIMIT;

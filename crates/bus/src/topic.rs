@@ -10,6 +10,7 @@ use messages::Message;
 
 use crate::{
     BusError, Domain, Woken,
+    means::{allow_files, why},
     place::Place,
     port::{InPort, OutPort, Topic},
     wake::TopicWord,
@@ -51,6 +52,11 @@ impl Bus {
         self.place.page.wake_all();
     }
 
+    /// The system is still the one that was joined. Whoever feeds one that had to start anew joins again.
+    pub fn is_running(&self) -> bool {
+        self.place.is_of_this_run()
+    }
+
     /// The tick after the newest one that was ever about to be published on the topic.
     pub fn next_tick<M: Message>(&self) -> u64 {
         self.word::<M>().next_tick()
@@ -70,7 +76,8 @@ impl Bus {
 /// A process's node under the prefix of the system.
 pub(crate) fn node(domain: &Domain, who: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
-    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: format!("{cause:?}") };
+    allow_files()?;
+    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: why(cause) };
     NodeBuilder::new()
         .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
         .config(&domain.config())
@@ -96,6 +103,11 @@ impl<M: Message> Publisher<M> {
     /// Notes the tick of the message that is sent next: whoever goes on in place of a publisher that died knows how far it was.
     pub fn note(&self, tick: u64) {
         self.word.note(tick);
+    }
+
+    /// The tick after the newest one that was ever about to be published.
+    pub fn next_tick(&self) -> u64 {
+        self.word.next_tick()
     }
 
     /// Hands what it holds to readers that have come since it last acted.

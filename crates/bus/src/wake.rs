@@ -84,6 +84,13 @@ impl Page {
         self.layout().words.iter().for_each(|word| word.next_tick.store(0, SeqCst));
     }
 
+    /// The topics go on from the ticks that they had on an earlier page, whose run is over.
+    pub(crate) fn go_on_from(&self, earlier: &Self) {
+        for (word, was) in self.layout().words.iter().zip(&earlier.layout().words) {
+            word.next_tick.store(was.next_tick.load(SeqCst), SeqCst);
+        }
+    }
+
     /// Wakes whoever waits for any topic.
     pub(crate) fn wake_all(&self) {
         self.layout().words.iter().for_each(Word::wake);

@@ -32,6 +32,9 @@ pub enum CampaignError {
     /// The undisturbed run failed.
     #[error("running the same without a disturbance: {0}")]
     Undisturbed(Box<UpError>),
+    /// The undisturbed run is not whole.
+    #[error("running the same without a disturbance: {0}")]
+    NotWhole(String),
     /// A process or a file failed.
     #[error("{doing}: {cause}")]
     System {
@@ -103,7 +106,7 @@ fn undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, Campa
     let folder = tempfile::tempdir().map_err(system("making a folder"))?;
     let (launch, out) = (folder.path().join(format!("{name}.toml")), folder.path().join("attitude.csv"));
     std::fs::write(&launch, text).map_err(system("writing the launch file"))?;
-    supervisor::up(&Request {
+    let report = supervisor::up(&Request {
         launch: Some(launch),
         pace: Some(Pace::Max),
         duration_s: Some(duration_s),
@@ -111,5 +114,6 @@ fn undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, Campa
         out: Some(out.clone()),
         ..Request::default()
     })?;
+    report.error.map_or(Ok(()), |error| Err(CampaignError::NotWhole(error)))?;
     std::fs::read(out).map_err(system("reading the result"))
 }

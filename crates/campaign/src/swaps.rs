@@ -163,7 +163,8 @@ fn any(random: &mut ChaCha8Rng, same: bool) -> Wish {
     let (slot, names, first) = of[within(random, 0..of.len() as u64) as usize];
     let name = names[within(random, 0..names.len() as u64) as usize];
     let stage = Stage { stage: if same { first } else { name }.into(), set: BTreeMap::new() };
-    Wish { slot: slot.name().into(), stage, shadow: false, expected_epoch: None }
+    let limit_ms = Some(Wish::LIMIT_MS);
+    Wish { slot: slot.name().into(), stage, shadow: false, expected_epoch: None, limit_ms }
 }
 
 /// Asks for an exchange and looks at the output until it is answered; the door has a limit of its own.

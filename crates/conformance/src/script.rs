@@ -54,7 +54,7 @@ pub(crate) static S1: LazyLock<Script> =
 
 /// Motions and sample rates on which a stage has to stay sound.
 pub(crate) static SHORT: LazyLock<[Script; 3]> = LazyLock::new(|| {
-    let tumble = Motion::Tumble(Vector3::new(0.8, -1.6, 2.4));
+    let tumble = Motion::Tumble(Vector3::new(2.4, -1.6, 0.8));
     [
         Script::new("S1 at 200 Hz", Motion::S1, Errors::S1, 200.0, 35.0),
         Script::new("tumbling at 100 Hz", tumble, Errors::S1, 100.0, 35.0),

@@ -4,7 +4,7 @@ use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
-    fuser::{Estimate, Fused, Fuser, FuserInput},
+    fuser::{Estimate, Fused, Fuser, FuserInput, HardIron},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
     stage::Stage,
@@ -257,6 +257,7 @@ impl Slot for FuserSlot {
             inclination_sd_rad: 0.01,
             heading_sd_rad: 0.1,
             bias_sd_rad_s: 1e-3,
+            hard_iron: HardIron::UNKNOWN,
         };
         let mut garbage: Vec<_> =
             attitudes_of_garbage().into_iter().map(|(what, attitude)| (what, Estimate { attitude, ..good })).collect();
@@ -264,10 +265,16 @@ impl Slot for FuserSlot {
             let bias_rad_s = Vector3::new(0.0, bias, 0.0);
             garbage.push(("a bias that is none", Estimate { bias_rad_s, ..good }));
         }
+        for field_ut in [f64::NAN, f64::INFINITY, 1e6] {
+            let hard_iron = HardIron { field_ut: Vector3::new(field_ut, 0.0, 0.0), sd_ut: 1.0 };
+            garbage.push(("a hard iron that is none", Estimate { hard_iron, ..good }));
+        }
         for sd in [f64::NAN, -1.0] {
             garbage.push(("a bad standard deviation of the inclination", Estimate { inclination_sd_rad: sd, ..good }));
             garbage.push(("a bad standard deviation of the heading", Estimate { heading_sd_rad: sd, ..good }));
             garbage.push(("a bad standard deviation of the bias", Estimate { bias_sd_rad_s: sd, ..good }));
+            let hard_iron = HardIron { sd_ut: sd, ..HardIron::UNKNOWN };
+            garbage.push(("a bad standard deviation of the hard iron", Estimate { hard_iron, ..good }));
         }
         garbage
     }

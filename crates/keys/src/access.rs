@@ -14,6 +14,22 @@ const TELEMETRY: &str = "plumbline/v1/**";
 const ANSWERS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**"];
 /// Who is alive. `**` alone does not match a chunk that begins with `@`.
 const LIVE: &str = "plumbline/v1/*/@live/**";
+/// The ticks of split systems.
+const CARRY: &str = "plumbline/v1/*/@carry";
+/// Those who come without a certificate.
+const PLAIN: &str = "plain";
+/// Everything that a rule can be about.
+const MESSAGES: [&str; 9] = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "declare_queryable",
+    "reply",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+];
 
 /// Ticks of a split system that go from one of its hosts to another.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,8 +63,9 @@ struct Rule {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 struct Subject {
     id: String,
+    /// Whatever is shown, where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     cert_common_names: Vec<String>,
-    /// Only a link with TLS tells a common name that was proved, and every QUIC link has it.
     link_protocols: [&'static str; 1],
 }
 
@@ -62,9 +79,7 @@ impl AccessList {
     /// The list for these parties and nobody else; an import of a party that is not among them is none.
     pub fn new(parties: &[Party], imports: &[Import]) -> Self {
         let of = |role| parties.iter().filter(move |party| party.role() == role);
-        let mut list =
-            Self { enabled: true, default_permission: "deny", rules: vec![], subjects: vec![], policies: vec![] };
-
+        let mut list = Self::closed();
         let mut commands = Vec::new();
         for vehicle in of(Role::Vehicle) {
             commands.push(format!("plumbline/v1/{}/command/*", vehicle.name()));
@@ -77,14 +92,44 @@ impl AccessList {
         list
     }
 
+    /// What a gateway lets those do who come without a certificate: look at what it sends and ask for it. They put nothing, answer
+    /// nothing, are nobody and command nobody. `exports`: they may take its ticks as another host of one system. `certified`: who comes
+    /// with a certificate may do everything, as whoever the gateway calls keeps a list.
+    pub fn of_gateway(vehicle: &str, exports: bool, certified: bool) -> Self {
+        let mut list = Self::closed();
+        let mut rules = reader_rules(PLAIN);
+        // Between peers a question goes to those only who have said what they answer.
+        rules.push(allow(format!("{PLAIN} know what to ask"), "egress", &["declare_queryable"], ANSWERS));
+        if exports {
+            let carry = [format!("plumbline/v1/{vehicle}/@carry")];
+            rules.push(allow(format!("{PLAIN} follow"), "ingress", &["declare_subscriber", "query"], &carry));
+            rules.push(allow(format!("{PLAIN} are brought"), "egress", &["put", "reply", "declare_queryable"], &carry));
+        }
+        list.bind(PLAIN, vec![], "tcp", rules);
+        if certified {
+            let keys = [TELEMETRY, LIVE, CARRY];
+            let rules = ["ingress", "egress"].map(|flow| allow(format!("certified {flow}"), flow, &MESSAGES, keys));
+            list.bind("certified", vec![], "quic", rules.into());
+        }
+        list
+    }
+
+    fn closed() -> Self {
+        Self { enabled: true, default_permission: "deny", rules: vec![], subjects: vec![], policies: vec![] }
+    }
+
     fn add<'a>(&mut self, id: &str, parties: impl IntoIterator<Item = &'a Party>, rules: Vec<Rule>) {
         let cert_common_names: Vec<_> = parties.into_iter().map(Party::to_string).collect();
-        if cert_common_names.is_empty() {
-            return;
+        if !cert_common_names.is_empty() {
+            // Only a link with TLS tells a common name that was proved, and every QUIC link has it.
+            self.bind(id, cert_common_names, "quic", rules);
         }
+    }
+
+    fn bind(&mut self, id: &str, cert_common_names: Vec<String>, protocol: &'static str, rules: Vec<Rule>) {
         let ids = rules.iter().map(|rule| rule.id.clone()).collect();
         self.rules.extend(rules);
-        self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: ["quic"] });
+        self.subjects.push(Subject { id: id.into(), cert_common_names, link_protocols: [protocol] });
         self.policies.push(Policy { rules: ids, subjects: vec![id.into()] });
     }
 
@@ -202,6 +247,25 @@ mod tests {
         assert_eq!(carrying(&[board.clone(), base.clone(), other], std::slice::from_ref(&import)), expected);
         assert_eq!(carrying(&[board, base.clone()], &[]), []);
         assert_eq!(carrying(&[base], &[import]), []);
+    }
+
+    #[test]
+    fn without_a_certificate_one_looks_and_no_more() {
+        let texts = |exports| {
+            let list = AccessList::of_gateway("boat", exports, false);
+            assert_eq!((list.default_permission, list.subjects.len()), ("deny", 1));
+            assert_eq!(list.subjects[0].link_protocols, ["tcp"]);
+            let ingress = list.rules.into_iter().filter(|rule| rule.flows == ["ingress"]);
+            ingress.flat_map(|rule| rule.messages.into_iter().map(move |it| (it, rule.key_exprs.clone()))).collect()
+        };
+        let looking: Vec<(&str, Vec<String>)> = texts(false);
+        assert!(looking.iter().all(|(message, keys)| {
+            ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"].contains(message)
+                && keys.iter().all(|key| !key.contains("command") && !key.contains("@carry"))
+        }));
+        let carried: Vec<_> = texts(true).into_iter().filter(|it| !looking.contains(it)).collect();
+        let key = vec!["plumbline/v1/boat/@carry".to_owned()];
+        assert_eq!(carried, [("declare_subscriber", key.clone()), ("query", key)]);
     }
 
     #[test]

@@ -106,6 +106,8 @@ impl Authority {
 pub struct Contents {
     /// Whose it is.
     pub common_name: String,
+    /// The begin of its validity.
+    pub from: OffsetDateTime,
     /// The end of its validity.
     pub until: OffsetDateTime,
     /// Where it may serve.
@@ -120,6 +122,7 @@ impl Contents {
         let common_name = certificate.subject().iter_common_name().next().and_then(|name| name.as_str().ok());
         Ok(Self {
             common_name: common_name.ok_or("it names nobody")?.into(),
+            from: certificate.validity().not_before.to_datetime(),
             until: certificate.validity().not_after.to_datetime(),
             hosts: hosts(&certificate)?,
         })

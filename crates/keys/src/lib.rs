@@ -9,6 +9,7 @@
 //! | [`certificate`] | the authority, and what it signs |
 //! | [`access`] | who may do what on which keys |
 //! | [`configuration`] | the Zenoh configurations of router, vehicle and ground |
+//! | [`validity`] | whether a certificate serves now |
 //! | [`folder`] | all of it as files |
 #![forbid(unsafe_code)]
 
@@ -17,6 +18,7 @@ pub mod certificate;
 pub mod configuration;
 pub mod folder;
 pub mod party;
+pub mod validity;
 
 use std::{io, path::PathBuf};
 
@@ -103,6 +105,36 @@ pub enum KeysError {
         path: PathBuf,
         /// What is wrong with it.
         why: String,
+    },
+    /// A certificate is no longer good.
+    #[error(
+        "the certificate of {name}, {path}, ended on {until} (today is {today} here): `{remedy}`, where the authority is, makes another; repeat what else it was made with, and copy the folder again"
+    )]
+    Ended {
+        /// Whose.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// Its last day.
+        until: String,
+        /// What the clock says.
+        today: String,
+        /// The command that makes another.
+        remedy: String,
+    },
+    /// A certificate is not good yet.
+    #[error(
+        "the certificate of {name}, {path}, begins on {from} and today is {today} here: is this machine's clock right? set the clock, for example by timedatectl"
+    )]
+    NotBegun {
+        /// Whose.
+        name: String,
+        /// The file.
+        path: PathBuf,
+        /// Its first day.
+        from: String,
+        /// What the clock says.
+        today: String,
     },
     /// A certificate could not be made.
     #[error("making the certificate of {subject}: {cause}")]

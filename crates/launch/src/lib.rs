@@ -7,6 +7,7 @@
 //! | --- | --- |
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
+//! | `filling` | what may fill a slot |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `gateway` | what goes beyond the board, and to where |
 //! | `endpoint` | how far the gateway's endpoints reach |
@@ -20,6 +21,7 @@
 
 mod endpoint;
 mod fault;
+mod filling;
 mod gateway;
 mod model;
 mod problem;
@@ -31,12 +33,13 @@ mod walk;
 mod watch;
 
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
+pub use filling::UnknownStage;
 pub use gateway::{Gateway, Rate, Tls};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
-    Sim, Source, Stage, TOPIC_MESSAGES_MAX,
+    Sim, Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
-pub use problem::{LaunchError, Problems};
+pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
 pub use split::{CACHE_TICKS_MAX, CARRIED, DENSE, Import};
 pub use watch::{Measure, Watch};

@@ -21,6 +21,8 @@ pub struct Launch {
     pub buffer_s: f64,
     /// How far ahead of a missing input another must be for a join to go on without it, s; less than `buffer_s`.
     pub lateness_s: f64,
+    /// Where what outlives a stop of the whole system is kept.
+    pub state_file: StateFile,
     /// When a service that ended is started again, and when no more.
     pub restart: Restart,
     /// A script of faults is allowed.
@@ -41,6 +43,17 @@ pub struct Launch {
     pub fuser: Stage,
     /// Which of `attitude::course::Course::NAMES` runs.
     pub course: Stage,
+}
+
+/// Where what outlives a stop of the whole system is kept.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StateFile {
+    /// With sensors on the bus in a file of the system's name, in the folder that is the user's for such files; else nowhere.
+    Auto,
+    /// Nowhere.
+    Off,
+    /// In this file, of a simulation in real time too. [`Launch::read`] has put the launch file's folder before a relative path.
+    File(PathBuf),
 }
 
 /// When a service that ended is started again, and when no more.
@@ -251,6 +264,7 @@ impl Default for Launch {
             services: Service::PATH.into(),
             buffer_s: 2.0,
             lateness_s: 1.0,
+            state_file: StateFile::Auto,
             restart: Restart {
                 silence_s: 0.5,
                 settled_s: 1.0,

@@ -95,7 +95,7 @@ pub(crate) fn quoted(names: &[&str]) -> String {
 }
 
 /// The name meant, if one is within a third of its letters or begins so: a unit is easily left off.
-fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
+pub fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
     let found = found.to_lowercase();
     let close = |name: &str, edits: usize| edits <= name.len().max(found.len()).max(3) / 3;
     allowed

@@ -2,24 +2,22 @@
 
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
+    filling::filling,
     gateway::{Gateway, Tls, gateway},
-    model::{Gnss, Ingest, Replay, Stage, TOPIC_MESSAGES_MAX, system_name},
+    model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
-    program::{Program, programs},
+    program::programs,
     sensors::{calibration, mounting},
     split,
     walk::{self, Section},
     watch::watches,
 };
-use attitude::{
-    accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
-};
 use scenario::Motion;
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative file of `ingest.replay` or `gateway` is taken from the launch file's folder.
+    /// Reads a launch file. A relative file of `state_file`, `ingest.replay` or `gateway` is taken from the launch file's folder.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
@@ -28,6 +26,9 @@ impl Launch {
         let mut launch = Self::parse_in(place.parent(), &path.display().to_string(), &text)?;
         let Replay { file, gnss, .. } = &mut launch.ingest.replay;
         if let Some(folder) = path.parent() {
+            if let StateFile::File(file) = &mut launch.state_file {
+                *file = folder.join(&*file);
+            }
             if !file.as_os_str().is_empty() {
                 *file = folder.join(&*file);
             }
@@ -70,6 +71,7 @@ impl Launch {
         if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
+        section.text("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
         section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
@@ -237,46 +239,12 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     }
 }
 
-/// What fills a slot: the keys `stage` and `set`.
-pub(crate) fn filling(
-    section: &mut Section<'_, '_>,
-    slot: Service,
-    programs: &BTreeMap<String, Program>,
-    out: &mut Stage,
-) -> bool {
-    let own = programs.iter().filter(|(_, program)| program.slot == slot);
-    let own = own.map(|(name, _)| (name.as_str(), name.clone()));
-    let allowed: Vec<_> = names(slot).iter().map(|name| (*name, (*name).to_owned())).chain(own).collect();
-    let taken = section.choice("stage", allowed, &mut out.stage);
-    section.section("set", |section| {
-        let Some(parameters) = parameters(slot, &out.stage) else { return section.numbers(&mut out.set) };
-        for Parameter { name, least, most, default, .. } in parameters {
-            let mut value = *default;
-            if section.number(name, *least..=*most, &mut value) && section.span(name).is_some() {
-                out.set.insert((*name).into(), value);
-            }
-        }
-    });
-    taken
-}
-
-fn names(slot: Service) -> &'static [&'static str] {
-    match slot {
-        Service::Ingest | Service::Gateway => &[],
-        Service::Gyro => &Gyro::NAMES,
-        Service::Accel => &Accelerometer::NAMES,
-        Service::Fuser => &Fuser::NAMES,
-        Service::Course => &Course::NAMES,
-    }
-}
-
-fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
-    match slot {
-        Service::Ingest | Service::Gateway => None,
-        Service::Gyro => Some(Gyro::named(stage)?.parameters()),
-        Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
-        Service::Fuser => Some(Fuser::named(stage)?.parameters()),
-        Service::Course => Some(Course::named(stage)?.parameters()),
+fn state_file(text: &str) -> Option<StateFile> {
+    match text {
+        "" => None,
+        "auto" => Some(StateFile::Auto),
+        "off" => Some(StateFile::Off),
+        path => Some(StateFile::File(path.into())),
     }
 }
 
@@ -296,7 +264,9 @@ fn named(name: &'static str) -> (&'static str, String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BusSource, Limits, Sim};
+    use crate::{BusSource, Limits, Sim, Stage};
+    use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
+    use std::collections::BTreeMap;
 
     fn problems(text: &str) -> String {
         Launch::parse("launch.toml", text).unwrap_err().to_string()
@@ -327,6 +297,7 @@ mod tests {
             services = ["course", "fuser", "accel", "gyro", "ingest"]
             buffer_s = 60
             lateness_s = 0.01
+            state_file = "imu.state"
             restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
             faults = true
             gyro.stage = "rk4"
@@ -365,6 +336,7 @@ mod tests {
             services: Service::PATH.into_iter().rev().collect(),
             buffer_s: 60.0,
             lateness_s: 0.01,
+            state_file: StateFile::File("imu.state".into()),
             restart: Restart {
                 silence_s: 1.0,
                 settled_s: 2.0,
@@ -420,7 +392,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "state_file", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9
@@ -512,9 +484,11 @@ launch.toml: 2 problems"#;
     }
 
     #[test]
-    fn a_relative_recording_lies_beside_the_launch_file() {
+    fn a_relative_file_lies_beside_the_launch_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("launch.toml");
+        fs::write(&path, "state_file = \"imu.state\"").unwrap();
+        assert_eq!(Launch::read(&path).unwrap().state_file, StateFile::File(folder.path().join("imu.state")));
         for (file, expected) in [("a.csv", folder.path().join("a.csv")), ("/b.csv", "/b.csv".into()), ("", "".into())] {
             fs::write(&path, format!("ingest.replay.file = {file:?}")).unwrap();
             assert_eq!(Launch::read(&path).unwrap().ingest.replay.file, expected);

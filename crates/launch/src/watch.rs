@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, ops::Range};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Launch, Service, Stage, problem::Problem, schema::filling, walk::Section};
+use crate::{Launch, Service, Stage, filling::filling, problem::Problem, walk::Section};
 
 /// What is measured between two stages, and what follows from it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

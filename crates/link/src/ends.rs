@@ -6,9 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use keys::access::AccessList;
 use zenoh::Config;
 
-use crate::LinkError;
+use crate::{LinkError, guard};
 
 /// How the hosts of the loopback begin.
 const LOOPBACKS: [&str; 3] = ["127.", "localhost:", "[::1]:"];
@@ -19,6 +20,9 @@ const PORTS_TRIED: u16 = 64;
 const LEASE_MS: &str = "3000";
 /// How an endpoint with mutual TLS begins.
 const SECURED: &str = "quic/";
+
+/// When whoever only connects tries again, ms: a few times while a gateway is busy with connections that never become sessions.
+const RETRY: &str = "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 1.5 }";
 
 /// The endpoints, and what secures them.
 #[derive(Debug, Clone, Default)]
@@ -31,6 +35,8 @@ pub struct Ends {
     pub tls: Option<Tls>,
     /// A file with Zenoh's `access_control`.
     pub access: Option<PathBuf>,
+    /// What those may do who show no certificate, and whoever that list names; everything where there is none.
+    pub plain: Option<AccessList>,
     /// A client: it sees through a router whom it is for, which from one peer to another hands nothing, and does not open where nobody
     /// is.
     pub client: bool,
@@ -55,6 +61,11 @@ impl Ends {
         Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }
 
+    /// Those whom it connects to, and nobody connects to it.
+    pub fn calling(&self) -> Self {
+        Self { listen: vec![], access: None, plain: None, ..self.clone() }
+    }
+
     /// The same with the next free port where one of the loopback is taken.
     pub fn with_free_ports(mut self) -> Result<Self, LinkError> {
         for endpoint in &mut self.listen {
@@ -64,6 +75,12 @@ impl Ends {
             }
         }
         Ok(self)
+    }
+
+    /// One's own certificates serve now. Who is shown one that does not will not say so.
+    pub fn check(&self) -> Result<(), LinkError> {
+        let files = self.tls.iter().flat_map(|tls| [&tls.ca, &tls.cert]);
+        Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
     }
 
     /// Some of what it speaks to is beyond this machine.
@@ -89,7 +106,15 @@ impl Ends {
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
         set("scouting/gossip/enabled", "false".into())?;
-        set("transport/link/tx/lease", LEASE_MS.into())?;
+        if self.are_secured() {
+            set("transport/link/tx/lease", LEASE_MS.into())?;
+        }
+        set(guard::MESSAGE_MAX.0, guard::MESSAGE_MAX.1.into())?;
+        if self.listen.is_empty() {
+            set("connect/retry", RETRY.into())?;
+        } else {
+            guard::limits().into_iter().try_for_each(|(key, value)| set(key, value))?;
+        }
         if let Some(Tls { ca, cert, key }) = &self.tls {
             set("transport/link/tls/enable_mtls", "true".into())?;
             set("transport/link/tls/root_ca_certificate", path(ca))?;
@@ -102,12 +127,8 @@ impl Ends {
                 set(private_key, path(key))?;
             }
         }
-        if let Some(file) = &self.access {
-            let text = std::fs::read_to_string(file).map_err(|cause| LinkError::Config {
-                what: "access_control",
-                cause: format!("reading {}: {cause}", file.display()),
-            })?;
-            set("access_control", text)?;
+        if let Some(list) = guard::access_control(self.access.as_deref(), self.plain.as_ref())? {
+            set("access_control", list.to_string())?;
         }
         Ok(config)
     }

@@ -6,12 +6,16 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`ends`] | the endpoints, and what secures them |
+//! | `guard` | how much may come in, and what those may do who show no certificate |
+//! | `reach` | why somebody could not be reached |
 //! | [`outlet`] | what a vehicle shows: messages, answers, signs of life |
 //! | [`remote`] | a vehicle seen from elsewhere |
 #![forbid(unsafe_code)]
 
 pub mod ends;
+mod guard;
 pub mod outlet;
+mod reach;
 pub mod remote;
 
 use std::time::{Duration, Instant};
@@ -19,6 +23,7 @@ use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
 
 pub use ends::Ends;
+pub use guard::SESSIONS_MAX;
 pub use outlet::{Answering, Outlet, Question, Sign};
 pub use remote::{Arrival, Stream};
 
@@ -55,25 +60,29 @@ impl Link {
                 Ok(session) => return Ok(Self { session, is_secured: ends.are_secured() }),
                 Err(cause) => cause.to_string(),
             };
-            let at = ends.to_string();
             if !ends.client {
                 // After the words comes the place in Zenoh's source.
                 return Err(LinkError::Open {
-                    ends: at,
+                    ends: ends.to_string(),
                     cause: cause.split(" at /").next().unwrap_or_default().into(),
                 });
             }
             let answered = tried.elapsed() < ANSWER_LIMIT;
             if began.elapsed() > if answered { REFUSAL_LIMIT } else { SILENCE_LIMIT } {
-                let limit_s = SILENCE_LIMIT.as_secs();
-                return Err(if answered {
-                    LinkError::TurnedAway { ends: at }
-                } else {
-                    LinkError::Silent { ends: at, limit_s }
-                });
+                return Err(LinkError::Unreached { limit_s: began.elapsed().as_secs(), why: reach::why(ends) });
             }
             std::thread::sleep(PAUSE);
         }
+    }
+
+    /// Takes a place from which somebody is reached, within `limit`; else says why not.
+    pub fn reach(ends: &Ends, limit: Duration) -> Result<Self, LinkError> {
+        let link = Self::open(ends)?;
+        if link.await_somebody(limit) {
+            return Ok(link);
+        }
+        link.close();
+        Err(LinkError::Unreached { limit_s: limit.as_secs(), why: reach::why(ends) })
     }
 
     /// Waits until somebody is connected, no longer than `limit`.
@@ -122,24 +131,17 @@ pub enum LinkError {
         /// What Zenoh says.
         cause: String,
     },
-    /// A client was not let in, or its way is not known.
-    #[error(
-        "connecting to {ends}: turned away; has the authority of these keys signed both certificates, the one there for this address, have they not ended, and is the host's name known here?"
-    )]
-    TurnedAway {
-        /// The endpoints.
-        ends: String,
-    },
-    /// A client was not answered.
-    #[error(
-        "connecting to {ends}: nobody answered for {limit_s} s; does a gateway or a router listen there, and does UDP get through to it?"
-    )]
-    Silent {
-        /// The endpoints.
-        ends: String,
+    /// Nobody was reached.
+    #[error("connecting, for {limit_s} s: {why}")]
+    Unreached {
         /// How long it was tried, s.
         limit_s: u64,
+        /// Each endpoint and what is found there.
+        why: String,
     },
+    /// A certificate of one's own that does not serve.
+    #[error(transparent)]
+    Certificate(#[from] keys::KeysError),
     /// An address that QUIC does not connect to.
     #[error(
         "connecting to {endpoint}: over QUIC, Zenoh connects to no IPv6 address; name the host by its DNS name, or by an IPv4 address"
@@ -173,14 +175,6 @@ pub enum LinkError {
         key: String,
         /// What Zenoh says.
         cause: String,
-    },
-    /// Nobody is connected.
-    #[error(
-        "connecting to {ends}: nobody is there; does the gateway run, and is that where `plumb ps` says it listens?"
-    )]
-    Nobody {
-        /// The endpoints.
-        ends: String,
     },
     /// Nobody has answered.
     #[error(

@@ -1,7 +1,5 @@
 //! How the services of a running system do, from moment to moment.
 
-use std::fmt;
-
 use bus::{BusError, Observer, Tap};
 use launch::Service;
 use messages::Header;
@@ -158,32 +156,95 @@ fn rate_hz(before: Option<Header>, now: Option<Header>) -> Option<f64> {
     Some((now.tick - before.tick) as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
 }
 
-/// A table for people.
-impl fmt::Display for Moment {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let us = |latency: Option<LatencyUs>| match latency {
-            Some(LatencyUs { p50, p99, max }) => format!("{p50:>8.0}{p99:>8.0}{max:>8.0}"),
-            None => format!("{:>8}{:>8}{:>8}", "-", "-", "-"),
-        };
-        let number = |number: Option<f64>| number.map_or("-".into(), |number| format!("{number:.1}"));
+impl Moment {
+    /// A table for people, no wider than so many columns of a terminal: what is needed least is left out first.
+    pub fn table(&self, columns: Option<usize>) -> String {
+        let kept = kept(columns);
         let tick = self.tick.map_or("-".into(), |tick| tick.to_string());
-        writeln!(f, "{}: tick {tick}; latency in µs: of each service from its last input on", self.system)?;
-        write!(
-            f,
-            "{:<11}{:<24}{:<10}{:>8}{:>9}{:>8}{:>8}{:>8}{:>6}{:>9}{:>6}{:>7}{:>7}",
-            "service", "stage", "state", "pid", "Hz", "p50", "p99", "max", "lost", "restarts", "epoch", "cpu %", "MiB"
-        )?;
-        for row in &self.services {
-            let Row { service, state, pid, lost, restarts, epoch, .. } = row;
-            let (stage, latency) = (row.stage.as_deref().unwrap_or("-"), us(row.latency_us));
-            let [rate, cpu, mib] = [row.rate_hz, row.cpu_percent, row.resident_mib].map(number);
-            write!(
-                f,
-                "\n{service:<11}{stage:<24}{state:<10}{pid:>8}{rate:>9}{latency}{lost:>6}{restarts:>9}{epoch:>6}{cpu:>7}{mib:>7}"
-            )?;
+        let title = format!("{}: tick {tick}; latency in µs: of each service from its last input on", self.system);
+        let lines = [COLUMNS.map(|column| column.head.into())].into_iter().chain(self.services.iter().map(Row::cells));
+        let lines = lines.map(|cells| line(&kept, &cells));
+        let before: usize =
+            kept.iter().map(|i| &COLUMNS[*i]).take_while(|it| !it.is_latency()).map(|it| it.width).sum();
+        let latencies: Vec<_> = kept.iter().copied().filter(|i| COLUMNS[*i].is_latency()).collect();
+        let whole = format!("{:<before$}{}", "birth to attitude", line(&latencies, &cells_of(self.latency_us)));
+        [title].into_iter().chain(lines).chain([whole]).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// A column of the table.
+struct Column {
+    head: &'static str,
+    width: usize,
+    /// Where there is no room for all, the columns with the largest are left out; 0 never.
+    spare: u8,
+}
+
+/// All fit into 121 columns, without the three most spare into 80.
+const COLUMNS: [Column; 13] = [
+    Column { head: "service", width: 11, spare: 0 },
+    Column { head: "stage", width: 25, spare: 10 },
+    Column { head: "state", width: 9, spare: 0 },
+    Column { head: "pid", width: 8, spare: 3 },
+    Column { head: "Hz", width: 8, spare: 1 },
+    Column { head: "p50", width: 8, spare: 5 },
+    Column { head: "p99", width: 8, spare: 0 },
+    Column { head: "max", width: 8, spare: 4 },
+    Column { head: "lost", width: 6, spare: 2 },
+    Column { head: "restarts", width: 9, spare: 8 },
+    Column { head: "epoch", width: 6, spare: 9 },
+    Column { head: "cpu %", width: 7, spare: 6 },
+    Column { head: "MiB", width: 7, spare: 7 },
+];
+
+impl Column {
+    fn is_latency(&self) -> bool {
+        ["p50", "p99", "max"].contains(&self.head)
+    }
+}
+
+/// The columns that there is room for.
+fn kept(columns: Option<usize>) -> Vec<usize> {
+    let mut kept: Vec<_> = (0..COLUMNS.len()).collect();
+    while columns.is_some_and(|columns| kept.iter().map(|i| COLUMNS[*i].width).sum::<usize>() > columns) {
+        match kept.iter().copied().max_by_key(|i| COLUMNS[*i].spare).filter(|i| COLUMNS[*i].spare > 0) {
+            Some(sparest) => kept.retain(|i| *i != sparest),
+            None => break,
         }
-        let end = "birth to attitude";
-        write!(f, "\n{end:<62}{}", us(self.latency_us))
+    }
+    kept
+}
+
+/// A line of the table: words begin at the left of their columns, numbers end at the right.
+fn line(kept: &[usize], cells: &[String; COLUMNS.len()]) -> String {
+    let cell = |i: &usize| match (COLUMNS[*i].width, &cells[*i]) {
+        (width, cell) if *i < 3 => format!("{cell:<width$}"),
+        (width, cell) => format!("{cell:>width$}"),
+    };
+    kept.iter().map(cell).collect()
+}
+
+/// A line that has latencies only.
+fn cells_of(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
+    let mut cells = [const { String::new() }; COLUMNS.len()];
+    let us = latency.map_or([None; 3], |LatencyUs { p50, p99, max }| [p50, p99, max].map(Some));
+    for (cell, us) in cells[5..8].iter_mut().zip(us) {
+        *cell = us.map_or("-".into(), |us| format!("{us:.0}"));
+    }
+    cells
+}
+
+impl Row {
+    fn cells(&self) -> [String; COLUMNS.len()] {
+        let Self { service, stage, state, pid, lost, restarts, epoch, .. } = self;
+        let [rate, cpu, mib] = [self.rate_hz, self.cpu_percent, self.resident_mib]
+            .map(|number| number.map_or("-".into(), |number| format!("{number:.1}")));
+        let stage = stage.clone().unwrap_or_else(|| "-".into());
+        let numbers = [lost.to_string(), restarts.to_string(), epoch.to_string(), cpu, mib];
+        let mut cells = cells_of(self.latency_us);
+        cells[..5].clone_from_slice(&[service.clone(), stage, state.clone(), pid.to_string(), rate]);
+        cells[8..].clone_from_slice(&numbers);
+        cells
     }
 }
 
@@ -204,5 +265,46 @@ mod tests {
             "a service that stands has a rate, and it is none"
         );
         assert_eq!(rate_hz(None, header(10, 5)), None);
+    }
+
+    fn moment() -> Moment {
+        let latency_us = Some(LatencyUs { p50: 1234.0, p99: 12345.0, max: 1234567.0 });
+        let row = |service: &str| Row {
+            service: service.into(),
+            stage: Some("inclinometer-quaternion".into()),
+            state: "starting".into(),
+            pid: 4_194_304,
+            rate_hz: Some(10_000.0),
+            latency_us,
+            lost: 12_345,
+            restarts: 100,
+            epoch: 1000,
+            cpu_percent: Some(100.0),
+            resident_mib: Some(1000.5),
+        };
+        let services = ["ingest", "supervisor"].map(row).into();
+        Moment { system: "plumbline".into(), tick: Some(1_234_567), latency_us, services }
+    }
+
+    fn words(line: &str) -> Vec<&str> {
+        line.split_whitespace().collect()
+    }
+
+    #[test]
+    fn a_table_is_as_wide_as_the_terminal_allows_and_tells_apart_what_it_shows() {
+        for columns in 28..140 {
+            let table = moment().table(Some(columns));
+            let lines: Vec<_> = table.lines().skip(1).collect();
+            assert!(lines.iter().all(|line| line.chars().count() <= columns), "{columns} columns:\n{table}");
+            let heads = words(&lines[0].replace("cpu %", "cpu")).len();
+            assert_eq!([lines[1], lines[2]].map(|line| words(line).len()), [heads; 2], "{columns} columns:\n{table}");
+        }
+        assert_eq!(moment().table(None), moment().table(Some(121)));
+        let of_80 = moment().table(Some(80));
+        let head: Vec<_> = words(of_80.lines().nth(1).unwrap());
+        assert_eq!(head.join(" "), "service state pid Hz p50 p99 max lost cpu % MiB");
+        assert_eq!(words(of_80.lines().nth(3).unwrap())[4..7], ["1234", "12345", "1234567"]);
+        let (above, whole) = (of_80.lines().nth(3).unwrap(), of_80.lines().nth(4).unwrap());
+        assert_eq!(whole.find("1234567"), above.find("1234567"), "{of_80}");
     }
 }

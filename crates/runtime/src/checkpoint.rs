@@ -63,13 +63,7 @@ pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoi
     if record.service != service as u32 {
         return Err(ResumeError::OtherSlot);
     }
-    let lens = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize);
-    if record.checksum != record.sum() || lens.iter().any(|len| *len > CHECKPOINT_WORDS) {
-        return Err(ResumeError::Damaged);
-    }
-    let (own, rest) = record.words.split_at_checked(lens[0]).ok_or(ResumeError::Damaged)?;
-    let (common, rest) = rest.split_at_checked(lens[1]).ok_or(ResumeError::Damaged)?;
-    let numbers = rest.get(..lens[2]).ok_or(ResumeError::Damaged)?;
+    let [own, common, numbers] = parts(record)?;
     let mut resumed = slot.clone();
     fill(own, |visit| resumed.visit_own(visit))?;
     if resumed.sequence().next_tick != record.next_tick {
@@ -91,6 +85,24 @@ pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoi
     };
     *slot = resumed;
     Ok(how)
+}
+
+/// What every stage of the slot can go on with, in the place of what `common` holds.
+pub fn common<C: Words>(record: &Checkpoint, mut common: C) -> Result<C, ResumeError> {
+    let [_, words, _] = parts(record)?;
+    fill(words, |visit| common.visit(visit))?;
+    Ok(common)
+}
+
+/// The words of the slot's own, those that are common to its stages, and those of the stage.
+fn parts(record: &Checkpoint) -> Result<[&[u64]; 3], ResumeError> {
+    let lens = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize);
+    if record.checksum != record.sum() || lens.iter().any(|len| *len > CHECKPOINT_WORDS) {
+        return Err(ResumeError::Damaged);
+    }
+    let (own, rest) = record.words.split_at_checked(lens[0]).ok_or(ResumeError::Damaged)?;
+    let (common, rest) = rest.split_at_checked(lens[1]).ok_or(ResumeError::Damaged)?;
+    Ok([own, common, rest.get(..lens[2]).ok_or(ResumeError::Damaged)?])
 }
 
 fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeError> {

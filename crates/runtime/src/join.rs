@@ -50,12 +50,12 @@ impl<A: Ticked, B: Ticked> Join<A, B> {
         Self { first, second, lateness_ticks, expected_until: 0, sequence: Sequence::default() }
     }
 
-    /// From `tick` on nobody publishes the first input.
+    /// From `tick` on nobody publishes the first input; `u64::MAX` where somebody does.
     pub fn first_is_absent_from(&mut self, tick: u64) {
         self.first.absent_from = tick;
     }
 
-    /// From `tick` on nobody publishes the second input.
+    /// From `tick` on nobody publishes the second input; `u64::MAX` where somebody does.
     pub fn second_is_absent_from(&mut self, tick: u64) {
         self.second.absent_from = tick;
     }

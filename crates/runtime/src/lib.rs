@@ -9,6 +9,7 @@
 //! | [`slot`] | a slot's work without clock or bus |
 //! | [`words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
 //! | [`join`] | several inputs in the order of ticks |
+//! | [`prior`] | what is known of the sensors before the first sample |
 //! | [`orders`] | what a service is told at its start, and what follows from it |
 //! | [`said`] | what it says on standard error |
 //! | [`member`] | a service's place in a running system |
@@ -25,6 +26,7 @@ mod error;
 pub mod join;
 pub mod member;
 pub mod orders;
+pub mod prior;
 pub mod reader;
 pub mod said;
 pub mod service;
@@ -37,6 +39,7 @@ pub use error::RuntimeError;
 pub use join::{Beside, Join, Joined};
 pub use member::Member;
 pub use orders::{Orders, Pace, Role};
+pub use prior::{Known, Prior};
 pub use reader::{Input, Reader};
 pub use service::serve;
 pub use slot::{EachTick, Sequence, Slot, Work};

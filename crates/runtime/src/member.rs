@@ -134,6 +134,12 @@ impl Member {
         Ok(self.health.send(&self.said)?)
     }
 
+    /// The last word of a service that was asked to end. Its state stays: only a source at its own end is finished.
+    pub fn say_last(&mut self, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
+        change(&mut self.said);
+        Ok(self.health.send(&self.said)?)
+    }
+
     /// The next word is said at once.
     pub(crate) fn say_at_once(&mut self) {
         self.said_at_ns = 0;

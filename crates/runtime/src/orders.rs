@@ -2,8 +2,12 @@
 
 use bus::{BusError, Domain, Facts};
 use launch::{GyroSamples, Launch, Service, Source, Stage, TOPIC_MESSAGES_MAX};
-use messages::Checkpoint;
+use messages::{
+    AccelPoint, AttitudeOutput, Checkpoint, FusedState, GnssFix, GyroStep, ImuSample, MagSample, Reference,
+};
 use serde::{Deserialize, Serialize};
+
+use crate::prior::Prior;
 
 /// How fast the source goes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -31,6 +35,8 @@ pub struct Orders {
     pub epoch: u32,
     /// Whether it owns its slot.
     pub role: Role,
+    /// What an earlier run has found of the sensors; every life begins with it that does not go on from a later state.
+    pub prior: Option<Prior>,
     /// From where it goes on, if it is not its first life.
     pub resume: Option<Resume>,
     /// The process to end with.
@@ -68,6 +74,23 @@ impl Orders {
     /// Ticks from one checkpoint to the next.
     pub fn checkpoint_ticks(&self) -> u64 {
         (self.buffer_ticks() as u64 / CHECKPOINTS_PER_BUFFER).max(1)
+    }
+
+    /// What the topics fill of shared memory when a service that was started again has its own beside those of its last life, bytes.
+    pub fn shared_memory_bytes(&self) -> u64 {
+        let path = [
+            size_of::<ImuSample>(),
+            size_of::<MagSample>(),
+            size_of::<GnssFix>(),
+            size_of::<Reference>(),
+            size_of::<GyroStep>(),
+            size_of::<AccelPoint>(),
+            size_of::<FusedState>(),
+            size_of::<AttitudeOutput>(),
+        ];
+        let ticks = path.iter().map(|bytes| bytes + MESSAGE_OVERHEAD_BYTES).sum::<usize>() * self.buffer_ticks();
+        let checkpoints = size_of::<Checkpoint>() * BUFFER_BESIDE * self.launch.services.len();
+        ((ticks + checkpoints) * 3 / 2) as u64
     }
 
     /// The source waits for the slowest reader: nothing is dropped, whatever the speed.
@@ -164,6 +187,9 @@ impl Record {
         bytemuck::try_cast_slice::<u64, Checkpoint>(&self.0).ok()?.first().copied()
     }
 }
+
+/// What iceoryx2 has beside each message, in its heads, lists and the buffers of readers.
+const MESSAGE_OVERHEAD_BYTES: usize = 128;
 
 /// Checkpoints while a topic's buffer fills once.
 const CHECKPOINTS_PER_BUFFER: u64 = 32;

@@ -34,15 +34,22 @@ pub fn serve<S: Slot + Clone>(
     }
     let Orders { incarnation, epoch, role, .. } = member.orders;
     let capacity = member.orders.lateness_ticks() as usize;
+    let output: Publisher<S::Output> = member.publisher()?;
     let mut service = Serving {
-        output: member.publisher()?,
+        exchanged_at: match (role, resumed) {
+            (_, Some(Resumed::Whole)) => None,
+            (Role::Candidate, _) => Some(0),
+            // What comes before has been published by another stage.
+            (Role::Owner { .. }, Some(Resumed::Common)) => Some(output.next_tick()),
+            (Role::Owner { .. }, None) => None,
+        },
+        output,
         checkpoints: member.bus.publisher(BUFFER_BESIDE)?,
         control: member.control()?,
         tenure: match role {
             Role::Owner { from_tick } => Tenure::owner(incarnation, epoch, from_tick, capacity),
             Role::Candidate => Tenure::candidate(incarnation, epoch, capacity),
         },
-        exchanged: role == Role::Candidate && resumed != Some(Resumed::Whole),
         shadow: match role {
             Role::Owner { .. } => None,
             Role::Candidate => Some(Shadowing::begin(&member)?),
@@ -90,8 +97,8 @@ struct Serving<O: Ticked + Comparable> {
     checkpoints: Publisher<Checkpoint>,
     control: Subscriber<Control>,
     tenure: Tenure<O>,
-    /// The first output that is published is the first of another stage.
-    exchanged: bool,
+    /// What is published is another stage's than before, up to the first output at this tick or after it.
+    exchanged_at: Option<u64>,
     shadow: Option<Shadowing<O>>,
     next_checkpoint: u64,
     flags: Flags,
@@ -104,7 +111,7 @@ impl<O: Ticked + Comparable> Serving<O> {
         self.output.greet()?;
         let (before, begun_ns) = (slot.sequence().ticks, monotonic_ns());
         let published = self.tenure.publishes();
-        let Self { member, output, tenure, exchanged, shadow, flags, flawed, .. } = self;
+        let Self { member, output, tenure, exchanged_at, shadow, flags, flawed, .. } = self;
         let mut failed = None;
         for _ in 0..member.orders.buffer_ticks() / TURN + 1 {
             let mut taken = 0;
@@ -116,7 +123,7 @@ impl<O: Ticked + Comparable> Serving<O> {
                         *flawed += u64::from(out.attitude().is_none());
                         shadow.iter_mut().for_each(|shadow| shadow.computed(&out));
                         tenure.take(out, &mut |out| {
-                            failed = failed.take().or(publish(output, out, exchanged).err());
+                            failed = failed.take().or(publish(output, out, exchanged_at).err());
                         });
                     });
                 })?;
@@ -140,14 +147,14 @@ impl<O: Ticked + Comparable> Serving<O> {
 
     /// Follows the decisions about the slot.
     fn heed(&mut self) -> Result<(), RuntimeError> {
-        let Self { member, output, control, tenure, exchanged, .. } = self;
+        let Self { member, output, control, tenure, exchanged_at, .. } = self;
         let (mut failed, mut decided) = (None, false);
         control.drain(BUFFER_BESIDE, |control| {
             if control.service == member.service as u32 {
                 let Control { epoch, owner, from_tick, .. } = control;
                 decided |= tenure
                     .decide(swap::Control { epoch, owner, from_tick }, &mut |out| {
-                        failed = failed.take().or(publish(output, out, exchanged).err());
+                        failed = failed.take().or(publish(output, out, exchanged_at).err());
                     })
                     .is_some();
             }
@@ -202,9 +209,10 @@ impl<O: Ticked + Comparable> Serving<O> {
 }
 
 /// Sends an output that the service owns.
-fn publish<O: Ticked>(output: &Publisher<O>, mut out: O, exchanged: &mut bool) -> Result<(), BusError> {
+fn publish<O: Ticked>(output: &Publisher<O>, mut out: O, exchanged_at: &mut Option<u64>) -> Result<(), BusError> {
     let header = out.header_mut();
-    header.flags |= Flags::EXCHANGED.when(std::mem::take(exchanged));
+    header.flags |= Flags::EXCHANGED.when(exchanged_at.is_some());
+    exchanged_at.take_if(|tick| header.tick >= *tick);
     header.t_sent_ns = monotonic_ns();
     output.note(header.tick);
     output.send(&out)

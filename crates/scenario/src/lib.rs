@@ -7,7 +7,7 @@
 //! | scenario | what the body does |
 //! | --- | --- |
 //! | [`s1`] | pitch 25° and roll 30° at 0.05 Hz, yaw 1 °/s: the reference scenario of Matveev 2025 |
-//! | [`tumble`] | 500 °/s about an axis oblique to all three |
+//! | [`tumble`] | 500 °/s about an axis oblique to all three, through the inverted attitude |
 //! | [`s3`] | one full turn about each axis in turn, with a magnetic field |
 //! | [`coning`] | classical coning, no errors |
 //! | [`cruise`] | half an hour of flight with turns, satellite velocity; `cruise-hard` with all that makes it hard |

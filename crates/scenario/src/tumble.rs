@@ -1,10 +1,10 @@
-//! A constant rate about an axis fixed in the body, from level.
+//! A constant rate about an axis fixed in the body, from level, through the inverted attitude.
 
 use attitude::{Vector3, state::Attitude, turn::Turn};
 
-/// The rate of the scenario of that name, rad/s: 500 °/s about (1, −2, 3).
+/// The rate of the scenario of that name, rad/s: 500 °/s about (3, −2, 1), 75° off the vertical: the body leans by 149°.
 pub fn rate_rad_s() -> Vector3<f64> {
-    Vector3::new(1.0, -2.0, 3.0).normalize() * 500f64.to_radians()
+    Vector3::new(3.0, -2.0, 1.0).normalize() * 500f64.to_radians()
 }
 
 /// Attitude at `t_s`.

@@ -99,7 +99,7 @@ fn one(
         if steps.len() < SAMPLES_MAX {
             steps.push(Step::new(&sample));
         }
-        lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, reading.reference))?;
+        lanes.iter_mut().for_each(|lane| lane.offer(&sample, reading.reference));
     }
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
@@ -119,10 +119,12 @@ fn plan(launch: &Launch, trial: &Trial) -> Plan {
         incarnation: 0,
         epoch: runtime::service::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: std::process::id(),
     };
-    Plan { orders, ticks: Some(trial.rows), stop_after_s: None, has_reference: trial.has_reference, out: None }
+    let (ticks, has_reference) = (Some(trial.rows), trial.has_reference);
+    Plan { orders, ticks, stop_after_s: None, has_reference, out: None, state_file: None, cold: true }
 }
 
 /// One path through the slots, and what becomes of its attitudes.
@@ -152,22 +154,18 @@ impl Lane {
         Ok(Self { path: in_process::Path::new(plan)?, collector: Collector::new(out.as_deref())?, figures })
     }
 
-    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), ScoreError> {
+    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) {
         let Self { path, collector, figures } = self;
         if let Some(truth) = truth {
             let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
             collector.reference(Reference { tick, scored, quaternion: truth.quaternion });
         }
-        let mut taken = Ok(());
         path.offer(*sample, &mut |output| {
-            if taken.is_ok() {
-                taken = collector.attitude(&output);
-            }
+            collector.attitude(&output);
             if let Some(figures) = figures {
                 figures.take(&sample.imu, truth, &output);
             }
         });
-        Ok(taken?)
     }
 
     fn finish(mut self, trial: &Trial, ns_per_update: Option<f64>) -> Result<TrialScore, ScoreError> {
@@ -180,7 +178,7 @@ impl Lane {
             name: trial.name.clone(),
             error: ErrorsDeg::of(accuracy.rmse()),
             scored: accuracy.count(),
-            ticks: self.collector.sequence().ticks,
+            ticks: self.collector.ticks(),
             ns_per_update,
         })
     }

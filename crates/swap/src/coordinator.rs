@@ -2,12 +2,13 @@
 //!
 //! Input: events, with the supervisor's time. Output: actions. Time: told with each event; grows. Failure: until the commitment every
 //! failure gives the slot back to the active stage under a newer decision; after it the candidate is the slot's owner like any other.
+//! Where the active stage itself has ended, the new one begins in its place as a restart of it would.
 
 mod change;
 mod state;
 
 use crate::{
-    Standing,
+    Control, Standing,
     event::{Action, Event, Limits, Outcome, Reason, Request},
 };
 
@@ -28,6 +29,10 @@ pub struct Coordinator {
     active_epoch: u32,
     checkpoint_tick: u64,
     newest_input_tick: u64,
+    /// Everything before it has been published.
+    published_tick: u64,
+    /// The owner has ended and is not started again.
+    vacant: bool,
     /// Every reader's checkpoint is at least this far.
     readers_tick: u64,
     swap: Option<Swap>,
@@ -45,6 +50,8 @@ impl Coordinator {
             active_epoch: epoch,
             checkpoint_tick: 0,
             newest_input_tick: 0,
+            published_tick: 0,
+            vacant: false,
             readers_tick: 0,
             swap: None,
         }
@@ -93,7 +100,15 @@ impl Coordinator {
             Event::Request(request) => self.begin(now_ms, request, actions),
             Event::Restarted { incarnation } => {
                 (self.active, self.standing, self.active_epoch) = (Some(incarnation), None, self.epoch);
+                self.vacant = false;
             }
+            Event::Vacated => {
+                self.vacant = true;
+                if self.swap.as_ref().is_none_or(|swap| swap.replaces.is_none()) {
+                    self.leave(actions);
+                }
+            }
+            Event::Published { next_tick } => self.published_tick = self.published_tick.max(next_tick),
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
             Event::ReadersKeep { next_tick } => self.readers_tick = self.readers_tick.max(next_tick),
             Event::Passage => {}
@@ -123,10 +138,10 @@ impl Coordinator {
                 }
                 self.abort(now_ms, Reason::SpawnFailed { cause }, actions);
             }
-            Event::Promote => {
+            Event::Promote { until_ms } => {
                 let shadow_ms = self.limits.shadow_ms;
                 if let Some(swap) = self.swap.as_mut().filter(|swap| swap.request.shadow_only) {
-                    swap.request.shadow_only = false;
+                    (swap.request.shadow_only, swap.request.until_ms) = (false, until_ms);
                     if swap.state == State::Shadowing {
                         swap.since_ms = now_ms.saturating_sub(shadow_ms);
                     }
@@ -142,7 +157,12 @@ impl Coordinator {
             Event::Ready { incarnation } => {
                 let Some(swap) = &mut self.swap else { return };
                 if swap.state == State::Starting && swap.candidate == Some(incarnation) {
-                    swap.enter(State::CatchingUp, now_ms);
+                    let alone = swap.replaces.is_some();
+                    swap.enter(if alone { State::TakingOver } else { State::CatchingUp }, now_ms);
+                    if alone {
+                        let (epoch, from_tick) = (self.epoch, self.from_tick);
+                        actions.push(Action::PublishControl(Control { epoch, owner: incarnation, from_tick }));
+                    }
                 }
             }
         }
@@ -151,7 +171,11 @@ impl Coordinator {
     fn begin(&mut self, now_ms: u64, request: Request, actions: &mut Vec<Action>) {
         let reason = match (&self.swap, self.active) {
             (Some(swap), _) => Reason::Busy { id: swap.request.id },
-            (None, None) => Reason::ActiveDown,
+            (None, None) if request.shadow_only => Reason::ActiveDown,
+            (None, None) => {
+                self.swap = Some(Swap::new(request, now_ms));
+                return self.replace(now_ms, actions);
+            }
             (None, Some(_)) => {
                 actions.push(Action::SpawnCandidate { stage: request.stage.clone(), epoch: self.epoch });
                 self.swap = Some(Swap::new(request, now_ms));
@@ -163,9 +187,14 @@ impl Coordinator {
 
     fn mourn(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
         if self.active == Some(incarnation) {
-            self.active = None;
-            self.abort(now_ms, Reason::ActiveDied, actions);
-            self.restart(actions);
+            (self.active, self.standing) = (None, None);
+            let goes_on = |swap: &Swap| swap.is_open() && swap.state != State::Aborting && !swap.request.shadow_only;
+            if self.swap.as_ref().is_some_and(goes_on) {
+                self.replace(now_ms, actions);
+            } else {
+                self.abort(now_ms, Reason::ActiveDied, actions);
+                self.restart(actions);
+            }
         } else if let Some(swap) = &mut self.swap {
             if swap.candidate == Some(incarnation) {
                 swap.candidate = None;
@@ -188,7 +217,16 @@ impl Coordinator {
         let lag_ticks = self.lag_ticks();
         let behind_ticks = self.standing.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
         let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.lag_max_ticks);
+        // Before its first tick nobody knows at which one a slot could change hands.
+        let begun = self.standing.is_some_and(|active| active.next_tick > 0);
         let Some(swap) = &mut self.swap else { return };
+        if matches!(swap.state, State::CatchingUp | State::Shadowing) && !begun {
+            swap.since_ms = now_ms;
+            if now_ms >= swap.request.until_ms {
+                self.abort(now_ms, Reason::NoTick, actions);
+            }
+            return;
+        }
         let waited_ms = now_ms.saturating_sub(swap.since_ms);
         match swap.state {
             State::Idle => {}
@@ -209,6 +247,7 @@ impl Coordinator {
                 self.abort(now_ms, reason, actions);
             }
             State::Shadowing => {}
+            State::TakingOver => self.confirm_alone(now_ms, waited_ms, actions),
             State::Armed { from_tick } => self.confirm(now_ms, from_tick, waited_ms, actions),
             State::Committed { old } if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.readers_tick) => {
                 swap.enter(State::Retiring { old }, now_ms);

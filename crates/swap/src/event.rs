@@ -38,6 +38,8 @@ pub struct Request {
     pub stage: String,
     /// The candidate computes beside the active stage until it is promoted or cancelled.
     pub shadow_only: bool,
+    /// Until when it waits for a tick of the slot, ms; `u64::MAX` for a shadow.
+    pub until_ms: u64,
 }
 
 /// What the coordinator hears. What the supervisor is asked to start, it answers once; of every service it tells the death, once.
@@ -46,7 +48,10 @@ pub enum Event {
     /// Somebody wants another stage in the slot.
     Request(Request),
     /// The candidate in the shadow is to take over.
-    Promote,
+    Promote {
+        /// Until when that waits for a tick of the slot, ms.
+        until_ms: u64,
+    },
     /// The shadow is not wanted any more; one that was promoted meanwhile is.
     Cancel,
     /// The candidate runs.
@@ -83,6 +88,13 @@ pub enum Event {
         /// Its life.
         incarnation: u32,
     },
+    /// The slot's owner has ended and is not started again.
+    Vacated,
+    /// Everything before this tick has been published in the slot.
+    Published {
+        /// The tick that comes next.
+        next_tick: u64,
+    },
     /// The slot's input has come this far.
     NewestInput {
         /// Its newest tick.
@@ -107,7 +119,18 @@ pub enum Action {
         /// The decision in force.
         epoch: u32,
     },
-    /// Tell every service of the slot.
+    /// Start the stage in the place of the owner that has ended, from the same checkpoint as [`Action::RestartActive`]:
+    /// `Tenure::owner(its incarnation, epoch, from_tick, …)`. A candidate that is there by now is killed, and the former owner is not
+    /// started while the stage lives.
+    SpawnOwner {
+        /// The stage.
+        stage: String,
+        /// The decision under which it publishes.
+        epoch: u32,
+        /// The first tick that it publishes.
+        from_tick: u64,
+    },
+    /// Tell every service of the slot, and its readers. An owner 0 is nobody.
     PublishControl(Control),
     /// End the candidate, by force if it has to be.
     EndCandidate {
@@ -201,8 +224,10 @@ pub enum Reason {
     CandidateMissed,
     /// The active stage had passed the tick at which it was to stop.
     ActiveMissed,
-    /// The active stage ended.
+    /// The active stage ended, beside which the candidate was to run.
     ActiveDied,
+    /// No tick came out of the slot.
+    NoTick,
     /// It was not confirmed in time that the one has stopped and the other has begun.
     NotConfirmed {
         /// The tick at which the slot was to change hands.
@@ -219,31 +244,43 @@ impl fmt::Display for Reason {
                 f,
                 "request {id} for this slot is still under way; a swap ends by itself, a shadow by Ctrl-C where it was asked for"
             ),
-            Self::ActiveDown => {
-                write!(f, "the slot's own stage does not run: it is being restarted, or has failed; `plumb ps` tells")
-            }
-            Self::SpawnFailed { cause } => write!(f, "the candidate could not be started: {cause}"),
-            Self::NotReady { ready_ms } => write!(f, "the candidate had not opened its topics after {ready_ms} ms"),
+            Self::ActiveDown => write!(
+                f,
+                "the slot's own stage does not run: there is nothing to compare with; `plumb swap` puts another in its place"
+            ),
+            Self::SpawnFailed { cause } => write!(f, "the new stage could not be started: {cause}"),
+            Self::NotReady { ready_ms } => write!(
+                f,
+                "the new stage had not opened its topics after {ready_ms} ms; `plumb stage test` tells what it does"
+            ),
             Self::NotCaughtUp { lag_ticks: None } => {
-                write!(f, "the candidate, or the active stage, never said how far it is")
-            }
-            Self::NotCaughtUp { lag_ticks: Some(lag_ticks) } => {
-                write!(f, "the candidate is {lag_ticks} ticks behind; it is slower than its input")
-            }
-            Self::ActiveBehind { lag_ticks } => {
-                write!(f, "the active stage is {lag_ticks} ticks behind its input; exchange it when it keeps up")
-            }
-            Self::Flawed => write!(f, "the candidate gave out what cannot be an output"),
-            Self::CandidateDied => write!(f, "the candidate ended before it had taken over"),
-            Self::CandidateMissed => write!(f, "the decision reached the candidate too late; give it more margin"),
-            Self::ActiveMissed => write!(f, "the decision reached the active stage too late; give it more margin"),
-            Self::ActiveDied => write!(f, "the active stage ended during the exchange and is restarted"),
-            Self::NotConfirmed { from_tick } => {
                 write!(
                     f,
-                    "the change of hands at tick {from_tick} was not confirmed in time; does the source still give samples, and the active stage still run?"
+                    "the new stage, or the active one, never said how far it is; `plumb ps` tells whether it runs"
                 )
             }
+            Self::NotCaughtUp { lag_ticks: Some(lag_ticks) } => write!(
+                f,
+                "the new stage is {lag_ticks} ticks behind; it is slower than its input: `plumb top` tells what else the machine does"
+            ),
+            Self::ActiveBehind { lag_ticks } => {
+                write!(f, "the active stage is {lag_ticks} ticks behind its input; ask again when it keeps up")
+            }
+            Self::Flawed => {
+                write!(f, "the new stage gave out what cannot be an output; `plumb stage test` tells after which input")
+            }
+            Self::CandidateDied => write!(f, "the new stage ended before it had taken over"),
+            Self::CandidateMissed => write!(f, "the decision reached the new stage too late; ask again"),
+            Self::ActiveMissed => write!(f, "the decision reached the active stage too late; ask again"),
+            Self::ActiveDied => write!(f, "the active stage ended meanwhile and is restarted; ask again"),
+            Self::NoTick => write!(
+                f,
+                "no tick has come out of the slot; does the source give samples? `plumb topic hz imu` tells; ask again when it does"
+            ),
+            Self::NotConfirmed { from_tick } => write!(
+                f,
+                "the change of hands at tick {from_tick} was not confirmed in time; does the source still give samples, and the active stage still run? `plumb ps` tells; ask again"
+            ),
             Self::Cancelled => write!(f, "cancelled as asked"),
         }
     }

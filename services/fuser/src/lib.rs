@@ -101,7 +101,10 @@ fn slot_with<S: FuserStage>(
     orders: &Orders,
     named: impl FnOnce(&str) -> Option<S>,
 ) -> Result<FuserSlot<S>, RuntimeError> {
-    let stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    let mut stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
+    if let Some(Err(error)) = orders.prior.map(|prior| stage.begin_with(&prior.estimate())) {
+        eprintln!("the service fuser begins without what an earlier run has found: {error}");
+    }
     let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
         join: Join::new(lateness_ticks),
@@ -200,16 +203,13 @@ impl<S: FuserStage> Slot for FuserSlot<S> {
 }
 
 impl<S: FuserStage> FuserSlot<S> {
-    /// A slot that nobody owns any more is not waited for.
+    /// A slot that nobody owns any more is not waited for, until somebody owns it again.
     fn heed(&mut self, control: &Control) {
-        match control {
-            Control { owner: 0, service, from_tick, .. } if *service == Service::Gyro as u32 => {
-                self.join.first_is_absent_from(*from_tick);
-            }
-            Control { owner: 0, service, from_tick, .. } if *service == Service::Accel as u32 => {
-                self.join.second_is_absent_from(*from_tick);
-            }
-            _ => {}
+        let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
+        if control.service == Service::Gyro as u32 {
+            self.join.first_is_absent_from(absent_from);
+        } else if control.service == Service::Accel as u32 {
+            self.join.second_is_absent_from(absent_from);
         }
     }
 
@@ -360,6 +360,7 @@ mod tests {
             ticks_max: None,
             incarnation: 1,
             epoch: 1,
+            prior: None,
             resume: None,
             supervisor_pid: 0,
         };

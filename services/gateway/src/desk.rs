@@ -25,6 +25,9 @@ const UNDER_WAY_MAX: usize = 4;
 /// A deadline may be so far ahead, ns.
 const AHEAD_MAX_NS: u64 = 60_000_000_000;
 
+/// So long before the deadline no tick is waited for any more, so that this can be answered, ms.
+const ANSWER_MS: u64 = 500;
+
 /// How the supervisor is asked; the error is for people.
 pub type Asking = Box<dyn Fn(Wish) -> Result<SwapReport, String> + Send + Sync>;
 
@@ -148,7 +151,9 @@ fn is_same(one: &SwapRequest, other: &SwapRequest) -> bool {
 
 fn wish(request: &SwapRequest) -> Wish {
     let SwapRequest { slot, stage, set, expected_epoch, .. } = request.clone();
-    Wish { slot, stage: Stage { stage, set }, shadow: false, expected_epoch: Some(expected_epoch) }
+    let left_ms = request.t_deadline_ns.saturating_sub(monotonic_ns()) / 1_000_000;
+    let limit_ms = Some(left_ms.saturating_sub(ANSWER_MS));
+    Wish { slot, stage: Stage { stage, set }, shadow: false, expected_epoch: Some(expected_epoch), limit_ms }
 }
 
 fn answer(request: &SwapRequest, report: SwapReport) -> SwapAnswer {

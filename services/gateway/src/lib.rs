@@ -16,6 +16,7 @@
 //! | `sender` | to the network, each message in its envelope |
 //! | `answers` | last values, schema, services |
 //! | `clerks` | who answers, so that the network waits for no reader |
+//! | `memory` | how much memory it may take |
 //! | `desk` | requests for a swap, each carried out once |
 //! | [`split`] | one system on several hosts: ticks from one gateway to another |
 #![forbid(unsafe_code)]
@@ -23,6 +24,7 @@
 mod answers;
 mod clerks;
 pub mod desk;
+mod memory;
 mod pace;
 pub mod queue;
 mod sender;
@@ -40,6 +42,7 @@ use std::{
 };
 
 use bus::BusError;
+use keys::access::AccessList;
 use launch::{Launch, Service};
 use link::LinkError;
 use messages::{Health, State};
@@ -49,6 +52,7 @@ use wire::Refusals;
 
 use crate::{
     desk::Desk,
+    memory::Memory,
     pace::Pace,
     queue::Queue,
     sender::Sender,
@@ -62,6 +66,8 @@ const QUEUE_MAX: usize = 512;
 const NICENESS: i32 = 5;
 /// How long the supervisor is sought for, to be told where the gateway listens.
 const DOOR_LIMIT: Duration = Duration::from_secs(30);
+/// How often one's own certificates are looked at.
+const CERTIFICATES_INTERVAL: Duration = Duration::from_secs(60);
 /// A service that has said nothing for so long does not live.
 const ALIVE_LIMIT: Duration = Duration::from_millis(1000);
 
@@ -77,6 +83,16 @@ pub enum GatewayError {
     /// The network could not be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// It has taken too much memory.
+    #[error(
+        "keeping what comes from the network: {has_mib} MiB, and {limit_mib} MiB is the limit; somebody sends or asks for too much. It begins anew, and whoever is connected connects again"
+    )]
+    Memory {
+        /// What it has, MiB.
+        has_mib: u64,
+        /// What it may have, MiB.
+        limit_mib: u64,
+    },
     /// A thread ended that was not to.
     #[error("sending to the network: the thread ended by itself")]
     Sender,
@@ -131,7 +147,8 @@ pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub fn run() -> Result<(), GatewayError> {
     let mut member = Member::join(Service::Gateway)?;
     let launch = member.orders.launch.clone();
-    if !launch.gateway.is_split() {
+    let is_split = launch.gateway.is_split();
+    if !is_split {
         // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
         let _ = rustix::process::nice(NICENESS);
     }
@@ -156,7 +173,9 @@ pub fn run() -> Result<(), GatewayError> {
         move || send(&shared, &sending, &end, &launch, life)
     });
     let mut pace = Pace::of(&member.orders);
+    let mut memory = Memory::new(is_split);
     while !member.ends() && !network.is_finished() {
+        memory.check()?;
         taps.look(&shared.queue)?;
         match sending.get().map(Mutex::try_lock) {
             Some(Ok(mut sender)) => sender.empty(),
@@ -173,7 +192,7 @@ pub fn run() -> Result<(), GatewayError> {
     }
     if let Some((ticks, lost)) = split.ticks_and_lost() {
         split.turn(&member)?;
-        member.say(State::FINISHED, |health| (health.ticks, health.lost) = (ticks, lost))?;
+        member.say_last(|health| (health.ticks, health.lost) = (ticks, lost))?;
     }
     shared.ends.store(true, Ordering::SeqCst);
     network.join().unwrap_or(Err(GatewayError::Sender))
@@ -188,19 +207,30 @@ fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, lif
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
+        plain: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
         client: false,
     };
     let ends = ends.with_free_ports()?;
     let link = link::Link::open(&ends)?;
     let at = ends.listen.join(" ");
     tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
-    let carrying = end.carry(&link, shared)?;
+    let carrying = end.carry(&link, &ends, shared)?;
     let sender = Sender::open(&link, shared.clone(), launch, life)?;
     let _answering = answers::open(&link, shared, sender.last())?;
     let sender = sending.get_or_init(|| Mutex::new(sender));
+    let (mut checked, mut flaw) = (None::<Instant>, None);
     while !shared.ends() {
         shared.queue.wait(sender::TURN_LIMIT);
         locked(sender).turn()?;
+        if checked.is_none_or(|checked| checked.elapsed() > CERTIFICATES_INTERVAL) {
+            checked = Some(Instant::now());
+            // Whoever is shown a certificate that has ended closes the door without a word.
+            let found = ends.check().err().map(|error| error.to_string());
+            if let Some(what) = found.clone().filter(|_| found != flaw) {
+                tell(shared.clone(), Ask::Tell { service: Service::Gateway.name().into(), what });
+            }
+            flaw = found;
+        }
     }
     // It ends with the rest; one that panicked has nothing more to send.
     let _ = carrying.map(thread::JoinHandle::join);

@@ -50,9 +50,10 @@ mod tests {
 
     fn waits(rate_hz: f64, pace: orders::Pace, gateway: Gateway) -> bool {
         let launch = Launch { gateway, ..Launch::default() };
-        let (role, resume, ticks_max) = (Role::Owner { from_tick: 0 }, None, None);
+        let (role, resume, ticks_max, prior) = (Role::Owner { from_tick: 0 }, None, None, None);
+        let (incarnation, epoch, supervisor_pid) = (1, 1, 0);
         let orders =
-            Orders { launch, rate_hz, pace, ticks_max, incarnation: 1, epoch: 1, role, resume, supervisor_pid: 0 };
+            Orders { launch, rate_hz, pace, ticks_max, incarnation, epoch, role, prior, resume, supervisor_pid };
         Pace::of(&orders).waits
     }
 

@@ -14,7 +14,7 @@ use std::time::Duration;
 use bus::{BusError, Publisher, Subscriber};
 use launch::{Service, Source};
 use messages::{
-    Checkpoint, Credit, Flags, GnssFix, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
+    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
 };
 use runtime::{
     Member, Orders, Pace, RuntimeError,
@@ -211,14 +211,15 @@ impl Ingest {
         Ok(())
     }
 
-    /// The source is at its end; the service stays until the last reader has what it sent.
+    /// Unless the service was asked to end before, the source is at its end; it stays until the last reader has what it sent.
     fn finish(&mut self) -> Result<(), IngestError> {
         while !self.member.ends() {
             self.greet()?;
             self.say(State::FINISHED)?;
             self.member.wait::<Credit>(&self.credit);
         }
-        self.say(State::FINISHED)
+        let standing = self.standing();
+        Ok(self.member.say_last(standing)?)
     }
 
     /// The next reading that can be placed, as a sample.
@@ -290,11 +291,14 @@ impl Ingest {
     }
 
     fn say(&mut self, state: State) -> Result<(), IngestError> {
+        let standing = self.standing();
+        Ok(self.member.say(state, standing)?)
+    }
+
+    /// How far it is.
+    fn standing(&self) -> impl FnOnce(&mut Health) + use<> {
         let (ticks, refused, flags) = (self.published_ticks, self.conditioner.refused(), self.flags);
-        self.member.say(state, |health| {
-            (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, refused, flags);
-        })?;
-        Ok(())
+        move |health| (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, refused, flags)
     }
 
     fn ticks_max(&self) -> u64 {

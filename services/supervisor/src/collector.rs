@@ -1,12 +1,6 @@
 //! What becomes of the attitude: its order, its accuracy against the truth, its latency, and the file it is written to.
 
-use std::{
-    collections::VecDeque,
-    fs::{self, File},
-    io::{self, BufWriter, Write},
-    os::unix::fs::FileTypeExt,
-    path::{Path, PathBuf},
-};
+use std::{collections::VecDeque, path::Path};
 
 use attitude::{
     Quaternion,
@@ -15,14 +9,24 @@ use attitude::{
 use hdrhistogram::Histogram;
 use messages::{AttitudeOutput, Flags, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
+use serde::{Deserialize, Serialize};
 
-use crate::UpError;
+use crate::{UpError, out::Out};
 
 /// References kept for attitudes that are still on the way.
 const PENDING_MAX: usize = 1 << 20;
 
 /// What is later than this is counted as this late, ns.
 const LATENCY_MAX_NS: u64 = 3_600_000_000_000;
+
+/// What the report of a running system and its file lack, for whoever asks.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Record {
+    /// Attitudes that were published and not taken.
+    pub not_recorded: u64,
+    /// Why nothing more is written to the file.
+    pub out_ended: Option<String>,
+}
 
 /// Takes the attitudes of a run.
 pub struct Collector {
@@ -37,7 +41,10 @@ pub struct Collector {
     gap_ns: u64,
     /// The last tick at which a stage was exchanged for another kind, and by how much the attitude jumped there, rad.
     exchanged: Option<(u64, f64)>,
-    out: Option<Csv>,
+    not_recorded: u64,
+    out: Option<Out>,
+    /// Why nothing more is written to it.
+    out_ended: Option<UpError>,
 }
 
 impl Collector {
@@ -56,7 +63,9 @@ impl Collector {
             last: None,
             gap_ns: 0,
             exchanged: None,
-            out: out.map(Csv::create).transpose()?,
+            not_recorded: 0,
+            out: out.map(Out::create).transpose()?,
+            out_ended: None,
         })
     }
 
@@ -67,12 +76,12 @@ impl Collector {
         }
     }
 
-    /// Takes the attitude at a tick.
-    pub fn attitude(&mut self, output: &AttitudeOutput) -> Result<(), UpError> {
+    /// Takes the attitude at a tick. A file that cannot be written any more costs nothing but the file.
+    pub fn attitude(&mut self, output: &AttitudeOutput) {
         let header = output.header;
-        if self.sequence.admit(&header).is_none() {
-            return Ok(());
-        }
+        let Some(missing) = self.sequence.admit(&header) else { return };
+        let lost_before = self.last.map_or(0, |last| last.header.lost_upstream);
+        self.not_recorded += missing - header.lost_upstream.saturating_sub(lost_before).min(missing);
         self.latency_ns.saturating_record(header.t_sent_ns.saturating_sub(header.t_born_ns));
         self.flags |= header.flags;
         self.digest = hash(self.digest, bytemuck::bytes_of(&output.canonical()));
@@ -92,20 +101,50 @@ impl Collector {
             }
         }
         self.last = Some(*output);
-        match &mut self.out {
-            Some(out) => out.write(output),
-            None => Ok(()),
+        if let Some(Err(error)) = self.out.as_mut().map(|out| out.write(output)) {
+            (self.out, self.out_ended) = (None, Some(error));
         }
     }
 
-    /// The run is at its end: what was written is on the disk.
+    /// The run is at its end: the file has every attitude that was taken, or the error says why not.
     pub fn finish(&mut self) -> Result<(), UpError> {
-        self.out.as_mut().map_or(Ok(()), Csv::finish)
+        let unwritten = self.out.take().and_then(|mut out| out.flush().err());
+        self.out_ended.take().or(unwritten).map_or(Ok(()), Err)
     }
 
-    /// The stream of attitudes.
-    pub fn sequence(&self) -> &Sequence {
-        &self.sequence
+    /// Why nothing more is written to the file.
+    pub fn out_ended(&self) -> Option<&UpError> {
+        self.out_ended.as_ref()
+    }
+
+    /// Attitudes taken.
+    pub fn ticks(&self) -> u64 {
+        self.sequence.ticks
+    }
+
+    /// The tick that comes next when nothing is lost.
+    pub fn next_tick(&self) -> u64 {
+        self.sequence.next_tick
+    }
+
+    /// Ticks before it that have no attitude.
+    pub fn lost(&self) -> u64 {
+        self.sequence.lost - self.not_recorded
+    }
+
+    /// Ticks before it whose attitudes were published and not taken while the topic held them.
+    pub fn not_recorded(&self) -> u64 {
+        self.not_recorded
+    }
+
+    /// What the report and the file lack by now.
+    pub(crate) fn record(&self) -> Record {
+        Record { not_recorded: self.not_recorded, out_ended: self.out_ended.as_ref().map(UpError::to_string) }
+    }
+
+    /// Attitudes that came again.
+    pub fn duplicated(&self) -> u64 {
+        self.sequence.duplicated
     }
 
     /// From birth at ingest to publication of the attitude, ns.
@@ -146,39 +185,4 @@ impl Collector {
 
 fn quaternion([w, x, y, z]: [f64; 4]) -> Quaternion<f64> {
     Quaternion::new(w, x, y, z)
-}
-
-/// `t_s,qw,qx,qy,qz`, one line per tick, every number with all its digits.
-struct Csv {
-    path: PathBuf,
-    file: BufWriter<File>,
-}
-
-impl Csv {
-    fn create(path: &Path) -> Result<Self, UpError> {
-        let failed = |cause| UpError::Out { path: path.into(), cause };
-        // A pipe would hold up the run for as long as its reader pleases.
-        if fs::metadata(path).is_ok_and(|at_path| at_path.file_type().is_fifo()) {
-            return Err(failed(io::Error::other("it is a pipe; name a file")));
-        }
-        let mut file = BufWriter::new(File::create(path).map_err(failed)?);
-        writeln!(file, "t_s,qw,qx,qy,qz").map_err(failed)?;
-        Ok(Self { path: path.into(), file })
-    }
-
-    fn write(&mut self, output: &AttitudeOutput) -> Result<(), UpError> {
-        let t_ns = output.header.t_end_ns;
-        let sign = if t_ns < 0 { "-" } else { "" };
-        let (s, ns) = (t_ns.unsigned_abs() / 1_000_000_000, t_ns.unsigned_abs() % 1_000_000_000);
-        let [w, x, y, z] = output.quaternion;
-        writeln!(self.file, "{sign}{s}.{ns:09},{w},{x},{y},{z}").map_err(|cause| self.failed(cause))
-    }
-
-    fn finish(&mut self) -> Result<(), UpError> {
-        self.file.flush().map_err(|cause| self.failed(cause))
-    }
-
-    fn failed(&self, cause: std::io::Error) -> UpError {
-        UpError::Out { path: self.path.clone(), cause }
-    }
 }

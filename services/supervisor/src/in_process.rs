@@ -1,9 +1,12 @@
 //! All slots in this process, without the bus: the same slots, the same join, the same bytes.
 
-use std::{sync::atomic::Ordering, time::Duration};
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
 
 use ingest::{
-    conditioner::Sample,
+    conditioner::{Conditioner, Sample},
     source::{Readings, Truth},
 };
 use launch::Service;
@@ -70,16 +73,41 @@ impl Path {
 }
 
 /// Runs the plan in this process.
-pub fn run(plan: &Plan) -> Result<Report, UpError> {
-    let ends = crate::asked_to_end()?;
+pub fn run(plan: &Plan, ends: &AtomicBool) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut conditioner = ingest::conditioner(&plan.orders)?;
+    let readings = Readings::open(&plan.orders.launch)?;
     let mut path = Path::new(plan)?;
     let mut view = View::new(plan);
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
+    let flowed = flow(plan, ends, readings, &mut conditioner, &mut path, &mut collector, &mut view);
+    view.end();
+    let account = Account {
+        ticks_in: conditioner.ticks(),
+        ticks_out: None,
+        refused: conditioner.refused(),
+        cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
+        services: Service::PATH
+            .map(|service| ServiceReport { name: service.name(), pid: std::process::id(), restarts: 0 })
+            .into(),
+    };
+    Ok(Report::new(collector, account, flowed.err()))
+}
+
+/// Lets the readings flow to their end.
+fn flow(
+    plan: &Plan,
+    ends: &AtomicBool,
+    readings: Readings,
+    conditioner: &mut Conditioner,
+    path: &mut Path,
+    collector: &mut Collector,
+    view: &mut View,
+) -> Result<(), UpError> {
+    let start_ns = monotonic_ns();
     let (mut first_ns, mut seen_ns) = (None, 0);
     runtime::clock::wake_on_time();
-    for reading in Readings::open(&plan.orders.launch)? {
+    for reading in readings {
         let reading = reading?;
         if ends.load(Ordering::SeqCst) || plan.orders.ticks_max.is_some_and(|max| conditioner.ticks() >= max) {
             break;
@@ -97,29 +125,14 @@ pub fn run(plan: &Plan) -> Result<Report, UpError> {
         if let Some(Truth { quaternion, scored }) = reading.reference {
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
-        let mut taken = Ok(());
         path.offer(sample, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
-            if taken.is_ok() {
-                taken = collector.attitude(&output);
-            }
+            collector.attitude(&output);
         });
-        taken?;
         if sample.imu.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
             seen_ns = sample.imu.header.t_born_ns;
-            view.show(&collector, None);
+            view.show(collector, None);
         }
     }
-    collector.finish()?;
-    view.end();
-    let account = Account {
-        ticks_in: conditioner.ticks(),
-        ticks_out: None,
-        refused: conditioner.refused(),
-        cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
-        services: Service::PATH
-            .map(|service| ServiceReport { name: service.name(), pid: std::process::id(), restarts: 0 })
-            .into(),
-    };
-    Ok(Report::new(&collector, account))
+    Ok(())
 }

@@ -9,10 +9,12 @@
 //! | [`plan`] | what is to run, checked before anything starts |
 //! | [`system`] | the services as processes on the bus |
 //! | [`in_process`] | the same slots in this process, without the bus |
-//! | [`collector`] | what becomes of the attitude: accuracy, latency, file |
+//! | [`collector`], `out` | what becomes of the attitude: accuracy, latency; the file |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `warm` | what outlives a stop of the whole system |
 //! | `cleaner` | what killed services leave on the bus |
+//! | `damage` | whether who starts can still join the bus |
 //! | `urgency` | which process runs first |
 //! | `exchange` | who owns a slot, and how it changes hands |
 //! | `door` | the socket at which others ask |
@@ -21,17 +23,20 @@
 mod cleaner;
 pub mod collector;
 mod crew;
+mod damage;
 mod door;
 mod exchange;
 pub mod in_process;
 mod lives;
 mod memory;
 mod notify;
+mod out;
 pub mod plan;
 pub mod report;
 pub mod system;
 mod urgency;
 mod view;
+mod warm;
 mod watch;
 
 use std::{
@@ -46,6 +51,7 @@ use launch::{LaunchError, Service};
 use recording::RecordingError;
 use runtime::RuntimeError;
 
+pub use collector::Record;
 pub use crew::Standing;
 pub use door::{Ask, DoorError, ask};
 pub use exchange::{SwapReport, Wish};
@@ -53,10 +59,12 @@ pub use plan::{Plan, Request};
 pub use report::Report;
 pub use swap::Outcome;
 
-/// Runs what was asked for, to its end.
+/// Runs what was asked for, to its end. What did not run is an error; of what did there is a report, which may have one too.
 pub fn up(request: &Request) -> Result<Report, UpError> {
+    // From here on a signal ends it with a report.
+    let ends = asked_to_end()?;
     let plan = Plan::new(request)?;
-    if request.in_process { in_process::run(&plan) } else { system::run(&plan) }
+    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
 }
 
 /// Prints a line for people. One that nobody reads any more does not stop a system.
@@ -116,6 +124,12 @@ pub enum UpError {
         /// The file.
         path: PathBuf,
     },
+    /// The files of the bus were removed while the system ran.
+    #[error("{path} was removed while the system ran, so nobody who starts can join it")]
+    Damaged {
+        /// One of them.
+        path: PathBuf,
+    },
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -124,13 +138,41 @@ pub enum UpError {
         /// What the system answered.
         cause: io::Error,
     },
-    /// The attitude could not be written.
+    /// The file for the attitude cannot be made.
     #[error("writing {path}: {cause}")]
     Out {
         /// The file.
         path: PathBuf,
         /// What the system answered.
         cause: io::Error,
+    },
+    /// The attitude can be written no more.
+    #[error(
+        "writing {path}: {cause}; the file ends before its time, with a whole line, and nothing else does: make room, or give --out another place"
+    )]
+    OutEnds {
+        /// The file.
+        path: PathBuf,
+        /// What the system answered.
+        cause: io::Error,
+    },
+    /// Ticks without an attitude.
+    #[error(
+        "{lost} of {ticks_in} ticks never came out: a service did not answer, or came back too late for what its topics hold"
+    )]
+    Lost {
+        /// How many.
+        lost: u64,
+        /// Of how many.
+        ticks_in: u64,
+    },
+    /// Attitudes that were published and not taken by the supervisor.
+    #[error(
+        "{not_recorded} attitudes were published and are neither in this report's figures nor in the file of --out: the supervisor did not take them within buffer_s, as if it had been stopped"
+    )]
+    NotRecorded {
+        /// How many.
+        not_recorded: u64,
     },
 }
 

@@ -54,13 +54,23 @@ impl Lives {
         limit.saturating_mul(1 << self.mute.min(20)).min(FIRST_WORD_LIMIT)
     }
 
+    /// Another stage fills the slot: what the one before did does not count.
+    pub(crate) fn begin_anew(&mut self) {
+        (self.failures, self.mute) = (0, 0);
+    }
+
+    /// It has failed more often in a row than the rule bears.
+    pub(crate) fn has_failed(&self, rule: &Restart) -> bool {
+        self.failures > rule.limit
+    }
+
     /// A life of this length has ended; one that never said anything has failed, however long it took.
     pub(crate) fn ended(&mut self, lived: Option<Duration>, rule: &Restart) -> Verdict {
         self.mute = if lived.is_none() { self.mute + 1 } else { 0 };
         let settled = lived.is_some_and(|lived| lived.as_secs_f64() >= rule.settled_s);
         self.failures = if settled { 0 } else { self.failures + 1 };
         let longest = Duration::from_secs_f64(rule.backoff_max_s);
-        if self.failures > rule.limit {
+        if self.has_failed(rule) {
             return match rule.on_limit {
                 OnLimit::Stop => Verdict::Stop,
                 OnLimit::Degrade => Verdict::Away,

@@ -73,9 +73,14 @@ impl Memory {
         kept.iter().rev().find(|checkpoint| checkpoint.next_tick <= needed_tick).or(kept.front())
     }
 
-    /// The newest state of a service, for a stage that is to take over.
+    /// The newest state of a service.
+    pub(crate) fn last(&self, service: Service) -> Option<&Checkpoint> {
+        self.of(service).back()
+    }
+
+    /// The same, for a stage that is to take over.
     pub(crate) fn newest(&self, service: Service) -> Resume {
-        let newest = self.of(service).back();
+        let newest = self.last(service);
         newest.map_or(Resume::Fresh, |checkpoint| Resume::Checkpoint(Box::new(Record::from(checkpoint))))
     }
 

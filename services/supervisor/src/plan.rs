@@ -9,7 +9,7 @@ use std::{
 use launch::{Launch, Source};
 use runtime::{Orders, Pace};
 
-use crate::UpError;
+use crate::{UpError, warm};
 
 /// The launch file that is looked for where none is named.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -34,6 +34,8 @@ pub struct Request {
     pub in_process: bool,
     /// Where to write the attitude of each tick.
     pub out: Option<PathBuf>,
+    /// Nothing is taken over from an earlier run.
+    pub cold: bool,
 }
 
 /// What is to run.
@@ -49,6 +51,10 @@ pub struct Plan {
     pub has_reference: bool,
     /// Where to write the attitude of each tick.
     pub out: Option<PathBuf>,
+    /// Where what outlives this run is kept, and what an earlier one has left.
+    pub state_file: Option<PathBuf>,
+    /// What is there is not used.
+    pub cold: bool,
 }
 
 impl Plan {
@@ -95,6 +101,7 @@ impl Plan {
             incarnation: 0,
             epoch: runtime::service::FIRST_EPOCH,
             role: runtime::Role::Owner { from_tick: 0 },
+            prior: None,
             resume: None,
             supervisor_pid: std::process::id(),
         };
@@ -103,6 +110,8 @@ impl Plan {
             stop_after_s: request.duration_s.filter(|_| live),
             has_reference: has_reference && orders.launch.gateway.import.is_none(),
             out: request.out.clone(),
+            state_file: warm::place(&orders.launch, !orders.lockstep() && !request.in_process),
+            cold: request.cold,
             orders,
         })
     }

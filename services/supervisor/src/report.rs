@@ -5,10 +5,10 @@ use std::fmt;
 use messages::Flags;
 use serde::Serialize;
 
-use crate::collector::Collector;
+use crate::{UpError, collector::Collector};
 
 /// How a run went.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
     /// Ticks that ingest numbered.
     pub ticks_in: u64,
@@ -16,6 +16,9 @@ pub struct Report {
     pub ticks_out: u64,
     /// Ticks without.
     pub lost: u64,
+    /// Of the ticks with an attitude those that the figures below and the file do not have: the supervisor did not take them while the topic
+    /// held them.
+    pub not_recorded: u64,
     /// Attitudes that came again.
     pub duplicated: u64,
     /// From birth at ingest to publication of the attitude.
@@ -26,22 +29,24 @@ pub struct Report {
     pub error_deg: Option<ErrorDeg>,
     /// The processes.
     pub services: Vec<ServiceReport>,
+    /// Why it is not as it should be, one reason a line; `None` where it is.
+    pub error: Option<String>,
     /// Shared by runs whose attitudes are the same to the last bit.
     #[serde(skip)]
     pub digest: u64,
     /// Readings refused at the source.
     #[serde(skip)]
     pub refused: u64,
-    /// Every tick had its time to come out.
-    #[serde(skip)]
-    pub whole: bool,
     /// Every flag of any attitude.
     #[serde(skip)]
     pub flags: Flags,
+    /// What `plumb` ends with.
+    #[serde(skip)]
+    pub exit_code: u8,
 }
 
 /// Latency, µs.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LatencyUs {
     /// Median.
     pub p50: f64,
@@ -89,30 +94,43 @@ pub struct Account {
 }
 
 impl Report {
-    /// The report of a run.
-    pub fn new(collector: &Collector, account: Account) -> Self {
-        let sequence = collector.sequence();
+    /// The report of a run that has come to its end, or to `failure`.
+    pub fn new(mut collector: Collector, account: Account, failure: Option<UpError>) -> Self {
+        let unwritten = collector.finish().err();
         let accuracy = collector.accuracy();
+        let not_recorded = collector.not_recorded();
         // What ingest said last may be older than what came out.
-        let ticks_out = account.ticks_out.unwrap_or(sequence.ticks);
-        let ticks_in = account.ticks_in.max(sequence.next_tick).max(ticks_out);
+        let ticks_out = account.ticks_out.unwrap_or(collector.ticks() + not_recorded);
+        let ticks_in = account.ticks_in.max(collector.next_tick()).max(ticks_out);
+        let lost = ticks_in - ticks_out;
+        let losses = (lost > 0).then_some(UpError::Lost { lost, ticks_in });
+        let gaps = (not_recorded > 0).then_some(UpError::NotRecorded { not_recorded });
+        let errors: Vec<_> = [failure, losses, gaps, unwritten].into_iter().flatten().collect();
+        let error = errors.iter().map(UpError::to_string).collect::<Vec<_>>().join("\n");
         Self {
             ticks_in,
             ticks_out,
-            lost: ticks_in.saturating_sub(ticks_out),
-            duplicated: sequence.duplicated,
-            latency_us: LatencyUs::of(collector),
+            lost,
+            not_recorded,
+            duplicated: collector.duplicated(),
+            latency_us: LatencyUs::of(&collector),
             cpu_s_per_s: account.cpu_s_per_s,
             error_deg: accuracy.rmse().map(|rmse| ErrorDeg {
                 inclination_rmse: rmse.inclination_deg,
                 inclination_max: accuracy.max.inclination_deg,
             }),
             services: account.services,
+            error: Some(error).filter(|error| !error.is_empty()),
             digest: collector.digest(),
             refused: account.refused,
-            whole: true,
             flags: collector.flags(),
+            exit_code: errors.first().map_or(0, UpError::exit_code),
         }
+    }
+
+    /// The report of what did not run.
+    pub fn none(error: &UpError) -> Self {
+        Self { error: Some(error.to_string()), exit_code: error.exit_code(), ..Self::default() }
     }
 
     /// The report for scripts: one object on one line.

@@ -33,6 +33,8 @@ pub(crate) struct View {
     shown: Instant,
     shown_ticks: u64,
     ticks_per_s: f64,
+    /// That the file has ended before its time is said once.
+    out_ended: bool,
 }
 
 /// The live lines of a terminal.
@@ -59,12 +61,16 @@ impl View {
             shown: Instant::now(),
             shown_ticks: 0,
             ticks_per_s: 0.0,
+            out_ended: false,
         }
     }
 
     pub(crate) fn show(&mut self, collector: &Collector, crew: Option<&Crew>) {
         let elapsed_s = self.shown.elapsed().as_secs_f64();
-        let ticks = collector.sequence().ticks;
+        let ticks = collector.ticks();
+        if let Some(error) = collector.out_ended().filter(|_| !std::mem::replace(&mut self.out_ended, true)) {
+            self.announce(&[error.to_string()]);
+        }
         if self.shown.elapsed() >= LINE_INTERVAL {
             self.ticks_per_s = (ticks - self.shown_ticks) as f64 / elapsed_s;
             (self.shown, self.shown_ticks) = (Instant::now(), ticks);
@@ -121,7 +127,7 @@ impl View {
 
     fn flow(&self, collector: &Collector) -> String {
         let latency = LatencyUs::of(collector);
-        let lost = collector.sequence().lost;
+        let lost = collector.lost();
         format!("{:.0} ticks/s, lost {lost}, latency {latency}", self.ticks_per_s)
     }
 }

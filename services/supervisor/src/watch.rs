@@ -64,6 +64,19 @@ impl Watches {
         Self { differences, rate_hz, all: launch.watch.iter().filter_map(attended).collect() }
     }
 
+    /// The exchange and the bus of the shadows are no more.
+    pub(crate) fn leave_bus(&mut self) {
+        self.differences = None;
+        for attended in &mut self.all {
+            (attended.shadow, attended.takeover, attended.rule.since_s) = (None, None, None);
+        }
+    }
+
+    /// Where shadows say how far they are on another bus.
+    pub(crate) fn go_on_at(&mut self, differences: Option<Subscriber<Difference>>) {
+        self.differences = differences;
+    }
+
     /// Somebody asks by hand: the slot's watch is over.
     pub(crate) fn yield_to(&mut self, slot: &str, exchange: &mut Exchange, crew: &mut Crew, memory: &mut Memory) {
         for Attended { rule, shadow, .. } in self.all.iter_mut().filter(|one| one.rule.watch.slot.name() == slot) {
@@ -88,8 +101,10 @@ impl Watches {
         differences.drain(BUFFER_BESIDE, |difference| heard.push(difference))?;
         for Attended { rule, shadow, takeover, attempts, due } in all {
             let slot = rule.watch.slot;
-            let mut wish = |stage: &Stage, shadow| {
-                let wish = Wish { slot: slot.name().into(), stage: stage.clone(), shadow, expected_epoch: None };
+            let mut wish = |stage: &Stage, shadow: bool| {
+                let limit_ms = (!shadow).then_some(Wish::LIMIT_MS);
+                let (slot, stage) = (slot.name().into(), stage.clone());
+                let wish = Wish { slot, stage, shadow, expected_epoch: None, limit_ms };
                 exchange.wish(wish, collector, crew, memory)
             };
             for difference in heard.iter().filter(|it| it.service == slot as u32 && shadow.is_some()) {

@@ -2,7 +2,7 @@
 //! does not estimate it, or finds it less often.
 
 use super::{
-    Estimate, FuserInput,
+    BIAS_WALK_RAD_S, Estimate, FuserInput, HardIron,
     rest::{Rest, SD_REST_RAD_S},
 };
 use crate::{
@@ -10,9 +10,6 @@ use crate::{
     accel::Inclination,
     stage::{Numbers, bias_flaw},
 };
-
-/// Random walk of the bias, rad/s/√s: 1 °/s in half a day, 0.1 °/s while a consumer MEMS gyro warms up for an hour.
-const WALK_RAD_S: f64 = 3e-5;
 
 /// More than an accelerometer measures, m/s², and than a body turns, rad/s.
 const FORCE_MAX_M_S2: f64 = 3000.0;
@@ -29,6 +26,7 @@ pub(super) struct Carried {
     sd_rad_s: f64,
     age_s: f64,
     known: bool,
+    hard_iron: HardIron,
     /// A receiver told so last: a smooth ride looks like rest.
     rides: bool,
     rest: Rest,
@@ -37,12 +35,13 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// Of a giver that knows a bias, or of one that does not.
+    /// Of a giver that knows a bias, or of one that does not. The hard iron is handed on as it came.
     pub(super) fn of(common: &Estimate) -> Self {
+        let nothing = Self { hard_iron: common.hard_iron, ..Self::default() };
         if common.bias_sd_rad_s.is_infinite() {
-            return Self::default();
+            return nothing;
         }
-        Self { bias_rad_s: common.bias_rad_s, sd_rad_s: common.bias_sd_rad_s, known: true, ..Self::default() }
+        Self { bias_rad_s: common.bias_rad_s, sd_rad_s: common.bias_sd_rad_s, known: true, ..nothing }
     }
 
     /// One sample: time passes, and at rest the gyro reads its bias.
@@ -73,7 +72,7 @@ impl Carried {
 
     /// The bias and the standard deviation of each component, rad/s; infinite where nobody found one.
     pub(super) fn bias(&self) -> (Vector3<f64>, f64) {
-        let sd_rad_s = libm::hypot(self.sd_rad_s, WALK_RAD_S * libm::sqrt(self.age_s));
+        let sd_rad_s = libm::hypot(self.sd_rad_s, BIAS_WALK_RAD_S * libm::sqrt(self.age_s));
         (self.bias_rad_s, if self.known { sd_rad_s } else { f64::INFINITY })
     }
 
@@ -83,11 +82,15 @@ impl Carried {
         if own_sd_rad_s <= sd_rad_s { (own_rad_s, own_sd_rad_s) } else { (bias_rad_s, sd_rad_s) }
     }
 
+    pub(super) fn hard_iron(&self) -> HardIron {
+        self.hard_iron
+    }
+
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let negative = self.sd_rad_s < 0.0 || self.age_s < 0.0 || self.since_s < 0.0;
         let negative = negative.then_some("an age or standard deviation below zero");
-        bias_flaw(self.bias_rad_s).or(negative).or_else(|| self.rest.flaw())
+        bias_flaw(self.bias_rad_s).or(negative).or_else(|| self.rest.flaw()).or_else(|| self.hard_iron.flaw())
     }
 }
 
@@ -97,6 +100,7 @@ impl Numbers for Carried {
         self.sd_rad_s.visit(visit);
         self.age_s.visit(visit);
         self.known.visit(visit);
+        self.hard_iron.visit(visit);
         self.rides.visit(visit);
         self.rest.visit(visit);
         self.since_s.visit(visit);

@@ -19,6 +19,7 @@ pub mod aided;
 mod carried;
 mod compass;
 mod finite;
+mod hard_iron;
 pub mod levelling;
 pub mod madgwick;
 mod rest;
@@ -28,6 +29,10 @@ pub mod wz;
 pub mod wz_closed;
 pub mod wz_open;
 
+pub use hard_iron::HardIron;
+
+use core::f64::consts::PI;
+
 use crate::{
     Complex, Vector3,
     accel::Inclination,
@@ -35,6 +40,7 @@ use crate::{
     gnss::Fix,
     gyro::Motion,
     parameters::{Parameter, ParameterError},
+    point::{Chart, Point},
     stage::{RestoreError, Stage, bias_flaw},
     state::{Attitude, arg},
 };
@@ -48,6 +54,8 @@ use {
     wz_open::WzOpen,
 };
 
+/// Random walk of a gyro's bias, rad/s/√s: 1 °/s in half a day, 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 /// Below this a field has no direction, µT: a thousandth of the earth's.
 const FIELD_MIN_UT: f64 = 0.05;
 
@@ -123,9 +131,22 @@ pub struct Estimate {
     pub heading_sd_rad: f64,
     /// Standard deviation of each component of the bias, rad/s; infinite where nobody estimated it.
     pub bias_sd_rad_s: f64,
+    /// Hard iron of the magnetometer; that of an earlier giver where this one does not estimate it.
+    pub hard_iron: HardIron,
 }
 
 impl Estimate {
+    /// Nothing is known: the body may be anywhere, the sensors may be anything.
+    pub const UNKNOWN: Self = Self {
+        attitude: Attitude { up: Point { w: Complex::new(0.0, 0.0), chart: Chart::Upright }, z_rad: 0.0 },
+        reference: Reference::Arbitrary,
+        bias_rad_s: Vector3::new(0.0, 0.0, 0.0),
+        inclination_sd_rad: PI,
+        heading_sd_rad: PI,
+        bias_sd_rad_s: f64::INFINITY,
+        hard_iron: HardIron::UNKNOWN,
+    };
+
     /// Refuses what is not an estimate.
     pub fn checked(&self) -> Result<(), RestoreError> {
         self.attitude.checked()?;
@@ -139,7 +160,7 @@ impl Estimate {
         if !sds.iter().all(|sd| *sd >= 0.0) {
             return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
         }
-        Ok(())
+        self.hard_iron.flaw().map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
     }
 }
 
@@ -214,6 +235,15 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
     /// bias stay.
     fn realign(&mut self);
+
+    /// Begins with what was known of the sensors before: bias and hard iron. The attitude is as unknown as at any beginning, whatever
+    /// `known` says of it. What cannot be taken over leaves the stage as it was.
+    fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
+        let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, .. } = *known;
+        self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, ..Estimate::UNKNOWN })?;
+        self.realign();
+        Ok(())
+    }
 }
 
 impl FuserStage for Fuser {

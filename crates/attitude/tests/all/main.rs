@@ -18,3 +18,4 @@ mod levelling;
 mod scenarios;
 mod steps;
 mod vehicles;
+mod warm;

@@ -1,6 +1,7 @@
 //! Observers of a system that only the test has: they are few, they hold up nobody, and what is not theirs stays.
 use std::{
     fs,
+    os::unix::fs::PermissionsExt,
     path::PathBuf,
     sync::atomic::{AtomicU32, Ordering},
 };
@@ -156,6 +157,7 @@ fn what_a_dead_system_left_is_found_and_removed_and_a_living_one_is_not() {
     let page = PathBuf::from(format!("/dev/shm/plumbline.{}.wake", domain.name()));
     let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", domain.name()));
     fs::write(&page, [0]).unwrap();
+    fs::set_permissions(&page, fs::Permissions::from_mode(0o600)).unwrap();
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("door"), "").unwrap();
     let remains = Remains::all().into_iter().flatten().find(|remains| remains.domain == domain).unwrap();

@@ -1,7 +1,7 @@
 //! Two places on the bus of a system that only the test has.
 use std::{
     fs,
-    os::unix::fs::FileExt,
+    os::unix::fs::{FileExt, PermissionsExt},
     path::PathBuf,
     sync::atomic::{AtomicU32, Ordering},
     time::Duration,
@@ -250,6 +250,19 @@ fn assert_names_both_layouts(error: &BusError, here: &Layout, there: &Layout) {
 }
 
 #[test]
+fn a_topic_that_holds_too_little_says_how_much_all_must_ask_for() {
+    let Pair { here, there, .. } = &pair();
+    let _publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
+    for error in [there.publisher::<ImuSample>(2000).unwrap_err(), there.subscriber::<ImuSample>(2000).unwrap_err()] {
+        assert!(matches!(error, BusError::Buffer { here: 2000, there: BUFFER, .. }), "{error:?}");
+        let said = error.to_string();
+        assert!(said.contains("`imu`") && said.contains("buffer_s x rate_hz of the launch file"), "{said}");
+    }
+    // Whoever asks for less takes what there is.
+    there.publisher::<ImuSample>(BUFFER / 2).unwrap();
+}
+
+#[test]
 fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
     let Pair { here, there, .. } = &pair();
     let _publisher = here.publisher::<Reference>(BUFFER).unwrap();
@@ -310,12 +323,14 @@ fn what_a_dead_owner_left_is_removed_by_the_next() {
     let prefix = format!("/dev/shm/plumbline.{}.", domain.name());
     for file in ["wake", "0123.service", "4567.publisher"] {
         fs::write(prefix.clone() + file, "old").unwrap();
+        fs::set_permissions(prefix.clone() + file, fs::Permissions::from_mode(0o600)).unwrap();
     }
-    fs::create_dir_all(format!("/dev/shm/plumbline.{}/services", domain.name())).unwrap();
+    let services = PathBuf::from(format!("/dev/shm/plumbline.{}/services", domain.name()));
+    fs::create_dir_all(services.join("0123")).unwrap();
     let claim = domain.claim().unwrap();
-    let mut locks = remains(&domain);
-    locks.sort();
-    assert_eq!(locks, ["members", "wake"].map(|file| format!("plumbline.{}.{file}", domain.name())));
+    let left = remains(&domain);
+    assert!(!left.iter().any(|name| name.ends_with("0123.service") || name.ends_with("4567.publisher")), "{left:?}");
+    assert!(!services.join("0123").exists());
     let bus = Bus::join(&domain, "heir").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(2 * BUFFER).unwrap();
     let publisher = bus.publisher::<ImuSample>(2 * BUFFER).unwrap();
@@ -355,4 +370,32 @@ fn the_page_of_another_system_is_never_removed() {
     let there = foreign.exists();
     fs::remove_file(&foreign).unwrap();
     assert!(there);
+}
+
+#[test]
+fn a_name_taken_anew_after_its_files_were_removed_goes_on_with_its_ticks() {
+    let domain = domain();
+    let claim = domain.claim().unwrap();
+    let driver = Bus::join(&domain, "driver").unwrap();
+    let bus = Bus::join(&domain, "supervisor").unwrap();
+    let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    publisher.note(41);
+    let own = [std::process::id()];
+    assert_eq!(domain.removed(&own), None);
+    for name in remains(&domain) {
+        let path = PathBuf::from("/dev/shm").join(name);
+        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
+    }
+    assert!(domain.removed(&own).is_some());
+    drop((publisher, bus));
+    let claim = claim.renew().unwrap();
+    assert!(!driver.is_running(), "it has to join again");
+    let bus = Bus::join(&domain, "supervisor").unwrap();
+    assert_eq!(bus.next_tick::<ImuSample>(), 42);
+    assert!(bus.is_running());
+    assert!(domain.removed(&own).is_some(), "the driver's are still the old ones");
+    drop(driver);
+    assert_eq!(domain.removed(&own), None);
+    drop((bus, claim));
+    assert_eq!(remains(&domain), Vec::<String>::new());
 }

@@ -70,10 +70,12 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
         incarnation: 0,
         epoch: 1,
         role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
         resume: None,
         supervisor_pid: 0,
     };
-    let plan = Plan { orders, ticks: None, stop_after_s: None, has_reference: false, out: None };
+    let (ticks, stop_after_s, has_reference, out) = (None, None, false, None);
+    let plan = Plan { orders, ticks, stop_after_s, has_reference, out, state_file: None, cold: true };
     let mut path = Path::new(&plan).unwrap();
     let (mut next_tick, mut last) = (0, None);
     for (reading, truth) in readings(motion, fault) {

@@ -9,7 +9,9 @@ const FIX: &str = "plumb doctor --fix";
 /// Looks at one system, or at every one of which there is anything on this machine; with `fix` removes what nobody needs.
 pub fn checks(only: Option<&Domain>, fix: bool) -> Vec<Check> {
     let remains = only.map_or_else(Remains::all, |domain| vec![Remains::of(domain)]);
-    let foreign = |error: &BusError| Check::warning("leftovers", error.to_string(), "left alone; its owner can look");
+    // Of a system that nobody has named it may be right.
+    let check = if only.is_some() { Check::problem } else { Check::warning };
+    let foreign = |error: &BusError| check("leftovers", error.to_string(), "left alone; its owner can look");
     let look = |remains: &Result<_, _>| remains.as_ref().map_or_else(|error| Some(foreign(error)), |it| look(it, fix));
     let checks: Vec<_> = remains.iter().filter_map(look).collect();
     if checks.is_empty() { vec![Check::ok("leftovers", "none")] } else { checks }

@@ -2,8 +2,8 @@
 
 use std::{fs, path::Path};
 
+use bus::{FILES, MORE_FILES, MORE_MEMORY, SharedMemory};
 use rustix::{
-    fs::statvfs,
     process::{Resource, geteuid, getrlimit},
     time::{ClockId, clock_getres},
 };
@@ -14,8 +14,6 @@ use super::Check;
 const SHARED_MEMORY_MIB: u64 = 16;
 /// The same system where every reader that it may have is as slow as can be: 83 MiB; and half as much again.
 const SHARED_MEMORY_AMPLE_MIB: u64 = 128;
-/// Files that a supervisor and a service with a few topics have open.
-const FILES: u64 = 256;
 /// The same with room for a recorder, a gateway and observers.
 const FILES_AMPLE: u64 = 1024;
 /// What locks its memory needs its code, its stacks and its end of the topics, MiB.
@@ -31,28 +29,27 @@ pub fn checks() -> Vec<Check> {
 
 fn shared_memory() -> Check {
     let check = "shared-memory";
-    match statvfs("/dev/shm") {
-        Ok(stat) => free((stat.f_bavail * stat.f_frsize) >> 20),
-        Err(cause) => Check::problem(check, format!("/dev/shm: {cause}"), "mount it: mount -t tmpfs tmpfs /dev/shm"),
-    }
+    SharedMemory::now().map_or_else(
+        || Check::problem(check, "there is no /dev/shm", "mount it: mount -t tmpfs tmpfs /dev/shm"),
+        |memory| free(memory.free >> 20),
+    )
 }
 
 fn free(mib: u64) -> Check {
     let (check, found) = ("shared-memory", format!("{mib} MiB free in /dev/shm"));
-    let remedy = "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
     match mib {
-        _ if mib < SHARED_MEMORY_MIB => Check::problem(check, found, remedy),
-        _ if mib < SHARED_MEMORY_AMPLE_MIB => Check::warning(check, found, remedy),
+        _ if mib < SHARED_MEMORY_MIB => Check::problem(check, found, MORE_MEMORY),
+        _ if mib < SHARED_MEMORY_AMPLE_MIB => Check::warning(check, found, MORE_MEMORY),
         _ => Check::ok(check, found),
     }
 }
 
 fn open_files() -> Check {
     let check = "open-files";
-    let remedy = "allow more: ulimit -n 4096, or LimitNOFILE=4096 in the unit";
-    match getrlimit(Resource::Nofile).current {
-        Some(limit) if limit < FILES => Check::problem(check, format!("{limit} allowed"), remedy),
-        Some(limit) if limit < FILES_AMPLE => Check::warning(check, format!("{limit} allowed"), remedy),
+    // Whoever joins a system raises its limit to this one.
+    match getrlimit(Resource::Nofile).maximum {
+        Some(limit) if limit < FILES => Check::problem(check, format!("{limit} allowed"), MORE_FILES),
+        Some(limit) if limit < FILES_AMPLE => Check::warning(check, format!("{limit} allowed"), MORE_FILES),
         Some(limit) => Check::ok(check, format!("{limit} allowed")),
         None => Check::ok(check, "no limit"),
     }

@@ -6,7 +6,7 @@ use bus::{BusError, Observer};
 use launch::{Service, Source};
 use messages::{AttitudeOutput, Flags, ImuSample, Message, Ticked};
 use runtime::{Orders, Pace, clock::monotonic_ns};
-use supervisor::Standing;
+use supervisor::{Record, Standing};
 
 use super::{Check, Outcome, still::Still};
 use crate::{flow::Flow, hops::output};
@@ -101,6 +101,22 @@ impl Seen {
         } else {
             explained
         }
+    }
+}
+
+/// What is to be said about the report and the file that it will leave.
+pub fn record(Record { not_recorded, out_ended }: &Record) -> Check {
+    let check = "record";
+    let found = format!("{not_recorded} attitudes were published and are not in the report's figures, nor in the file");
+    match out_ended {
+        Some(error) => {
+            Check::problem(check, format!("{error}; {found}"), "make room, and start the system anew when it may rest")
+        }
+        None if *not_recorded > 0 => {
+            let remedy = "its supervisor stood still for longer than buffer_s: raise it, and see who stopped it or took the machine";
+            Check::warning(check, found, remedy)
+        }
+        None => Check::ok(check, "every attitude is in the report's figures, and in the file where there is one"),
     }
 }
 

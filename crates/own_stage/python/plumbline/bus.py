@@ -4,7 +4,9 @@ import ctypes
 import errno
 import fcntl
 import mmap
+import os
 import platform
+import stat
 
 import iceoryx2 as iox2
 
@@ -32,9 +34,9 @@ class Bus:
         iox2.set_log_level(iox2.LogLevel.Fatal)
         self._facts = facts
         # While it is held, no later owner of the name clears it.
-        self._member = open(facts["members"], "a")
+        self._member = _own(facts["members"])
         fcntl.flock(self._member, fcntl.LOCK_SH)
-        with open(facts["page"], "r+b") as page:
+        with _own(facts["page"]) as page:
             self._page = mmap.mmap(page.fileno(), 0)
         config = iox2.config.default()
         config.global_cfg.prefix = iox2.FileName.new(facts["prefix"])
@@ -88,6 +90,18 @@ class Bus:
             raise BusError(f"opening the topic `{message.TOPIC}`: {cause}; {remedy}") from cause
 
 
+def _own(path):
+    """A file of this user alone, opened; `/dev/shm` is open to everybody."""
+    try:
+        file = open(os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC), "r+b", buffering=0)
+    except OSError as cause:
+        raise BusError(f"joining the bus: opening {path}: {cause.strerror}; run as the user whose system it is") from cause
+    found = os.fstat(file.fileno())
+    if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o077:
+        raise BusError(f"joining the bus: {path} is not a file of this user alone; `plumb doctor` tells what it is")
+    return file
+
+
 class Publisher:
     """Publishes on a topic; never waits."""
 
@@ -107,6 +121,10 @@ class Publisher:
     def note(self, tick):
         """Notes the tick of the message that is sent next."""
         self._word.note(tick)
+
+    def next_tick(self):
+        """The tick after the newest one that was ever about to be published."""
+        return self._word.next_tick()
 
     def wake(self):
         self._word.wake()

@@ -4,12 +4,13 @@ What is missing or cannot be used is left out and flagged, as Plumbline's own se
 """
 
 import math
+import sys
 
 from . import messages
 from .attitude import Attitude, Turn
 from .messages import Flag
-from .rules import Beside, Join
-from .stage import Estimate, FuserInput, Inclination, Motion
+from .rules import NEVER, Beside, Join
+from .stage import ARBITRARY, Estimate, FuserInput, Inclination, Motion
 from .values import (
     BRIDGE_S,
     Slot,
@@ -42,7 +43,7 @@ class FuserSlot(Slot):
 
     INPUTS = (messages.GyroStep, messages.AccelPoint, messages.MagSample, messages.GnssFix, messages.Control)
     OUTPUT = messages.FusedState
-    OWN, COMMON = "<5Q QQdddq QQd Qddd ddd Q", "<Qddd Q ddd ddd"
+    OWN, COMMON = "<5Q QQdddq QQd Qddd ddd Q", "<Qddd Q ddd ddd ddd d"
 
     def __init__(self, orders, stage):
         lateness_ticks = orders["lateness_ticks"]
@@ -50,7 +51,21 @@ class FuserSlot(Slot):
         self.field, self.fixes = Beside(Flag.FIELD, lateness_ticks), Beside(Flag.FIX, lateness_ticks)
         self.gyro_before, self.aligned, self.reset_counter, self.blind_s = None, False, 0, 0.0
         self.last, self.force_m_s2, self.turned = Attitude(), (0.0, 0.0, 0.0), False
+        self._begin(orders["prior"])
         self.fresh = stage.snapshot()
+
+    def _begin(self, prior):
+        """With what an earlier run has found of the sensors, if there is one; the attitude is as unknown as at any beginning."""
+        if prior is None:
+            return
+        try:
+            nothing = {"mean": (0.0, 0.0, 0.0), "sd": math.inf}
+            bias, iron = prior["bias_rad_s"] or nothing, prior["hard_iron_ut"] or nothing
+            found = (tuple(bias["mean"]), math.pi, math.pi, bias["sd"], tuple(iron["mean"]), iron["sd"])
+            self.stage.adopt(Estimate(Attitude(), ARBITRARY, *found))
+            self.stage.realign()
+        except ValueError as error:
+            print(f"the stage {self.stage.NAME} begins without what an earlier run has found: {error}", file=sys.stderr)
 
     @property
     def sequence(self):
@@ -66,9 +81,10 @@ class FuserSlot(Slot):
             self.field.offer(message)
         elif kind is messages.GnssFix:
             self.fixes.offer(message)
-        # A slot that nobody owns any more is not waited for.
-        elif message.owner == 0 and message.service in (messages.SLOTS.index("gyro"), messages.SLOTS.index("accel")):
-            self.join.absent_from[message.service - messages.SLOTS.index("gyro")] = message.from_tick
+        # A slot that nobody owns any more is not waited for, until somebody owns it again.
+        elif message.service in (messages.SLOTS.index("gyro"), messages.SLOTS.index("accel")):
+            absent_from = NEVER if message.owner else message.from_tick
+            self.join.absent_from[message.service - messages.SLOTS.index("gyro")] = absent_from
         while self._waits_for() is None:
             tick = self.join.take()
             if tick is None:
@@ -196,13 +212,16 @@ class FuserSlot(Slot):
 
     def common_values(self):
         common = self.stage.common()
-        return (*flat(common.attitude), common.reference, *common.bias_rad_s, *common[3:])
+        sds = (common.inclination_sd_rad, common.heading_sd_rad, common.bias_sd_rad_s)
+        iron = (*common.hard_iron_ut, common.hard_iron_sd_ut)
+        return (*flat(common.attitude), common.reference, *common.bias_rad_s, *sds, *iron)
 
     def has_begun(self, own):
         return bool(own[11])
 
     def adopt_values(self, values):
-        self.stage.adopt(Estimate(unflat(values[:4]), values[4], tuple(values[5:8]), *values[8:]))
+        bias_rad_s, sds, iron_ut = tuple(values[5:8]), values[8:11], tuple(values[11:14])
+        self.stage.adopt(Estimate(unflat(values[:4]), values[4], bias_rad_s, *sds, iron_ut, values[14]))
 
 
 def _is_blind(header):

@@ -75,7 +75,7 @@ class Service:
         self.health = self.bus.publisher(messages.Health, orders["buffer_beside"])
         self.said = messages.Health(service=self.place, incarnation=self.incarnation, pid=os.getpid())
         self.said_at_ns = 0
-        whole, next_tick = self._resume()
+        resumed, next_tick = self._resume()
         self.inputs = [_Input(self.bus, orders, message, next_tick) for message in self.slot.INPUTS]
         if orders["resume"] is not None:
             self.slot.expect_until(max(one.subscriber.next_tick() for one in self.inputs))
@@ -85,7 +85,10 @@ class Service:
         self.candidate = orders["role"] == "Candidate"
         from_tick = None if self.candidate else orders["role"]["Owner"]["from_tick"]
         self.tenure = Tenure(self.incarnation, orders["epoch"], from_tick, orders["lateness_ticks"])
-        self.exchanged = self.candidate and not whole
+        # What is published is another stage's than before, up to the first output at this tick or after it.
+        self.exchanged_at = None
+        if resumed != "whole" and (self.candidate or resumed == "common"):
+            self.exchanged_at = 0 if self.candidate else self.output.next_tick()
         self.shadow = _Shadow(self) if self.candidate else None
         self.next_checkpoint = self.flags = self.flawed = 0
 
@@ -106,16 +109,16 @@ class Service:
         self.ends = True
 
     def _resume(self):
-        """Goes on from what the orders hold: whether bit for bit, and the tick that comes next."""
+        """Goes on from what the orders hold: "whole" bit for bit, "common" from another stage, or not; and the tick that comes next."""
         held = self.orders["resume"]
         if not isinstance(held, dict) or "Checkpoint" not in held:
-            return False, 0
+            return None, 0
         try:
             whole = resume(self.slot, self.place, held["Checkpoint"])
         except (ValueError, TypeError, ArithmeticError) as error:
             print(f"the stage {self.slot.stage.NAME} does not go on from its checkpoint: {error}; it begins anew", file=sys.stderr)
-            return False, held["Checkpoint"][0]
-        return whole, self.slot.sequence.next_tick
+            return None, held["Checkpoint"][0]
+        return "whole" if whole else "common", self.slot.sequence.next_tick
 
     def _turn(self):
         """Takes what the inputs hold and publishes what follows from it, as far as the slot is owned."""
@@ -140,8 +143,9 @@ class Service:
         self.tenure.take(out, self._publish)
 
     def _publish(self, out):
-        out.header.flags |= Flag.EXCHANGED if self.exchanged else 0
-        self.exchanged = False
+        if self.exchanged_at is not None:
+            out.header.flags |= Flag.EXCHANGED
+            self.exchanged_at = None if out.header.tick >= self.exchanged_at else self.exchanged_at
         out.header.t_sent_ns = time.monotonic_ns()
         self.output.note(out.header.tick)
         self.output.send(out)

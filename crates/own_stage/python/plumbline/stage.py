@@ -137,6 +137,9 @@ class Estimate(NamedTuple):
     heading_sd_rad: float = math.pi
     # Infinite where the bias is not estimated.
     bias_sd_rad_s: float = math.inf
+    # Of the magnetometer, body axes; infinite where it is not estimated.
+    hard_iron_ut: tuple = (0.0, 0.0, 0.0)
+    hard_iron_sd_ut: float = math.inf
 
     def check(self):
         """Raises ValueError for what is no estimate."""
@@ -144,7 +147,10 @@ class Estimate(NamedTuple):
             raise ValueError("an attitude outside its chart")
         if not all(abs(bias) <= 10.0 for bias in self.bias_rad_s):
             raise ValueError("a gyro bias above 10 rad/s")
-        if not all(sd >= 0.0 for sd in self[3:]):
+        if not all(abs(part) <= 1e4 for part in self.hard_iron_ut):
+            raise ValueError("a hard iron beyond every magnet")
+        sds = (self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, self.hard_iron_sd_ut)
+        if not all(sd >= 0.0 for sd in sds):
             raise ValueError("a standard deviation below zero")
 
 

@@ -275,7 +275,7 @@ impl<P: Place> Trial<P> {
 
     /// Through both charts, with exact sensors.
     fn tumbling(&self) -> Option<Check> {
-        let motion = Motion::Tumble([0.8, -1.6, 2.4].into());
+        let motion = Motion::Tumble([2.4, -1.6, 0.8].into());
         let script = Script::new("tumbling at 100 Hz", motion, Errors::default(), RATE_HZ, 20.0);
         let name = "tumbling: largest inclination error with exact sensors";
         let run = || {

@@ -114,6 +114,7 @@ pub(super) fn orders(launch: &Launch, role: Role, resume: Option<Resume>) -> Ord
         incarnation: super::INCARNATION,
         epoch: runtime::service::FIRST_EPOCH,
         role,
+        prior: None,
         resume,
         supervisor_pid: std::process::id(),
     }

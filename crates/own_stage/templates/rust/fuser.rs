@@ -128,11 +128,9 @@ impl Stage for @Class@ {
     fn common(&self) -> Estimate {
         Estimate {
             attitude: self.attitude,
-            reference: Reference::Arbitrary,
-            bias_rad_s: Vector3::zeros(),
             inclination_sd_rad: INCLINATION_SD_RAD,
             heading_sd_rad: HEADING_SD_RAD,
-            bias_sd_rad_s: f64::INFINITY,
+            ..Estimate::UNKNOWN
         }
     }
 

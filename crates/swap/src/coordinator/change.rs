@@ -1,4 +1,4 @@
-//! The change of hands: decided, confirmed, or taken back.
+//! The change of hands: decided, confirmed, or taken back; and what is done where nobody is left to take a slot from.
 
 use super::{Coordinator, State};
 use crate::{
@@ -49,6 +49,45 @@ impl Coordinator {
         actions.push(self.answer(&request, Outcome::Committed, None, Some(from_tick), took_ms));
     }
 
+    /// The owner has ended: the new stage begins in its place, under a decision of its own.
+    pub(super) fn replace(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
+        let Some(swap) = &mut self.swap else { return };
+        self.epoch += 1;
+        swap.replaces = Some(self.published_tick);
+        (swap.candidate, swap.standing, swap.from_tick, swap.spawning) = (None, None, None, true);
+        swap.enter(State::Starting, now_ms);
+        let (stage, epoch, from_tick) = (swap.request.stage.clone(), self.epoch, self.from_tick);
+        actions.push(Action::SpawnOwner { stage, epoch, from_tick });
+    }
+
+    /// Commits when the new stage has published what nobody had published before, and has lived as long as one in the shadow must.
+    pub(super) fn confirm_alone(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
+        let Some(swap) = &self.swap else { return };
+        let (Some(newest_tick), Some(candidate)) = (swap.replaces, swap.candidate) else { return };
+        let gone_on = swap.standing.filter(|standing| standing.next_tick > newest_tick);
+        let Some(begun_tick) = gone_on.and_then(|standing| standing.published_from) else {
+            if now_ms >= swap.request.until_ms {
+                self.abort(now_ms, Reason::NoTick, actions);
+            }
+            return;
+        };
+        if waited_ms < self.limits.shadow_ms {
+            return;
+        }
+        let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.began_ms));
+        (self.active, self.standing, self.active_epoch) = (Some(candidate), gone_on, self.epoch);
+        (self.checkpoint_tick, self.vacant, self.swap) = (0, false, None);
+        let commit_tick = Some(begun_tick.max(newest_tick));
+        actions.push(self.answer(&request, Outcome::Committed, None, commit_tick, took_ms));
+    }
+
+    /// From the tick on that is published next nobody owns the slot.
+    pub(super) fn leave(&mut self, actions: &mut Vec<Action>) {
+        self.epoch += 1;
+        let control = Control { epoch: self.epoch, owner: 0, from_tick: self.published_tick };
+        actions.push(Action::PublishControl(control));
+    }
+
     /// Gives the slot back, if it was to change hands, and ends the candidate. After the commitment there is no way back.
     pub(super) fn abort(&mut self, now_ms: u64, reason: Reason, actions: &mut Vec<Action>) {
         let Some(swap) = self.swap.as_mut().filter(|swap| swap.is_open() && swap.state != State::Aborting) else {
@@ -79,6 +118,12 @@ impl Coordinator {
             actions.push(Action::EndCandidate { incarnation });
         }
         let gone = swap.candidate.is_none() && !swap.spawning;
+        if swap.replaces.is_some() || self.vacant {
+            if gone {
+                self.give_up(actions);
+            }
+            return;
+        }
         let missed = self.standing.is_some_and(|standing| standing.decided_epoch == self.epoch && standing.missed);
         if self.active_epoch == self.epoch && self.active.is_some() {
             if gone {
@@ -86,6 +131,19 @@ impl Coordinator {
             }
         } else if self.active.is_some() && (missed || waited_ms >= self.limits.restore_ms) {
             self.restart(actions);
+        }
+    }
+
+    /// Whoever was to begin in the owner's place is gone: all is as it was, under a newer decision.
+    fn give_up(&mut self, actions: &mut Vec<Action>) {
+        let replaced = self.swap.take().is_some_and(|swap| swap.replaces.is_some());
+        match (replaced, self.vacant) {
+            (true, true) => self.leave(actions),
+            (true, false) => {
+                self.epoch += 1;
+                self.restart(actions);
+            }
+            (false, _) => {}
         }
     }
 

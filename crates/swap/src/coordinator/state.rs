@@ -18,6 +18,8 @@ pub enum State {
     CatchingUp,
     /// The candidate computes beside the active stage.
     Shadowing,
+    /// The owner has ended: the new stage begins in its place, which is confirmed once it has published what nobody had.
+    TakingOver,
     /// The change of hands is decided.
     Armed {
         /// The first tick of the candidate.
@@ -44,6 +46,7 @@ impl fmt::Display for State {
             Self::Starting => write!(f, "starting the candidate"),
             Self::CatchingUp => write!(f, "the candidate catches up"),
             Self::Shadowing => write!(f, "the candidate computes in the shadow"),
+            Self::TakingOver => write!(f, "the new stage begins in the place of the one that has ended"),
             Self::Armed { from_tick } => write!(f, "changing hands at tick {from_tick}"),
             Self::Committed { old } => {
                 write!(f, "committed; the old stage (incarnation {old}) stays for readers that restart")
@@ -69,6 +72,8 @@ pub(super) struct Swap {
     pub(super) standing: Option<Standing>,
     /// The tick at which the slot was to change hands.
     pub(super) from_tick: Option<u64>,
+    /// The owner has ended: before this tick everything had been published.
+    pub(super) replaces: Option<u64>,
 }
 
 impl Swap {
@@ -83,6 +88,7 @@ impl Swap {
             candidate: None,
             standing: None,
             from_tick: None,
+            replaces: None,
         }
     }
 

@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use swap::{Outcome, Reason};
+use swap::{Outcome, Reason, Report};
 
-use crate::world::World;
+use crate::{faults::PATIENCE_MS, world::World};
 
 impl World {
     /// Everything has settled.
@@ -27,7 +27,10 @@ impl World {
                     ));
                 }
             }
-            for report in self.answers.iter().filter(|report| report.outcome == Outcome::Committed) {
+            // Where one began in the place of another that had ended, readers may have had more or less of that one.
+            let handed_over =
+                |report: &&Report| report.outcome == Outcome::Committed && !self.replaced.contains(&report.epoch);
+            for report in self.answers.iter().filter(handed_over) {
                 let commit_tick = report.commit_tick.ok_or("a commitment without a tick")?;
                 let wrong =
                     reader.got.iter().find(|packet| (packet.tick >= commit_tick) != (packet.epoch >= report.epoch));
@@ -41,7 +44,9 @@ impl World {
 
     fn requests_were_answered(&self) -> Result<(), String> {
         let limits = self.nature.limits;
-        let longest_ms = limits.ready_ms + 2 * limits.caught_up_ms + limits.shadow_ms + limits.commit_ms + 100;
+        let alone_ms = limits.ready_ms + PATIENCE_MS + limits.shadow_ms;
+        let longest_ms =
+            limits.ready_ms + 2 * limits.caught_up_ms + limits.shadow_ms + limits.commit_ms + alone_ms + 100;
         for (id, (_, shadow_only)) in &self.asked {
             let answers: Vec<_> = self.answers.iter().filter(|report| report.id == *id).collect();
             let [report] = answers[..] else {
@@ -74,6 +79,7 @@ pub(crate) struct Tally {
     ended: BTreeMap<String, u64>,
     ticks: u64,
     restarts: u64,
+    replaced: u64,
     repeated: u64,
     superseded: u64,
     held_max: usize,
@@ -84,6 +90,8 @@ impl Tally {
         for report in &world.answers {
             let why = report.reason.as_ref().map_or("committed", name);
             *self.ended.entry(why.into()).or_default() += 1;
+            let alone = world.replaced.contains(&report.epoch) && report.outcome == Outcome::Committed;
+            self.replaced += u64::from(alone);
         }
         self.restarts += world.restarts;
         for reader in &world.readers {
@@ -99,11 +107,11 @@ impl Tally {
         for case in CASES {
             assert!(self.ended.get(case).is_some_and(|times| *times >= 10), "`{case}` was hardly met: {self}");
         }
-        assert!(self.held_max > 0 && self.repeated > 0 && self.superseded > 0, "{self}");
+        assert!(self.held_max > 0 && self.repeated > 0 && self.superseded > 0 && self.replaced > 0, "{self}");
     }
 }
 
-const CASES: [&str; 14] = [
+const CASES: [&str; 15] = [
     "committed",
     "busy",
     "active down",
@@ -116,6 +124,7 @@ const CASES: [&str; 14] = [
     "candidate missed",
     "active missed",
     "active died",
+    "no tick",
     "not confirmed",
     "cancelled",
 ];
@@ -133,6 +142,7 @@ fn name(reason: &Reason) -> &'static str {
         Reason::CandidateMissed => "candidate missed",
         Reason::ActiveMissed => "active missed",
         Reason::ActiveDied => "active died",
+        Reason::NoTick => "no tick",
         Reason::NotConfirmed { .. } => "not confirmed",
         Reason::Cancelled => "cancelled",
     }
@@ -140,10 +150,10 @@ fn name(reason: &Reason) -> &'static str {
 
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks, restarts, repeated, superseded, held_max, .. } = self;
+        let Self { ticks, restarts, replaced, repeated, superseded, held_max, .. } = self;
         writeln!(
             f,
-            "{ticks} ticks read, {restarts} restarts; left out: {repeated} repeated, {superseded} superseded; held at most {held_max}"
+            "{ticks} ticks read, {restarts} restarts, {replaced} replaced; left out: {repeated} repeated, {superseded} superseded; held at most {held_max}"
         )?;
         self.ended.iter().try_for_each(|(why, times)| writeln!(f, "{times:8} {why}"))
     }

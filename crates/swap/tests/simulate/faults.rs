@@ -7,6 +7,8 @@ use crate::{
     world::{READERS, World},
 };
 
+/// For how long a request waits for a tick, ms.
+pub(crate) const PATIENCE_MS: u64 = 200;
 /// Longest time for which the supervisor does nothing, ms.
 const STALL_MS: u64 = 30;
 
@@ -17,10 +19,11 @@ impl World {
             let id = self.asked.len() as u64 + 1;
             let shadow_only = self.chance.happens(200);
             self.asked.insert(id, (self.now_ms, shadow_only));
-            self.hear(Event::Request(Request { id, stage: id.to_string(), shadow_only }));
+            let until_ms = if shadow_only { u64::MAX } else { self.now_ms + PATIENCE_MS };
+            self.hear(Event::Request(Request { id, stage: id.to_string(), shadow_only, until_ms }));
         }
         if self.chance.happens(5) {
-            self.hear(Event::Promote);
+            self.hear(Event::Promote { until_ms: self.now_ms + PATIENCE_MS });
         }
         if self.chance.happens(1) {
             self.hear(Event::Cancel);

@@ -74,6 +74,8 @@ pub(crate) struct Process {
     pub(crate) checkpoints: Link<Word>,
     pub(crate) outlets: Vec<Link<Packet>>,
     pub(crate) history: VecDeque<Packet>,
+    /// Beyond this tick nothing has been published.
+    pub(crate) published_tick: u64,
     newest_input: Option<u64>,
     said_ready: bool,
     said_ms: u64,
@@ -105,6 +107,7 @@ impl Process {
             checkpoints: Link::new(DELAY_MS, chance),
             outlets: outlets.map(|longest_ms| Link::new(longest_ms, chance)).collect(),
             history: VecDeque::new(),
+            published_tick: 0,
             newest_input: None,
             said_ready: false,
             said_ms: 0,
@@ -157,6 +160,7 @@ impl Process {
         for index in 0..sent {
             let (packet, outlet) = (out[index / self.outlets.len()], index % self.outlets.len());
             self.outlets[outlet].send(now_ms, chance, packet);
+            self.published_tick = self.published_tick.max(packet.tick + 1);
             if outlet + 1 == self.outlets.len() {
                 self.history.push_back(packet);
                 if self.history.len() > HISTORY {

@@ -1,6 +1,6 @@
 //! One world: a source, the processes of a slot, two readers, a supervisor, and what befalls them until a certain time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use swap::{Control, Coordinator, Event, Report, State, Tenure};
 
@@ -41,6 +41,8 @@ pub(crate) struct World {
     pub(crate) answers: Vec<Report>,
     /// Who had the slot before a commitment, and its tick.
     pub(crate) handovers: Vec<(u32, u64)>,
+    /// Decisions under which somebody began in the place of an owner that had ended.
+    pub(crate) replaced: BTreeSet<u32>,
     pub(crate) restarts: u64,
     pub(crate) verbose: bool,
     newest_input: Link<u64>,
@@ -71,6 +73,7 @@ impl World {
             asked: BTreeMap::new(),
             answers: Vec::new(),
             handovers: Vec::new(),
+            replaced: BTreeSet::new(),
             restarts: 0,
             verbose,
             newest_input: Link::new(DELAY_MS, &mut chance),
@@ -168,6 +171,8 @@ impl World {
 
     /// The supervisor does what is due and hears what has arrived.
     fn supervise(&mut self) {
+        let next_tick = self.processes.iter().map(|process| process.published_tick).max().unwrap_or(0);
+        self.hear(Event::Published { next_tick });
         self.work();
         let now_ms = self.now_ms;
         let mut heard = Vec::new();

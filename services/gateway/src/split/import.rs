@@ -175,10 +175,12 @@ impl Intake {
     }
 
     /// Takes frames and asks for what is missing, until the gateway ends.
-    pub(crate) fn carry(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
-        let stream = link.stream(&self.key)?;
-        let (intake, link) = (self.clone(), link.clone());
-        Ok(thread::spawn(move || intake.receive(&stream, &link, &shared)))
+    pub(crate) fn carry(self: &Arc<Self>, link: Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
+        let (stream, intake) = (link.stream(&self.key)?, self.clone());
+        Ok(thread::spawn(move || {
+            intake.receive(&stream, &link, &shared);
+            link.close();
+        }))
     }
 
     fn receive(&self, stream: &Stream, link: &Link, shared: &Arc<Shared>) {

@@ -27,7 +27,7 @@ use std::{fs, sync::Arc, thread::JoinHandle, time::Duration};
 
 use bus::Publisher;
 use launch::Service;
-use link::{Link, LinkError};
+use link::{Ends, Link, LinkError};
 use messages::Checkpoint;
 use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
 
@@ -102,11 +102,17 @@ impl Split {
 
 impl End {
     /// Carries, in a thread of its own, until the gateway ends.
-    pub(crate) fn carry(&self, link: &Link, shared: &Arc<Shared>) -> Result<Option<JoinHandle<()>>, LinkError> {
+    pub(crate) fn carry(
+        &self,
+        link: &Link,
+        ends: &Ends,
+        shared: &Arc<Shared>,
+    ) -> Result<Option<JoinHandle<()>>, LinkError> {
         match self {
             Self::Not => Ok(None),
             Self::Export(kept) => kept.carry(link, shared.clone()).map(Some),
-            Self::Import(intake) => intake.carry(link, shared.clone()).map(Some),
+            // Ticks come from whom this gateway calls and nobody else, so they have a link that nobody can connect to.
+            Self::Import(intake) => intake.carry(Link::open(&ends.calling())?, shared.clone()).map(Some),
         }
     }
 }

@@ -9,6 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use bus::{MORE_MEMORY, SharedMemory};
 use launch::{OnLimit, Restart, Service};
 use messages::Health;
 use runtime::{Orders, Role, orders::Resume, service::FIRST_EPOCH};
@@ -112,29 +113,30 @@ impl Crew {
         }
     }
 
-    /// Starts a stage beside the one that fills the slot.
+    /// Starts a stage beside the one that fills the slot, or in the place of one that has ended; a candidate that is still there is killed.
     pub(crate) fn begin_candidate(
         &mut self,
         service: Service,
         stage: launch::Stage,
         epoch: u32,
+        role: Role,
         resume: Resume,
     ) -> Result<u32, UpError> {
         self.incarnations += 1;
-        let mut orders = Orders {
-            incarnation: self.incarnations,
-            epoch,
-            role: Role::Candidate,
-            resume: Some(resume),
-            ..self.orders.clone()
-        };
+        let incarnation = self.incarnations;
+        let mut orders = Orders { incarnation, epoch, role, resume: Some(resume), ..self.orders.clone() };
         if let Some(slot) = orders.launch.slot_mut(service) {
             *slot = stage;
         }
+        let post = &mut self.posts[service as usize];
+        if let Some(before) = post.candidate.take() {
+            before.signal(Signal::KILL);
+            post.retired = Some(before);
+        }
         let process = Process::start(service, &orders)?;
-        urgency::set(process.pid, Urgency::Starting);
-        self.posts[service as usize].candidate = Some(process);
-        Ok(self.incarnations)
+        urgency::set(process.pid, if process.owns { Urgency::Path } else { Urgency::Starting });
+        post.candidate = Some(process);
+        Ok(incarnation)
     }
 
     /// The candidate is to be on the path.
@@ -145,7 +147,11 @@ impl Crew {
     /// The candidate fills the slot; later lives are of its stage.
     pub(crate) fn promote(&mut self, service: Service, stage: launch::Stage) {
         let post = &mut self.posts[service as usize];
-        post.retired = std::mem::replace(&mut post.process, post.candidate.take());
+        if let Some(before) = std::mem::replace(&mut post.process, post.candidate.take()) {
+            post.retired = Some(before);
+        }
+        (post.away, post.due) = (false, None);
+        post.lives.begin_anew();
         if let Some(slot) = self.orders.launch.slot_mut(service) {
             *slot = stage;
         }
@@ -166,6 +172,41 @@ impl Crew {
             process.signal(if process.asked { Signal::KILL } else { Signal::TERM });
             process.asked = true;
         }
+    }
+
+    /// Kills every process: its bus is no more. What is known of the services stays.
+    pub(crate) fn leave_bus(&mut self) {
+        for post in &mut self.posts {
+            let lives = [post.process.take(), post.candidate.take(), post.retired.take()];
+            lives.into_iter().flatten().for_each(|mut process| process.kill());
+            (post.due, post.term, post.at, post.ending) = (None, None, None, false);
+        }
+    }
+
+    /// Starts every service that has not failed from its checkpoint, on another bus.
+    pub(crate) fn start_anew(&mut self, memory: &Memory) -> Result<(), UpError> {
+        self.tended = Instant::now();
+        for service in self.orders.launch.services.clone() {
+            if !self.post(service).away {
+                self.begin(service, Some(memory.resume(service, &self.orders.launch)))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The processes that fill the slots.
+    pub(crate) fn pids(&self) -> Vec<u32> {
+        self.path().map(|(_, post)| post.pid()).filter(|pid| *pid != 0).collect()
+    }
+
+    /// Somebody is to be started again.
+    pub(crate) fn lacks_somebody(&self) -> bool {
+        self.posts.iter().any(|post| post.due.is_some())
+    }
+
+    /// Services that are not started again.
+    pub(crate) fn away(&self) -> Vec<Service> {
+        self.posts().filter(|(_, post)| post.away).map(|(service, _)| service).collect()
     }
 
     /// The owner of the slot is to begin anew from its checkpoint.
@@ -209,7 +250,7 @@ impl Crew {
     pub(crate) fn revive(&mut self, memory: &Memory, news: &mut News) -> Result<(), UpError> {
         for service in Service::ALL {
             let post = &self.posts[service as usize];
-            if !post.ending && post.due.is_some_and(|due| Instant::now() >= due) {
+            if !post.ending && !post.is_replaced() && post.due.is_some_and(|due| Instant::now() >= due) {
                 let incarnation = match self.begin(service, Some(memory.resume(service, &self.orders.launch))) {
                     Err(error) if service.is_beside() => {
                         let longest = Duration::from_secs_f64(self.orders.launch.restart.backoff_max_s);
@@ -232,7 +273,11 @@ impl Crew {
         let post = &mut self.posts[service as usize];
         let Some(mut process) = post.process.take() else { return Ok(()) };
         let how = match (status.code(), status.signal()) {
+            (Some(0), _) => "ended with code 0, as if somebody else had sent it SIGTERM".into(),
             (Some(code), _) => format!("ended with code {code}"),
+            (None, Some(libc::SIGBUS)) => {
+                format!("found no memory for its part of the bus (signal 7): {}", memory_state())
+            }
             (None, Some(signal)) => format!("was ended by signal {signal}"),
             (None, None) => "ended".into(),
         };
@@ -252,13 +297,17 @@ impl Crew {
             Verdict::Away => {
                 post.away = true;
                 news.away.push(service);
-                news.lines
-                    .push(format!("{service}: process {} {how}; it has failed and stays away{said}", process.pid));
+                let remedy = remedy(service);
+                news.lines.push(format!(
+                    "{service}: process {} {how}; it has failed and stays away{remedy}{said}",
+                    process.pid
+                ));
             }
             Verdict::Again(pause) => {
                 post.due = Some(Instant::now() + pause);
                 let when = if pause.is_zero() { String::new() } else { format!(", again in {} ms", pause.as_millis()) };
-                news.lines.push(format!("{service}: process {} {how}{when}{said}", process.pid));
+                let remedy = if post.lives.has_failed(&rule) { remedy(service) } else { String::new() };
+                news.lines.push(format!("{service}: process {} {how}{when}{remedy}{said}", process.pid));
             }
         }
         Ok(())
@@ -340,6 +389,18 @@ impl Crew {
         let living = self.posts.iter().filter_map(|post| post.process.as_ref());
         living.map(|process| cpu_s(&process.pid.to_string())).sum::<f64>()
     }
+}
+
+/// How much shared memory there is, and how to have more.
+fn memory_state() -> String {
+    let state = SharedMemory::now().map_or(String::new(), |memory| format!("{memory}; "));
+    format!("{state}{MORE_MEMORY}")
+}
+
+/// What can be done about a service that has failed.
+fn remedy(service: Service) -> String {
+    let is_slot = Service::SLOTS.contains(&service);
+    if is_slot { format!("; `plumb swap {service} STAGE` puts another stage in its place") } else { String::new() }
 }
 
 impl Drop for Crew {

@@ -49,7 +49,7 @@ pub struct Standing {
     pub restarts: u32,
     /// Its life.
     pub incarnation: u32,
-    /// The decision about its slot that it follows.
+    /// The last decision about its slot; 0 where it has none.
     pub epoch: u32,
     /// Ticks published.
     pub ticks: u64,
@@ -98,7 +98,17 @@ impl Post {
 
     /// It has opened its topics, or will not any more.
     pub(crate) fn is_settled(&self) -> bool {
-        self.away || self.heard().is_some()
+        self.away || self.heard().is_some() || self.is_replaced() && self.candidate_heard().is_some()
+    }
+
+    /// Another stage begins in the place of its last life.
+    pub(super) fn is_replaced(&self) -> bool {
+        self.candidate.as_ref().is_some_and(|candidate| candidate.owns)
+    }
+
+    /// No life of it goes on.
+    pub(crate) fn has_ended(&self) -> bool {
+        self.process.as_ref().is_none_or(|process| process.ended.is_some())
     }
 
     /// A time in which nobody could say anything. Of a service that still says nothing no second one is forgiven: on a machine with too much to

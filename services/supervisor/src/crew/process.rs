@@ -9,7 +9,7 @@ use std::{
 
 use launch::Service;
 use messages::Health;
-use runtime::{Orders, said::Said};
+use runtime::{Orders, Role, said::Said};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 
 use crate::UpError;
@@ -19,6 +19,8 @@ use crate::UpError;
 pub(super) struct Process {
     pub(super) pid: u32,
     pub(super) incarnation: u32,
+    /// It publishes from its start on.
+    pub(super) owns: bool,
     /// What it said of itself last.
     pub(super) heard: Option<Health>,
     /// When it did; before its first word, when it was started.
@@ -72,6 +74,7 @@ impl Process {
         let process = Self {
             pid,
             incarnation,
+            owns: orders.role != Role::Candidate,
             heard: None,
             quiet_since: since,
             forgiven: false,

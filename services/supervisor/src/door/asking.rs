@@ -16,7 +16,7 @@ use super::{Ask, LINE_MAX, SILENCE_LIMIT, Said};
 /// Why a question was not answered.
 #[derive(Debug, thiserror::Error)]
 pub enum DoorError {
-    /// The name is none.
+    /// The name is none, or another user's.
     #[error(transparent)]
     Name(#[from] BusError),
     /// Nobody is there.
@@ -51,7 +51,11 @@ pub enum DoorError {
 
 /// Asks a running system, and waits for the answer: two seconds, or as long as a swap takes that it has begun, or a shadow.
 pub fn ask<A: DeserializeOwned>(name: &str, question: &Ask) -> Result<A, DoorError> {
-    let door = Domain::new(name)?.door();
+    let nobody = |cause| DoorError::Nobody { name: name.into(), cause };
+    let door = Domain::new(name)?.door().map_err(|error| match error {
+        BusError::File { cause, .. } => nobody(cause),
+        error => DoorError::Name(error),
+    })?;
     let unanswered = |cause: String| DoorError::Unanswered { name: name.into(), cause };
     let failed = |limit: Option<Duration>| {
         move |cause: io::Error| match (cause.kind(), limit) {
@@ -65,7 +69,7 @@ pub fn ask<A: DeserializeOwned>(name: &str, question: &Ask) -> Result<A, DoorErr
         ErrorKind::WouldBlock => {
             unanswered("too many wait at its door; is its supervisor frozen? `plumb doctor` tells".into())
         }
-        _ => DoorError::Nobody { name: name.into(), cause },
+        _ => nobody(cause),
     })?;
     let text = serde_json::to_string(question).map_err(|cause| unanswered(cause.to_string()))?;
     stream.set_write_timeout(Some(SILENCE_LIMIT)).map_err(failed(None))?;

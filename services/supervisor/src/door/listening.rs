@@ -1,10 +1,12 @@
 //! Who is asked: the supervisor's end of the door.
 
 use std::{
-    fs,
+    fs::{self, Permissions},
     io::{ErrorKind, Read, Write},
-    os::unix::net::{UnixListener, UnixStream},
-    path::PathBuf,
+    os::unix::{
+        fs::PermissionsExt,
+        net::{UnixListener, UnixStream},
+    },
     time::{Duration, Instant},
 };
 
@@ -39,12 +41,10 @@ struct Caller {
 
 impl Door {
     pub(crate) fn open(domain: &Domain) -> Result<Self, UpError> {
-        let path: PathBuf = domain.door();
+        let path = domain.door()?;
         let failed = |cause| UpError::System { doing: format!("opening {}", path.display()), cause };
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(failed)?;
-        }
         let listener = UnixListener::bind(&path).map_err(failed)?;
+        fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
         Ok(Self { listener, callers: Vec::new(), next_caller: 0 })
     }

@@ -27,7 +27,7 @@ pub(crate) use listening::Door;
 const LINE_MAX: usize = 64 * 1024;
 /// A system that runs says something within this time.
 const SILENCE_LIMIT: Duration = Duration::from_secs(2);
-/// What a swap may take: the deadlines of its stages, of those of the one before it, and as much again.
+/// What a swap may take once ticks come: the deadlines of its stages, of those of the one before it, and as much again.
 const SWAP_LIMIT: Duration = Duration::from_secs(30);
 
 /// What may be asked.
@@ -45,6 +45,8 @@ pub enum Ask {
     Ps,
     /// What was to run, with the stages that fill the slots by now.
     Orders,
+    /// What the report and the file lack by now.
+    Record,
     /// A service has something to say to people.
     Tell {
         /// Which one.
@@ -70,7 +72,7 @@ impl Ask {
     /// How long the answer to a question that was taken is waited for. A shadow has no limit: it ends with whoever asked for it.
     fn answer_limit(&self) -> Option<Duration> {
         match self {
-            Self::Swap(Wish { shadow, .. }) => Some(SWAP_LIMIT).filter(|_| !shadow),
+            Self::Swap(Wish { limit_ms, .. }) => Some(SWAP_LIMIT + Duration::from_millis((*limit_ms)?)),
             _ => Some(SILENCE_LIMIT),
         }
     }

@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{
-    fs,
     io::{ErrorKind, Read, Write},
     os::unix::net::UnixStream,
     sync::atomic::{AtomicU32, Ordering},
@@ -10,32 +9,33 @@ use std::{
     time::Instant,
 };
 
-use bus::Domain;
+use bus::{Claim, Domain};
 use launch::Stage;
 
 use super::{asking::knock, *};
 
 /// A door in a domain of its own, which goes with the test.
-struct House(Domain, String, Door);
+struct House(Domain, String, Door, #[expect(dead_code, reason = "it is held")] Claim);
 
 impl House {
     fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("test-door-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let domain = Domain::new(&name).unwrap();
+        let claim = domain.claim().unwrap();
         let door = Door::open(&domain).unwrap();
-        Self(domain, name, door)
+        Self(domain, name, door, claim)
     }
 
     fn caller(&self) -> UnixStream {
-        let caller = UnixStream::connect(self.0.door()).unwrap();
+        let caller = UnixStream::connect(self.0.door().unwrap()).unwrap();
         caller.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         caller
     }
 
     /// What is asked meanwhile gets this answer, but for a swap, which waits.
     fn open_for(&mut self, ask: impl FnOnce(&str) + Send) {
-        let Self(_, name, door) = self;
+        let Self(_, name, door, _) = self;
         thread::scope(|scope| {
             let asking = scope.spawn(|| ask(name));
             while !asking.is_finished() {
@@ -50,15 +50,9 @@ impl House {
     }
 }
 
-impl Drop for House {
-    fn drop(&mut self) {
-        fs::remove_dir_all(self.0.door().parent().unwrap()).unwrap();
-    }
-}
-
 fn shadow() -> Ask {
     let stage = Stage { stage: "vqf".into(), set: Default::default() };
-    Ask::Swap(Wish { slot: "fuser".into(), stage, shadow: true, expected_epoch: None })
+    Ask::Swap(Wish { slot: "fuser".into(), stage, shadow: true, expected_epoch: None, limit_ms: None })
 }
 
 #[test]
@@ -119,7 +113,7 @@ fn a_supervisor_that_says_nothing_is_not_waited_for_and_does_not_do_it_later() {
 #[test]
 fn nobody_waits_to_be_let_wait() {
     let house = House::new();
-    let full = (0..100_000).find_map(|_| knock(&house.0.door()).err()).unwrap();
+    let full = (0..100_000).find_map(|_| knock(&house.0.door().unwrap()).err()).unwrap();
     assert_eq!(full.kind(), ErrorKind::WouldBlock, "{full}");
     let error = ask::<u32>(&house.1, &Ask::Ps).unwrap_err();
     assert!(error.to_string().contains("too many wait"), "{error}");

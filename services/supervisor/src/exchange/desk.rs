@@ -54,8 +54,7 @@ impl Desk {
     /// A request begins.
     pub(super) fn open(&mut self, id: u64, service: Service, from: String, to: String, collector: &mut Collector) {
         self.note_gap(collector);
-        let sequence = collector.sequence();
-        let (lost, duplicated) = (sequence.lost, sequence.duplicated);
+        let (lost, duplicated) = (collector.lost(), collector.duplicated());
         self.waiting.push(Waiting { id, service, from, to, lost, duplicated, gap_ns: 0, done: None });
     }
 
@@ -87,7 +86,7 @@ impl Desk {
     /// Answers what is settled, once the attitudes after it have come.
     pub(super) fn finish(&mut self, now_ms: u64, collector: &mut Collector) {
         self.note_gap(collector);
-        let next_tick = collector.sequence().next_tick;
+        let next_tick = collector.next_tick();
         let settled = |waiting: &Waiting| {
             waiting.done.as_ref().is_some_and(|Done { report, at_ms, .. }| {
                 report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER || now_ms > at_ms + WAIT_AFTER_MS)
@@ -96,8 +95,7 @@ impl Desk {
         while let Some(place) = self.waiting.iter().position(settled) {
             let Waiting { id, service, from, to, lost, duplicated, gap_ns, done } = self.waiting.swap_remove(place);
             let Some(Done { report, reason, .. }) = done else { continue };
-            let sequence = collector.sequence();
-            let (lost, duplicated) = (sequence.lost - lost, sequence.duplicated - duplicated);
+            let (lost, duplicated) = (collector.lost() - lost, collector.duplicated() - duplicated);
             let jump_deg = report.commit_tick.map_or(0.0, |tick| collector.jump_rad(tick).to_degrees());
             self.answer(
                 id,

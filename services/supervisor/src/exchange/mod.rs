@@ -9,9 +9,9 @@ mod wish;
 use std::time::Instant;
 
 use bus::{Bus, Publisher};
-use launch::{Launch, Service, Stage};
+use launch::{Launch, Service, Stage, nearest};
 use messages::{AccelPoint, AttitudeOutput, Control, FusedState, GyroStep, Health, ImuSample};
-use runtime::{Orders, service::FIRST_EPOCH};
+use runtime::{Orders, Role, service::FIRST_EPOCH};
 use swap::{Action, Coordinator, Event, Limits, Outcome, Reason, Standing, State};
 
 use desk::Desk;
@@ -20,7 +20,7 @@ pub use wish::{SwapReport, Wish};
 use crate::{
     UpError,
     collector::Collector,
-    crew::{Crew, Death, News},
+    crew::{self, Crew, Death, News},
     memory::{Memory, readers},
 };
 
@@ -32,7 +32,7 @@ pub(crate) struct Exchange {
     orders: Orders,
     requests: u64,
     /// Requests for slots whose last exchange is being cleared away.
-    queued: Vec<(u64, Service, Stage, bool)>,
+    queued: Vec<(Service, Stage, swap::Request)>,
     desk: Desk,
 }
 
@@ -92,7 +92,8 @@ impl Exchange {
         self.requests += 1;
         let id = self.requests;
         let checked = self.checked(&wish);
-        let Wish { slot, stage, shadow, expected_epoch } = wish;
+        let until_ms = wish.limit_ms.map_or(u64::MAX, |limit_ms| self.now_ms().saturating_add(limit_ms));
+        let Wish { slot, stage, shadow, expected_epoch, .. } = wish;
         let (service, from) = match checked {
             Ok((service, from)) => (service, from),
             Err((from, reason)) => {
@@ -108,14 +109,15 @@ impl Exchange {
             return id;
         }
         self.desk.open(id, service, from, stage.stage.clone(), collector);
+        let request = swap::Request { id, stage: stage.stage.clone(), shadow_only: shadow, until_ms };
         let Some(slot) = self.slot(service) else { return id };
         if matches!(slot.coordinator.state(), State::Committed { .. } | State::Retiring { .. } | State::Aborting)
-            && !self.queued.iter().any(|(_, queued, ..)| *queued == service)
+            && !self.queued.iter().any(|(queued, ..)| *queued == service)
         {
-            self.queued.push((id, service, stage, shadow));
+            self.queued.push((service, stage, request));
             return id;
         }
-        self.request(id, service, stage, shadow, crew, memory);
+        self.request(service, stage, request, crew, memory);
         id
     }
 
@@ -124,7 +126,8 @@ impl Exchange {
         let here = Service::named(&wish.slot).filter(|service| self.slots.iter().any(|slot| slot.service == *service));
         let Some((service, from)) = here.and_then(|service| Some((service, self.orders.launch.slot(service)?))) else {
             let slots: Vec<_> = self.slots.iter().map(|slot| slot.service.name()).collect();
-            let reason = format!("there is no slot `{}` here; there are: {}", wish.slot, slots.join(", "));
+            let meant = nearest(&wish.slot, &slots).map_or(String::new(), |slot| format!("; did you mean `{slot}`?"));
+            let reason = format!("there is no slot `{}` here{meant}; there are {}", wish.slot, slots.join(", "));
             return Err((String::new(), reason));
         };
         let from = from.stage.clone();
@@ -137,20 +140,30 @@ impl Exchange {
     /// Asks the slot's coordinator. Who asks for the stage that already runs beside it asks for its promotion.
     fn request(
         &mut self,
-        id: u64,
         service: Service,
         stage: Stage,
-        shadow_only: bool,
+        request: swap::Request,
         crew: &mut Crew,
         memory: &mut Memory,
     ) {
         let Some(slot) = self.slot(service) else { return };
-        let promotes = slot.candidate.as_ref() == Some(&stage) && !shadow_only && slot.shadows();
+        let promotes = slot.candidate.as_ref() == Some(&stage) && !request.shadow_only && slot.shadows();
         if slot.coordinator.state() == State::Idle {
-            slot.candidate = Some(stage.clone());
+            slot.candidate = Some(stage);
         }
-        let request = swap::Request { id, stage: stage.stage, shadow_only };
-        self.tell(service, if promotes { Event::Promote } else { Event::Request(request) }, crew, memory);
+        let until_ms = request.until_ms;
+        let event = if promotes { Event::Promote { until_ms } } else { Event::Request(request) };
+        self.tell(service, event, crew, memory);
+    }
+
+    /// How the services are, and the last decision about each slot.
+    pub(crate) fn ps(&self, crew: &Crew) -> Vec<crew::Standing> {
+        let mut all = crew.ps();
+        for slot in &self.slots {
+            let of_slot = all.iter_mut().filter(|standing| standing.service == slot.service.name());
+            of_slot.for_each(|standing| standing.epoch = slot.coordinator.epoch());
+        }
+        all
     }
 
     /// Ends a shadow.
@@ -179,6 +192,10 @@ impl Exchange {
         memory: &mut Memory,
     ) -> Result<(), UpError> {
         self.control.greet()?;
+        for service in self.slots.iter().map(|slot| slot.service).collect::<Vec<_>>() {
+            let next_tick = published_tick(bus, service);
+            self.tell(service, Event::Published { next_tick }, crew, memory);
+        }
         for Death { service, incarnation, said } in &news.deaths {
             if let Some(slot) = self.slot(*service) {
                 slot.last_words.clone_from(said);
@@ -190,13 +207,13 @@ impl Exchange {
             self.tell(*service, Event::Restarted { incarnation: *incarnation }, crew, memory);
         }
         for service in &news.away {
-            self.leave_empty(bus, *service)?;
+            self.tell(*service, Event::Vacated, crew, memory);
         }
         let idle = |slot: &Slot| slot.coordinator.state() == State::Idle;
         let free: Vec<_> = self.slots.iter().filter(|slot| idle(slot)).map(|slot| slot.service).collect();
-        while let Some(place) = self.queued.iter().position(|(_, service, ..)| free.contains(service)) {
-            let (id, service, stage, shadow) = self.queued.swap_remove(place);
-            self.request(id, service, stage, shadow, crew, memory);
+        while let Some(place) = self.queued.iter().position(|(service, ..)| free.contains(service)) {
+            let (service, stage, request) = self.queued.swap_remove(place);
+            self.request(service, stage, request, crew, memory);
         }
         // Where the samples are on another host, what was made of them tells it.
         let newest_tick = bus.next_tick::<ImuSample>().max(bus.next_tick::<GyroStep>()).saturating_sub(1);
@@ -204,8 +221,7 @@ impl Exchange {
             self.tell(service, Event::NewestInput { tick: newest_tick }, crew, memory);
             let kept =
                 readers(service).iter().filter_map(|reader| memory.resume_tick(*reader, &self.orders.launch)).min();
-            let next_tick =
-                if readers(service).is_empty() { collector.sequence().next_tick } else { kept.unwrap_or(0) };
+            let next_tick = if readers(service).is_empty() { collector.next_tick() } else { kept.unwrap_or(0) };
             self.tell(service, Event::ReadersKeep { next_tick }, crew, memory);
             let (active, candidate) =
                 (crew.post(service).heard().copied(), crew.post(service).candidate_heard().copied());
@@ -230,12 +246,10 @@ impl Exchange {
         Ok(())
     }
 
-    /// Nobody owns the slot any more from the tick after the newest one on.
-    fn leave_empty(&mut self, bus: &Bus, service: Service) -> Result<(), UpError> {
-        let from_tick = published_tick(bus, service);
-        let epoch = self.slot(service).map_or(0, |slot| slot.coordinator.epoch()) + 1;
-        self.control.send(&Control { from_tick, epoch, service: service as u32, owner: 0, reserved: 0 })?;
-        Ok(())
+    /// Nobody owns the slot any more: its service has failed.
+    pub(crate) fn leave_empty(&mut self, bus: &Bus, service: Service, crew: &mut Crew, memory: &mut Memory) {
+        self.tell(service, Event::Published { next_tick: published_tick(bus, service) }, crew, memory);
+        self.tell(service, Event::Vacated, crew, memory);
     }
 
     /// The tick at which a slot changes hands, between the decision and its confirmation.
@@ -262,11 +276,17 @@ impl Exchange {
             let Some(slot) = self.slots.iter_mut().find(|slot| slot.service == service) else { return };
             for action in slot.coordinator.handle(now_ms, event) {
                 match action {
-                    Action::SpawnCandidate { epoch, .. } => {
+                    action @ (Action::SpawnCandidate { epoch, .. } | Action::SpawnOwner { epoch, .. }) => {
                         slot.ready = false;
                         memory.forget_candidate(service);
                         let stage = slot.candidate.clone().unwrap_or_else(|| unreachable!("a request names a stage"));
-                        let begun = crew.begin_candidate(service, stage, epoch, memory.newest(service));
+                        let (role, resume) = match action {
+                            Action::SpawnOwner { from_tick, .. } => {
+                                (Role::Owner { from_tick }, memory.resume(service, &self.orders.launch))
+                            }
+                            _ => (Role::Candidate, memory.newest(service)),
+                        };
+                        let begun = crew.begin_candidate(service, stage, epoch, role, resume);
                         events.push(match begun {
                             Ok(incarnation) => Event::Spawned { incarnation },
                             Err(error) => Event::SpawnFailed { cause: error.to_string() },
@@ -338,6 +358,7 @@ pub(crate) fn published_tick(bus: &Bus, service: Service) -> u64 {
 
 /// What is wrong with a stage for a slot, for people.
 fn check(orders: &Orders, service: Service, stage: &Stage) -> Result<(), String> {
+    orders.launch.may_fill(service, &stage.stage).map_err(|error| error.to_string())?;
     let mut launch: Launch = orders.launch.clone();
     if let Some(slot) = launch.slot_mut(service) {
         slot.clone_from(stage);

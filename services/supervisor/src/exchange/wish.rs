@@ -17,6 +17,13 @@ pub struct Wish {
     pub shadow: bool,
     /// The last decision about the slot that whoever asks knows of; with another it is refused.
     pub expected_epoch: Option<u32>,
+    /// How long it waits for a tick to come out of the slot, ms; a shadow waits for as long as it is asked for.
+    pub limit_ms: Option<u64>,
+}
+
+impl Wish {
+    /// How long somebody waits who says nothing of that, ms.
+    pub const LIMIT_MS: u64 = 30_000;
 }
 
 /// How it went.

@@ -195,6 +195,7 @@ impl Stage for Levelling {
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: PI,
             bias_sd_rad_s,
+            hard_iron: self.carried.hard_iron(),
         }
     }
 

@@ -11,7 +11,7 @@ mod level;
 mod numbers;
 mod period;
 
-use super::{Corrections, Estimate, Fused, FuserInput, field_direction, innovation_rad, spread::Spread};
+use super::{Corrections, Estimate, Fused, FuserInput, HardIron, field_direction, innovation_rad, spread::Spread};
 use crate::{
     Vector3,
     course::Reference,
@@ -39,6 +39,8 @@ pub struct Vqf {
     magnetic: bool,
     tilt: Spread,
     heading: Spread,
+    /// Of the giver.
+    hard_iron: HardIron,
 }
 
 impl Default for Vqf {
@@ -51,6 +53,7 @@ impl Default for Vqf {
             magnetic: false,
             tilt: Spread::UNKNOWN,
             heading: Spread::UNKNOWN,
+            hard_iron: HardIron::UNKNOWN,
         }
     }
 }
@@ -186,6 +189,7 @@ impl Stage for Vqf {
         self.magnetic.visit(visit);
         self.tilt.visit(visit);
         self.heading.visit(visit);
+        self.hard_iron.visit(visit);
         visit_numbers(self.filter.state_mut(), visit);
         if timed != (self.motion.mean_s, self.field.mean_s) && self.timing_flaw().is_none() {
             self.retime();
@@ -198,6 +202,7 @@ impl Stage for Vqf {
             .or_else(|| bias_flaw(self.bias_rad_s()))
             .or_else(|| self.tilt.flaw())
             .or_else(|| self.heading.flaw())
+            .or_else(|| self.hard_iron.flaw())
     }
 
     fn common(&self) -> Estimate {
@@ -208,6 +213,7 @@ impl Stage for Vqf {
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.filter.bias_estimate().1,
+            hard_iron: self.hard_iron,
         }
     }
 
@@ -228,6 +234,7 @@ impl Stage for Vqf {
         state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
         self.tilt = Spread::of(common.inclination_sd_rad);
         self.heading = Spread::of(common.heading_sd_rad);
+        self.hard_iron = common.hard_iron;
         Ok(())
     }
 }

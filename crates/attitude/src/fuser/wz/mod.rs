@@ -68,7 +68,7 @@ impl Default for Wz {
 impl Wz {
     /// The hard iron that the heading found, µT, body axes: where it is above 3 µT the magnetometer wants a calibration.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {
-        self.heading.hard_iron_ut()
+        self.heading.hard_iron().field_ut
     }
 
     /// How late the magnetometer was found to be on the gyro, s.
@@ -225,13 +225,13 @@ impl Stage for Wz {
             inclination_sd_rad: self.bias.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.bias.sd_rad_s(),
+            hard_iron: self.heading.hard_iron(),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
-        self.heading =
-            Heading::of(self.heading.settings, common.reference, common.heading_sd_rad, common.bias_sd_rad_s);
+        self.heading = Heading::of(self.heading.settings, common);
         self.level = Level::of(common.attitude);
         self.bias = BiasFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest = Rest::default();

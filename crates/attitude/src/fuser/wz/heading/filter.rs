@@ -15,7 +15,7 @@
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 
 use super::{Settings, levelled::Interval};
-use crate::stage::Numbers;
+use crate::{Vector3, fuser::HardIron, stage::Numbers};
 
 /// Numbers in the state, and where its parts begin.
 pub(super) const STATES: usize = 14;
@@ -129,6 +129,27 @@ impl Filter {
             self.p[i][i] = known.p[i][i];
         }
         self.open(B, hard_iron_sd_ut);
+    }
+
+    /// The hard iron is what somebody has found before; what is not known stays what the settings say.
+    pub(super) fn know(&mut self, hard_iron: HardIron) {
+        let HardIron { field_ut, sd_ut } = hard_iron;
+        if sd_ut.is_finite() {
+            for (i, part_ut) in (B..).zip(field_ut.iter()) {
+                self.reset(i, sd_ut);
+                self.x[i] = *part_ut;
+            }
+        }
+    }
+
+    /// The hard iron; unknown where it is taken to be none.
+    pub(super) fn hard_iron(&self) -> HardIron {
+        let variance_ut2 = (B..B + 3).map(|i| self.p[i][i]).fold(0.0, f64::max);
+        if variance_ut2 == 0.0 {
+            return HardIron::UNKNOWN;
+        }
+        let field_ut = Vector3::new(self.x[B], self.x[B + 1], self.x[B + 2]);
+        HardIron { field_ut, sd_ut: libm::sqrt(variance_ut2) }
     }
 
     /// Three states from `first` on may be off by `sd` more.

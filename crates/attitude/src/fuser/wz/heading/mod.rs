@@ -28,14 +28,14 @@ use core::f64::consts::PI;
 use crate::{
     Complex, Vector3,
     course::Reference,
-    fuser::wz::ease,
+    fuser::{Estimate, HardIron, wz::ease},
     parameters::settings,
     stage::Numbers,
     state::{Attitude, wrapped_rad},
 };
 use {
     contest::Contest,
-    filter::{B, BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
+    filter::{BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
     levelled::{Interval, Levelled},
 };
 
@@ -125,17 +125,20 @@ pub(super) struct Heading {
     /// The reference of a heading that another stage found.
     magnetic: bool,
     by_track: bool,
+    /// Of the giver.
+    hard_iron: HardIron,
 }
 
 impl Default for Heading {
     fn default() -> Self {
-        Self::of(Settings::default(), Reference::Arbitrary, PI, f64::INFINITY)
+        Self::of(Settings::default(), &Estimate::UNKNOWN)
     }
 }
 
 impl Heading {
-    /// Goes on from a heading that is already in the attitude, with a gyro whose bias is known within `bias_sd_rad_s`.
-    pub(super) fn of(settings: Settings, reference: Reference, sd_rad: f64, bias_sd_rad_s: f64) -> Self {
+    /// Goes on from a heading that is already in the attitude, with the giver's bias and hard iron.
+    pub(super) fn of(settings: Settings, common: &Estimate) -> Self {
+        let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
         Self {
             settings,
             levelled: Levelled::default(),
@@ -146,10 +149,11 @@ impl Heading {
             settling_rad: 0.0,
             turn_rad: 0.0,
             left_rad: 0.0,
-            sd_rad: sd_rad.min(PI),
+            sd_rad: heading_sd_rad.min(PI),
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
             magnetic: reference == Reference::Magnetic,
             by_track: reference == Reference::True,
+            hard_iron,
         }
     }
 
@@ -181,10 +185,9 @@ impl Heading {
         self.disturbed
     }
 
-    /// Hard iron, µT, body axes.
-    pub(super) fn hard_iron_ut(&self) -> Vector3<f64> {
-        let x = &self.contest.main.x;
-        Vector3::new(x[B], x[B + 1], x[B + 2])
+    /// Hard iron; where it is taken to be none it is not estimated.
+    pub(super) fn hard_iron(&self) -> HardIron {
+        if self.begun { self.contest.main.hard_iron() } else { self.hard_iron }
     }
 
     /// How late the magnetometer is on the gyro, s.
@@ -195,8 +198,11 @@ impl Heading {
     /// The level was lost, and with it the gyro's heading.
     pub(super) fn realign(&mut self) {
         self.levelled = Levelled::default();
-        self.lose();
-        self.publish();
+        // Before the first field there is no north to lose.
+        if self.begun {
+            self.lose();
+            self.publish();
+        }
     }
 
     /// The body may face anywhere, on a level that has to settle.
@@ -282,6 +288,7 @@ impl Heading {
             main.face_north(interval.field_ut, self.sd_rad);
         }
         main.reset(BETA, self.drift_sd_rad_s);
+        main.know(self.hard_iron);
         self.contest = Contest::of(main);
         if self.rested {
             self.contest.rested();
@@ -311,7 +318,8 @@ impl Heading {
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI && libm::fabs(*left_rad) <= PI;
         let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
-        self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
+        let bounds = (!bounds).then_some("a heading that is no angle");
+        self.levelled.flaw().or(bounds).or_else(|| self.contest.flaw()).or_else(|| self.hard_iron.flaw())
     }
 }
 
@@ -322,6 +330,7 @@ impl Numbers for Heading {
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
+        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(&mut *visit);
+        self.hard_iron.visit(visit);
     }
 }
