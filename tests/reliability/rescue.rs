@@ -8,11 +8,11 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 /// A system whose course stage has this fault from its first life on.
-fn failing(fault: &str, rule: &str) -> System {
+fn failing(buffer: &str, fault: &str, rule: &str) -> System {
     let stage = |name: &str| format!("[stages.{name}]\nslot = \"course\"\ncommand = [{:?}, \"{name}\"]\n", faulty());
     let stages = [stage("dies-when-ready"), stage("dies-at-once")].concat();
     let rule = format!("[restart]\nlimit = 2\nbackoff_s = 0.01\n{rule}\n");
-    System::new(&format!("[course]\nstage = \"{fault}\"\n{stages}{rule}"))
+    System::new(&format!("{buffer}[course]\nstage = \"{fault}\"\n{stages}{rule}"))
 }
 
 fn swap(system: &System, arguments: &[&str]) -> Value {
@@ -58,7 +58,8 @@ fn assert_no_other_lines(run: &Run, out: &Path) {
 
 #[test]
 fn a_slot_that_is_held_is_rescued_by_a_swap_and_nothing_is_lost_that_the_topics_hold() {
-    let system = failing("dies-when-ready", "on_limit = \"hold\"\nbackoff_max_s = 0.2");
+    let buffer = "buffer_s = 30\nlateness_s = 20\n";
+    let system = failing(buffer, "dies-when-ready", "on_limit = \"hold\"\nbackoff_max_s = 0.2");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the limit", || restarts(&system, "course") >= 4);
@@ -75,7 +76,7 @@ fn a_slot_that_is_held_is_rescued_by_a_swap_and_nothing_is_lost_that_the_topics_
 
 #[test]
 fn a_slot_that_has_failed_is_rescued_by_a_swap_and_what_is_lost_is_counted() {
-    let system = failing("dies-when-ready", "on_limit = \"degrade\"");
+    let system = failing("", "dies-when-ready", "on_limit = \"degrade\"");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the slot to be left", || standing(&system, "course")["state"] == "failed");
@@ -88,8 +89,10 @@ fn a_slot_that_has_failed_is_rescued_by_a_swap_and_what_is_lost_is_counted() {
     assert!(lost > 0, "{report}");
     assert_flows(&system, "course", "angles");
     let run = ended(running);
-    assert_eq!((run.number("/lost"), run.number("/duplicated")), (lost as f64, 0.0), "{}", run.people);
-    assert_eq!(run.number("/ticks_in"), run.number("/ticks_out") + lost as f64);
+    // Some may have been lost before the swap was asked for.
+    assert!(run.number("/lost") >= lost as f64, "{}", run.people);
+    assert_eq!(run.number("/ticks_in"), run.number("/ticks_out") + run.number("/lost"));
+    assert_eq!(run.number("/duplicated"), 0.0, "{}", run.people);
     assert_no_other_lines(&run, &out);
 }
 
@@ -118,7 +121,7 @@ fn each_slot_that_has_failed_is_rescued_by_another_kind_of_stage() {
 #[test]
 fn who_dies_in_the_place_of_another_leaves_the_slot_as_it_was() {
     for rule in ["on_limit = \"hold\"\nbackoff_max_s = 0.2", "on_limit = \"degrade\""] {
-        let system = failing("dies-when-ready", rule);
+        let system = failing("", "dies-when-ready", rule);
         let running = system.start(&[]);
         until("the limit", || restarts(&system, "course") >= 2);
         let report = swap(&system, &["course", "dies-at-once"]);
@@ -147,7 +150,7 @@ fn a_swap_before_the_first_tick_waits_for_it() {
     // Of a source that is silent for longer than any step of an exchange may take.
     let system = System::new("[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 200");
     let running = system.start(&[]);
-    system.all_run();
+    until("every service", || system.ps().iter().filter(|one| one["state"] == "ready").count() == 5);
     let mut asking = plumb(&["swap", "fuser", "vqf", "--json", "--system", &system.name]);
     let mut asking = asking.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     std::thread::sleep(Duration::from_secs(2));

@@ -105,9 +105,9 @@ impl World {
     /// Does what is due.
     pub(crate) fn work(&mut self) {
         let now_ms = self.now_ms;
-        let due: Vec<_> = self.tasks.extract_if(.., |(due_ms, _)| *due_ms <= now_ms).collect();
-        for (_, task) in due {
-            match task {
+        // One by one: what is done may call off what is due.
+        while let Some(place) = self.tasks.iter().position(|(due_ms, _)| *due_ms <= now_ms) {
+            match self.tasks.remove(place).1 {
                 Task::Spawn { stage, epoch } => self.spawn(stage, epoch, None),
                 Task::SpawnOwner { stage, epoch, from_tick } => self.spawn(stage, epoch, Some(from_tick)),
                 Task::Kill { incarnation } => {
