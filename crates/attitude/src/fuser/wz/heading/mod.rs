@@ -125,8 +125,6 @@ pub(super) struct Heading {
     /// The reference of a heading that another stage found.
     magnetic: bool,
     by_track: bool,
-    /// Of the giver.
-    hard_iron: HardIron,
 }
 
 impl Default for Heading {
@@ -139,10 +137,12 @@ impl Heading {
     /// Goes on from a heading that is already in the attitude, with the giver's bias and hard iron.
     pub(super) fn of(settings: Settings, common: &Estimate) -> Self {
         let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
+        let mut main = Filter::begun(&settings);
+        main.know(hard_iron);
         Self {
             settings,
             levelled: Levelled::default(),
-            contest: Contest::of(Filter::begun(&settings)),
+            contest: Contest::of(main),
             begun: false,
             rested: false,
             disturbed: false,
@@ -153,7 +153,6 @@ impl Heading {
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
             magnetic: reference == Reference::Magnetic,
             by_track: reference == Reference::True,
-            hard_iron,
         }
     }
 
@@ -187,7 +186,7 @@ impl Heading {
 
     /// Hard iron; where it is taken to be none it is not estimated.
     pub(super) fn hard_iron(&self) -> HardIron {
-        if self.begun { self.contest.main.hard_iron() } else { self.hard_iron }
+        self.contest.main.hard_iron()
     }
 
     /// How late the magnetometer is on the gyro, s.
@@ -288,7 +287,7 @@ impl Heading {
             main.face_north(interval.field_ut, self.sd_rad);
         }
         main.reset(BETA, self.drift_sd_rad_s);
-        main.know(self.hard_iron);
+        main.know(self.hard_iron());
         self.contest = Contest::of(main);
         if self.rested {
             self.contest.rested();
@@ -318,8 +317,7 @@ impl Heading {
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI && libm::fabs(*left_rad) <= PI;
         let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
-        let bounds = (!bounds).then_some("a heading that is no angle");
-        self.levelled.flaw().or(bounds).or_else(|| self.contest.flaw()).or_else(|| self.hard_iron.flaw())
+        self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
     }
 }
 
@@ -330,7 +328,6 @@ impl Numbers for Heading {
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(&mut *visit);
-        self.hard_iron.visit(visit);
+        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
 }
