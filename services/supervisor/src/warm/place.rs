@@ -38,7 +38,8 @@ mod tests {
 
     #[test]
     fn the_folder_is_that_of_the_service_or_of_the_user() {
-        let cases: &[(&[(&str, &str)], Option<&str>)] = &[
+        type Case<'a> = (&'a [(&'a str, &'a str)], Option<&'a str>);
+        let cases: &[Case<'_>] = &[
             (&[("STATE_DIRECTORY", "/var/lib/plumbline"), ("HOME", "/home/a")], Some("/var/lib/plumbline")),
             (&[("STATE_DIRECTORY", "/var/lib/a:/var/lib/b")], Some("/var/lib/a")),
             (&[("XDG_STATE_HOME", "/s"), ("HOME", "/home/a")], Some("/s/plumbline")),
