@@ -23,7 +23,9 @@ impl HardIron {
         if !self.field_ut.iter().all(|x| x.abs() <= MOST_UT) {
             return Some("a hard iron beyond every magnet");
         }
-        (!(self.sd_ut >= 0.0)).then_some("a standard deviation below zero")
+        // The comparison also refuses what is not a number.
+        let allowed = self.sd_ut >= 0.0;
+        (!allowed).then_some("a standard deviation below zero")
     }
 }
 

@@ -164,7 +164,10 @@ mod tests {
         assert_eq!(refused(at("b", 10.0, 1.7e9 + 60.0, false)), Unusable::UnknownAge);
         let unset = text(PRIOR, SENSORS, at("a", 1000.0, 1.7e9, false)).unwrap();
         assert_eq!(prior(&unset, SENSORS, &at("b", 10.0, 1.7e9 + 60.0, true)), Err(Unusable::UnknownAge));
-        assert_eq!(Unusable::TooOld(days_s).to_string(), "it is 3 days old, and a gyro's bias may be anything by then");
+        assert_eq!(
+            Unusable::TooOld(days_s).to_string(),
+            "it is 100 days old, and by then the sensors may have become others"
+        );
     }
 
     #[test]
