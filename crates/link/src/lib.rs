@@ -39,6 +39,8 @@ const SILENCE_LIMIT: Duration = Duration::from_secs(40);
 const REFUSAL_LIMIT: Duration = Duration::from_secs(3);
 /// An attempt that took longer was not answered; Zenoh gives it up after 10 s.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// How long one waits for its turn where somebody is there who does not answer yet; Zenoh turns away some 250 connections a second.
+const BUSY_LIMIT: Duration = Duration::from_secs(10);
 /// Between two attempts.
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -78,7 +80,8 @@ impl Link {
     /// Takes a place from which somebody is reached, within `limit`; else says why not.
     pub fn reach(ends: &Ends, limit: Duration) -> Result<Self, LinkError> {
         let link = Self::open(ends)?;
-        if link.await_somebody(limit) {
+        // One that is busy with connections that say nothing gets to this one in its turn.
+        if link.await_somebody(limit) || reach::is_somebody_there(ends) && link.await_somebody(BUSY_LIMIT) {
             return Ok(link);
         }
         link.close();

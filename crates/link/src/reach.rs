@@ -1,5 +1,7 @@
 //! Why somebody could not be reached: one more attempt, whose error is put into words with what to do.
 
+use std::net::TcpStream;
+
 use zenoh::Wait;
 
 use crate::{Ends, ends::is_secured, guard::SESSIONS_MAX};
@@ -11,6 +13,12 @@ const ATTEMPT_LIMIT_MS: &str = "3000";
 pub(crate) fn why(ends: &Ends) -> String {
     let found = ends.connect.iter().map(|endpoint| format!("{endpoint}: {}", attempt(ends, endpoint)));
     found.collect::<Vec<_>>().join("\n")
+}
+
+/// Somebody takes a connection at one of the plain endpoints, though there may be no session yet.
+pub(crate) fn is_somebody_there(ends: &Ends) -> bool {
+    let addresses = ends.connect.iter().filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
+    addresses.into_iter().any(|address| TcpStream::connect(address).is_ok())
 }
 
 fn attempt(ends: &Ends, endpoint: &str) -> String {

@@ -56,7 +56,7 @@ impl Site {
 
     /// The router, as its folder has it.
     pub fn router(&self) -> Session {
-        zenoh::open(self.configuration(&self.path("router"))).wait().unwrap()
+        listening(&self.configuration(&self.path("router")))
     }
 
     /// A session as a party's folder has it.
@@ -82,7 +82,7 @@ impl Site {
         ] {
             config.insert_json5(key, &value).unwrap();
         }
-        zenoh::open(config).wait().unwrap()
+        listening(&config)
     }
 
     /// The same from another folder, which may be refused.
@@ -116,6 +116,16 @@ impl Site {
         }
         copy
     }
+}
+
+/// A session that listens. The port of one that has just closed is free a little later.
+fn listening(config: &Config) -> Session {
+    let mut session = None;
+    until("the port", || {
+        session = zenoh::open(config.clone()).wait().ok();
+        session.is_some()
+    });
+    session.unwrap()
 }
 
 fn free_port() -> u16 {
