@@ -70,6 +70,9 @@ struct Vehicle {
     refusals: Refusals,
 }
 
+/// The vehicles in sight by their names.
+type Vehicles = BTreeMap<String, Vehicle>;
+
 /// Looks at vehicles until it is to end.
 pub(crate) fn run(station: &Station) -> ExitCode {
     let ends = Arc::new(AtomicBool::new(false));
@@ -93,11 +96,11 @@ fn watch(
     station: &Station,
     link: &Link,
     ends: &AtomicBool,
-) -> Result<(BTreeMap<String, Vehicle>, ControlFlow<ExitCode>), Box<dyn std::error::Error>> {
+) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn std::error::Error>> {
     let messages = link.stream(&keys::key("*", "*"))?;
     let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
     let mut tables = station.csv.as_deref().map(Tables::in_folder);
-    let mut vehicles = BTreeMap::<String, Vehicle>::new();
+    let mut vehicles = Vehicles::new();
     let (screen, mut shown) = (Screen::new(true), ControlFlow::Continue(()));
     let (since, mut shown_at) = (Instant::now(), Instant::now());
     let over = || station.seconds.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s);
@@ -119,12 +122,12 @@ fn watch(
 }
 
 /// A vehicle by its name, as long as there are not too many.
-fn known<'v>(vehicles: &'v mut BTreeMap<String, Vehicle>, name: &str) -> Option<&'v mut Vehicle> {
+fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
     let has_room = vehicles.len() < VEHICLES_MAX;
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
 }
 
-fn see(vehicles: &mut BTreeMap<String, Vehicle>, sign: &Arrival) {
+fn see(vehicles: &mut Vehicles, sign: &Arrival) {
     let Some((name, rest)) = keys::parts(&sign.key) else { return };
     let Some(vehicle) = known(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVE).map(|service| service.trim_start_matches('/')) {
@@ -135,11 +138,7 @@ fn see(vehicles: &mut BTreeMap<String, Vehicle>, sign: &Arrival) {
     }
 }
 
-fn take(
-    vehicles: &mut BTreeMap<String, Vehicle>,
-    message: &Arrival,
-    tables: Option<&mut Tables>,
-) -> Result<(), csv::CsvError> {
+fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), csv::CsvError> {
     let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
     let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
     if topic == keys::GATEWAY {
@@ -203,7 +202,7 @@ impl Vehicle {
     }
 }
 
-fn table(vehicles: &BTreeMap<String, Vehicle>, detail: Option<&str>) -> String {
+fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
     if vehicles.is_empty() {
         return "no vehicle yet".into();
     }
@@ -233,7 +232,7 @@ fn attitude(output: &AttitudeOutput) -> String {
     format!("yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° ({reference})")
 }
 
-fn report(vehicles: &BTreeMap<String, Vehicle>) -> Value {
+fn report(vehicles: &Vehicles) -> Value {
     let vehicle = |(name, vehicle): (&String, &Vehicle)| {
         let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| track.json(topic)).collect();
         let attitude = vehicle.attitude.map(|output| {
