@@ -37,12 +37,13 @@ const LEFT_OUT: [(&str, &str); 14] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 6] = [
+const NO_EXAMPLES: [(&str, &str); 7] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
     ("sensor, receiver ─►", "a drawing"),
     ("topics ─► gateway", "a drawing"),
+    ("checkpoints of the fuser ─►", "a drawing"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
 ];
 

@@ -202,7 +202,10 @@ fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
     signal(running.pid(), Signal::CONT);
     until("the supervisor to answer", || ps(&system).len() == 6);
     running.interrupt();
-    assert_eq!(running.wait().code, Some(0));
+    // It was frozen for longer than a topic holds.
+    let run = running.wait();
+    assert_eq!((run.code, run.number("/lost")), (Some(1), 0.0), "{}", run.people);
+    assert!(run.number("/not_recorded") > 0.0, "{}", run.people);
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 

@@ -71,7 +71,7 @@ fn a_candidate_that_never_becomes_ready() {
 
 #[test]
 fn a_candidate_that_hangs() {
-    assert_aborted("hangs-when-ready", "the candidate");
+    assert_aborted("hangs-when-ready", "the new stage ended");
 }
 
 #[test]

@@ -52,6 +52,8 @@ fn words(endpoint: &str, cause: &str) -> String {
     let known = [
         ("Connection refused", "nobody listens there; `plumb ps` on board says where its gateway listens"),
         ("UnknownIssuer", "its certificate is of another authority than that of these keys"),
+        // The other authority has the same name.
+        ("BadSignature", "its certificate is of another authority than that of these keys"),
         (
             "NotValidForName",
             "its certificate is not for this address; `plumb keys vehicle NAME --host HOST --force` makes one that is",
