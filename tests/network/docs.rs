@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 14] = [
+const LEFT_OUT: [(&str, &str); 15] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -33,6 +33,10 @@ const LEFT_OUT: [(&str, &str); 14] = [
     ("plumb station --connect quic/192.168.1.5", "needs a router at that address; `certificates` has one here"),
     ("plumb topic hz attitude --remote alpha", "needs a router and a vehicle elsewhere; `certificates` has both here"),
     ("plumb swap fuser vqf --remote alpha", "needs a router and a vehicle elsewhere; `certificates` has both here"),
+    (
+        "plumb swap --remote alpha fuser vqf",
+        "needs a vehicle elsewhere and an operator's keys; `certificates` has both here",
+    ),
     ("plumb stage test my-fuser", "needs iceoryx2's Python package; `own_stage` runs it where there is one"),
 ];
 

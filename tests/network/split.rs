@@ -414,7 +414,7 @@ fn certificates(folder: &Path) -> Result<(), String> {
 const EVERYTHING: &str = r#"{
     enabled: true, default_permission: "deny",
     rules: [{
-        id: "everything", permission: "allow", flows: ["ingress", "egress"], key_exprs: ["plumbline/**", "plumbline/v1/*/@carry"],
+        id: "everything", permission: "allow", flows: ["ingress", "egress"], key_exprs: ["plumbline/**", "plumbline/v1/*/@live/**", "plumbline/v1/*/@carry"],
         messages: [
             "put", "delete", "query", "reply", "declare_subscriber", "declare_queryable",
             "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
