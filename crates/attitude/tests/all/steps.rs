@@ -161,8 +161,8 @@ fn no_tick_of_broad_turns_the_attitude_unannounced() {
     }
 }
 
-/// At 50 Hz, in aerobatics, the levelling alone leans by more in a tick, but from tick to tick by nearly the same. Only `wz` holds this
-/// there; what is printed says by how much the others do not.
+/// At 50 Hz, in aerobatics, the levelling alone leans by more in a tick, but from tick to tick by nearly the same. That is so of `wz`; the
+/// others change by as much as they are known to.
 #[test]
 fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
@@ -170,7 +170,12 @@ fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
     let samples = recorded(&path, Some(fixes));
     for (name, magnetic) in FUSERS.map(|name| (name, false)).into_iter().chain([("wz", true), ("aided", true)]) {
         let worst = worst(name, &samples, magnetic);
-        assert!(name != "wz" || worst.change.0 < 2.0 * STEP_DEG, "{name}: {worst:?}");
+        let limit_deg = match name {
+            "wz" => 2.0 * STEP_DEG,
+            "levelling-pi" => 0.5,
+            _ => 0.9,
+        };
+        assert!(worst.change.0 < limit_deg, "{name}: {worst:?}");
     }
 }
 
