@@ -6,7 +6,7 @@ use campaign::{CampaignError, Kills, Swaps};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, out::print};
+use crate::{fail, fail_after_result, out::print};
 
 /// The campaigns.
 #[derive(Subcommand)]
@@ -16,11 +16,11 @@ pub(crate) enum Bench {
         #[command(flatten)]
         campaign: Campaign,
     },
-    /// Exchange stages of all slots at random; exit code 1 when one was not committed or anything was lost.
+    /// Swap stages of all slots at random; exit code 1 when one was not committed or anything was lost.
     Swaps {
         #[command(flatten)]
         campaign: Campaign,
-        /// Exchange each stage for itself, which must not change a byte.
+        /// Swap each stage for itself, which must not change a byte.
         #[arg(long)]
         same: bool,
     },
@@ -67,7 +67,7 @@ fn show<R: Display + Serialize>(
         Ok(report) => {
             let printed =
                 if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&report) };
-            if holds(&report) { printed } else { fail(&"not everything that must hold did", 1) }
+            if holds(&report) { printed } else { fail_after_result(&"not everything that must hold did", 1) }
         }
         Err(error) => fail(&error, 1),
     }

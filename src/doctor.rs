@@ -2,20 +2,20 @@
 
 use std::{process::ExitCode, time::Duration};
 
-use bus::{BusError, Domain};
+use bus::{BusError, SystemName};
 use clap::Args;
+use control::{ControlError, ControlRequest, RecordStatus, ServiceStatus, ask};
 use observe::{
     doctor::{Check, Diagnosis, Outcome, leftovers, machine, running, running::Seen},
     process::is_stopped,
 };
-use runtime::Orders;
-use supervisor::{Ask, DoorError, Record, Standing, ask};
+use runtime::ServiceConfig;
 
 use crate::{
     fail,
     out::print,
     seeing::{Until, duration, observer},
-    swap::OnBoard,
+    system::OnBoard,
 };
 
 /// The command line of `plumb doctor`.
@@ -35,15 +35,22 @@ pub(crate) struct DoctorCommand {
 
 pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> ExitCode {
     let name = system.name();
-    let domain = match Domain::new(&name) {
-        Ok(domain) => domain,
+    let system_name = match SystemName::new(&name) {
+        Ok(system_name) => system_name,
         Err(error) => return fail(&error, 2),
     };
     let mut checks = machine::checks();
-    checks.extend(leftovers::checks(system.is_named().then_some(&domain), fix));
-    checks.extend(match domain.owner_pid() {
+    checks.extend(leftovers::checks(system.is_named().then_some(&system_name), fix));
+    checks.extend(match system_name.owner_pid() {
         Ok(Some(pid)) => examine(&name, pid, seconds).unwrap_or_else(|check| vec![check]),
-        Ok(None) => vec![Check::ok("system", format!("{name:?} does not run"))],
+        Ok(None) => vec![match observer(&name, "doctor") {
+            Err(error @ BusError::FilesRemoved { .. }) => Check::problem(
+                "system",
+                error.to_string(),
+                "swap a stage, or wait until a service ends; then look again",
+            ),
+            _ => Check::ok("system", format!("{name:?} does not run")),
+        }],
         Err(error) => vec![Check::problem("system", error.to_string(), "free the name as it says, or be its owner")],
     });
     let diagnosis = Diagnosis { system: name, checks };
@@ -53,10 +60,21 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     if diagnosis.count(Outcome::Problem) > 0 { ExitCode::FAILURE } else { printed }
 }
 
+/// How these processes are ended.
+fn kill(pids: &[u32]) -> String {
+    pids.iter().fold("kill".into(), |line, pid| format!("{line} {pid}"))
+}
+
 /// What is to be said about the running system of this supervisor; if it cannot be looked at, that.
 fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>, Check> {
-    let unseen = |error: BusError| Check::warning("system", error.to_string(), "try again");
-    let unanswered = |error: DoorError| {
+    let unseen = |error: BusError| {
+        let remedy = match &error {
+            BusError::Crowded { pids, .. } => format!("end one of them ({}), then look again", kill(pids)),
+            _ => "look again".into(),
+        };
+        Check::warning("system", error.to_string(), remedy)
+    };
+    let unanswered = |error: ControlError| {
         if is_stopped(supervisor) {
             let found = format!(
                 "the supervisor of {name:?}, process {supervisor}, has been stopped: nobody starts services again, and attitudes older than buffer_s are missing in its report and file"
@@ -68,8 +86,8 @@ fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>,
     let observer = observer(name, "doctor").map_err(unseen)?;
     let mut until = Until::new(|| observer.is_running(), Some(seconds));
     let seen = Seen::watch(&observer, &mut || until.is_over()).map_err(unseen)?;
-    let standings = ask::<Vec<Standing>>(name, &Ask::Ps).map_err(unanswered)?;
-    let orders = ask::<Orders>(name, &Ask::Orders).map_err(unanswered)?;
-    let record = ask::<Record>(name, &Ask::Record).map_err(unanswered)?;
-    Ok([seen.checks(&standings, &orders), vec![running::record(&record)]].concat())
+    let standings = ask::<Vec<ServiceStatus>>(name, &ControlRequest::Ps).map_err(unanswered)?;
+    let config = ask::<ServiceConfig>(name, &ControlRequest::ServiceConfig).map_err(unanswered)?;
+    let record = ask::<RecordStatus>(name, &ControlRequest::Record).map_err(unanswered)?;
+    Ok([seen.checks(&standings, &config), vec![running::record(&record)]].concat())
 }

@@ -6,7 +6,7 @@ use ::keys::{Host, Keys, KeysError, Party, Role, Written, certificate::DAYS};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use crate::{fail, out::print};
+use crate::{fail, fail_after_result, out::print};
 
 /// Certificates that end sooner are pointed at, days.
 const SOON_DAYS: i64 = 30;
@@ -48,12 +48,12 @@ pub(crate) enum Command {
         /// Who, as `plumb keys list` says it: vehicle.NAME, operator.NAME or viewer.NAME.
         party: String,
         #[command(flatten)]
-        place: Place,
+        place: KeyFolder,
     },
     /// Who has a certificate, and until when.
-    List(Place),
+    List(KeyFolder),
     /// Like list, and fails when a certificate has ended or ends within 30 days.
-    Check(Place),
+    Check(KeyFolder),
 }
 
 /// Where the router is found.
@@ -83,12 +83,12 @@ pub(crate) struct Made {
     #[arg(long)]
     force: bool,
     #[command(flatten)]
-    place: Place,
+    place: KeyFolder,
 }
 
 /// The folder of keys.
 #[derive(Args)]
-pub(crate) struct Place {
+pub(crate) struct KeyFolder {
     /// The folder.
     #[arg(long, default_value = "keys")]
     dir: PathBuf,
@@ -124,7 +124,7 @@ fn vehicle(named: &Named, hosts: &[String], imports: &[String]) -> Result<ExitCo
     named.issue(Role::Vehicle, &parsed(hosts)?, &imports)
 }
 
-fn revoke(party: &str, place: &Place) -> Result<ExitCode, KeysError> {
+fn revoke(party: &str, place: &KeyFolder) -> Result<ExitCode, KeysError> {
     let party: Party = party.parse()?;
     place.open()?.revoke(&party)?;
     if place.json {
@@ -137,7 +137,7 @@ fn revoke(party: &str, place: &Place) -> Result<ExitCode, KeysError> {
     )))
 }
 
-fn list(place: &Place, judged: bool) -> Result<ExitCode, KeysError> {
+fn list(place: &KeyFolder, judged: bool) -> Result<ExitCode, KeysError> {
     let holders = place.open()?.holders()?;
     let due: Vec<_> = holders.iter().filter(|it| !it.revoked && it.days_left < SOON_DAYS).collect();
     let printed = if place.json {
@@ -156,13 +156,16 @@ fn list(place: &Place, judged: bool) -> Result<ExitCode, KeysError> {
     };
     if judged && !due.is_empty() {
         let names: Vec<_> = due.iter().map(|holder| holder.name.as_str()).collect();
-        return Ok(fail(&format_args!("ended or about to: {}; make them anew with --force", names.join(", ")), 1));
+        return Ok(fail_after_result(
+            &format_args!("ended or about to: {}; make them anew with --force", names.join(", ")),
+            1,
+        ));
     }
     Ok(printed)
 }
 
 /// What was written, and what to do with it.
-fn show(written: &[Written], place: &Place) -> ExitCode {
+fn show(written: &[Written], place: &KeyFolder) -> ExitCode {
     if place.json {
         return json(&written);
     }
@@ -199,7 +202,7 @@ impl Named {
     }
 }
 
-impl Place {
+impl KeyFolder {
     fn open(&self) -> Result<Keys, KeysError> {
         Keys::open(&self.dir)
     }

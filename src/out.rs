@@ -12,7 +12,7 @@ use std::{
 use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::fail;
+use crate::fail_after_result;
 
 /// Prints the result of a command, which ends with it.
 pub(crate) fn print(text: &dyn Display) -> ExitCode {
@@ -24,7 +24,15 @@ pub(crate) fn show(text: &dyn Display) -> ControlFlow<ExitCode> {
     match writeln!(io::stdout(), "{text}") {
         Ok(()) => ControlFlow::Continue(()),
         Err(cause) if cause.kind() == ErrorKind::BrokenPipe => ControlFlow::Break(ExitCode::SUCCESS),
-        Err(cause) => ControlFlow::Break(fail(&format_args!("printing the result: {cause}"), 1)),
+        Err(cause) => ControlFlow::Break(fail_after_result(&format_args!("printing the result: {cause}"), 1)),
+    }
+}
+
+/// Prints `{"error": …}` where a script asked for an object: it gets one of a command that failed, too.
+pub(crate) fn error_object(error: &dyn Display) {
+    if std::env::args_os().any(|argument| argument == "--json") {
+        // Where nobody reads any more, the exit code still tells.
+        let _ = writeln!(io::stdout(), "{}", serde_json::json!({ "error": error.to_string().trim_end() }));
     }
 }
 

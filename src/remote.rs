@@ -6,13 +6,13 @@ use std::{
 };
 
 use clap::Args;
+use control::{Outcome, ServiceStatus, SwapReport};
 use link::{
-    Ends, Link, LinkError,
-    ends::{Tls, is_secured},
+    Endpoints, Link, LinkError,
+    endpoints::{Tls, is_secured},
 };
-use supervisor::{Outcome, Standing, SwapReport};
 use wire::{
-    command::Letter,
+    command::ControlMessage,
     keys,
     v1::{self, Services, SwapAnswer, SwapRequest, swap_answer},
 };
@@ -90,7 +90,7 @@ impl Way {
         }
     }
 
-    fn ends(&self) -> Result<Ends, RemoteError> {
+    fn ends(&self) -> Result<Endpoints, RemoteError> {
         let connect = &self.endpoints()[..];
         let secured = connect.iter().find(|endpoint| is_secured(endpoint));
         let tls = match (&self.keys, secured) {
@@ -98,7 +98,7 @@ impl Way {
             (None, Some(endpoint)) => return Err(RemoteError::NoKeys { endpoint: endpoint.clone() }),
             (None, None) => None,
         };
-        Ok(Ends { tls, ..Ends::connecting(connect) })
+        Ok(Endpoints { tls, ..Endpoints::connecting(connect) })
     }
 
     /// The way, gone.
@@ -119,17 +119,17 @@ fn tls(folder: &Path) -> Result<Tls, RemoteError> {
 }
 
 /// The services of a vehicle.
-pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<Standing>, RemoteError> {
-    Ok(services(&way.open()?, vehicle)?.services.into_iter().map(standing).collect())
+pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<ServiceStatus>, RemoteError> {
+    Ok(services(&way.open()?, vehicle)?.services.into_iter().map(status).collect())
 }
 
-/// Exchanges what fills a slot of a vehicle.
+/// Swaps what fills a slot of a vehicle.
 pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, RemoteError> {
     let link = way.open()?;
     let Services { t_now_ns, services } = services(&link, vehicle)?;
-    let standing = services.into_iter().find(|one| one.service == slot);
+    let status = services.into_iter().find(|one| one.service == slot);
     // A slot that is not there has no decision; the answer says so.
-    let expected_epoch = standing.map_or(1, |one| one.epoch).max(1);
+    let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
     let request = SwapRequest {
         request_id: request_id(),
         slot: slot.into(),
@@ -159,10 +159,11 @@ fn request_id() -> String {
     format!("{}-{:x}", std::process::id(), since.as_nanos())
 }
 
-fn standing(of: v1::Standing) -> Standing {
-    let v1::Standing { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
+fn status(of: v1::ServiceStatus) -> ServiceStatus {
+    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
     let said = |text: String| Some(text).filter(|text| !text.is_empty());
-    Standing { service, stage: said(stage), state, pid, restarts, incarnation, epoch, ticks, lost, at: said(at) }
+    let pid = Some(pid).filter(|pid| *pid != 0);
+    ServiceStatus { service, stage: said(stage), state, pid, restarts, incarnation, epoch, ticks, lost, at: said(at) }
 }
 
 fn report(answer: SwapAnswer) -> SwapReport {

@@ -1,17 +1,22 @@
 //! `plumb score`: what stages make of recordings.
 
-use std::{path::PathBuf, process::ExitCode};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
+use ::import::ImportError;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use launch::GyroSamples;
+use launch::{GyroSamples, LaunchError, Program};
 use score::{
     Request,
     stages::{Choice, Setting},
     trial::{Gnss, Options},
 };
 
-use crate::{fail, out::print};
+use crate::{fail, import::Readable, out::print};
 
 /// The command line of `plumb score`.
 #[derive(Args)]
@@ -24,7 +29,7 @@ rounds' means counts.\n\n\
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
 and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
-    /// Recordings (CSV or CSV.gz), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
+    /// Recordings (CSV, CSV.gz or a ULog of PX4), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.
@@ -39,6 +44,9 @@ pub(crate) struct Score {
     /// Stage of the slot `course`.
     #[arg(long, value_name = "STAGE")]
     course: Option<String>,
+    /// The launch file whose `[stages.NAME]` can be chosen, too [default: ./launch.toml].
+    #[arg(long, value_name = "FILE")]
+    launch: Option<PathBuf>,
     /// A parameter of the chosen stages, as `key=value`, `slot.key=value` or `stage.key=value`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     settings: Vec<Setting>,
@@ -75,15 +83,29 @@ enum Samples {
 }
 
 pub(crate) fn run(score: Score) -> ExitCode {
-    let Score { files, gyro, accel, fusers, course, settings, mag, gnss, gyro_samples, out, plot, json } = score;
+    let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, out, plot, json } =
+        score;
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
     });
+    let programs = match programs(launch.as_deref(), [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
+        Ok(programs) => programs,
+        Err(error) => return fail(&error, 3),
+    };
+    // What is imported is there until the end.
+    let readable = match files.iter().map(|file| readable(file)).collect::<Result<Vec<_>, _>>() {
+        Ok(readable) => readable,
+        Err(error) => return fail(&error, error.exit_code()),
+    };
+    let names = readable.iter().zip(&files).map(|(readable, file)| match readable {
+        Some(readable) => readable.path.to_string_lossy().into_owned(),
+        None => file.clone(),
+    });
     let request = Request {
-        files,
+        files: names.collect(),
         options: Options { gnss, without_field: mag == Switch::Off, gyro_samples },
-        choice: Choice { gyro, accel, course, fusers, settings },
+        choice: Choice { gyro, accel, course, fusers, programs, settings },
         out,
         plot,
     };
@@ -95,12 +117,29 @@ pub(crate) fn run(score: Score) -> ExitCode {
     bar.finish_and_clear();
     match scores {
         Ok(scores) if json => {
-            supervisor::tell(&scores);
+            supervisor::announce(&scores);
             print(&scores.json())
         }
         Ok(scores) => print(&scores),
         Err(error) => fail(&error, error.exit_code()),
     }
+}
+
+/// The recording to read for a name; none for a simulation's.
+fn readable(file: &str) -> Result<Option<Readable>, ImportError> {
+    if file.starts_with("sim:") { Ok(None) } else { Readable::of(Path::new(file)).map(Some) }
+}
+
+/// The programs that can be chosen; who asks only for what this executable has needs no launch file.
+fn programs<'a>(
+    launch: Option<&Path>,
+    mut asked: impl Iterator<Item = &'a String>,
+) -> Result<BTreeMap<String, Program>, LaunchError> {
+    let ours = |asked: &String| conformance::stages().any(|(_, name)| name == asked);
+    if launch.is_none() && asked.all(ours) {
+        return Ok(BTreeMap::new());
+    }
+    Ok(crate::stage::programs(launch)?.stages)
 }
 
 /// Drawn on standard error, and only on a terminal.

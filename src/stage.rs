@@ -8,8 +8,8 @@ use std::{
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
-use launch::{Launch, LaunchError, Service};
-use own_stage::template::{Language, Template, TemplateError};
+use launch::{Launch, LaunchError};
+use sdk::template::{Language, Slot, Template, TemplateError};
 
 use crate::{fail, out::print};
 
@@ -17,12 +17,15 @@ use crate::{fail, out::print};
 pub(crate) enum Stage {
     /// Print every slot's stages with their parameters.
     List {
+        /// The launch file whose `[stages.NAME]` are told, too [default: ./launch.toml].
+        #[arg(long, value_name = "FILE")]
+        launch: Option<PathBuf>,
         /// Print one JSON object.
         #[arg(long)]
         json: bool,
     },
-    /// Hold stages against the conformance kit: soundness under every fault, snapshots, hand-over, recovery. A program that the
-    /// launch file names is held against what of it messages tell. Exit code 1 when one does not pass.
+    /// Hold stages against the conformance kit: soundness under every fault, snapshots, hand-over, recovery. Exit code 1 when one does not
+    /// pass.
     Test {
         /// Only stages of this slot.
         #[arg(long)]
@@ -44,8 +47,8 @@ pub(crate) enum Stage {
         #[arg(long)]
         lang: Lang,
         /// The slot that it fills.
-        #[arg(long, default_value = "fuser", value_parser = crate::service)]
-        slot: Service,
+        #[arg(long, default_value = "fuser", value_parser = slot)]
+        slot: Slot,
         /// Where [default: ./NAME].
         #[arg(long)]
         dir: Option<PathBuf>,
@@ -53,39 +56,38 @@ pub(crate) enum Stage {
         #[arg(long, value_name = "FOLDER|URL", required_if_eq("lang", "rust"))]
         source: Option<String>,
     },
-    /// Print the messages as a C header or a Python module.
-    Header {
-        /// For which language.
-        #[arg(long, default_value = "c")]
-        lang: HeaderLang,
-    },
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum Lang {
     Rust,
     Python,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub(crate) enum HeaderLang {
+    /// C, and C++.
     C,
-    Python,
 }
 
 pub(crate) fn run(command: Stage) -> ExitCode {
     match command {
         Stage::New { name, lang, slot, dir, source } => new(name, lang, slot, dir, source),
-        Stage::Header { lang: HeaderLang::C } => print(&own_stage::c::header().trim_end()),
-        Stage::Header { lang: HeaderLang::Python } => print(&own_stage::python::messages().trim_end()),
-        Stage::List { json: true } => print(&Catalogue::new().json()),
-        Stage::List { json: false } => print(&Catalogue::new()),
+        Stage::List { launch, json } => list(launch.as_deref(), json),
         Stage::Test { slot, names, launch, json } => test(slot.as_deref(), &names, launch.as_deref(), json),
     }
 }
 
+fn list(launch: Option<&Path>, json: bool) -> ExitCode {
+    let programs = match programs(launch) {
+        Ok(programs) => programs,
+        Err(error) => return fail(&error, 3),
+    };
+    match Catalogue::new(&programs) {
+        Ok(catalogue) if json => print(&catalogue.json()),
+        Ok(catalogue) => print(&catalogue),
+        Err(error) => fail(&error, 1),
+    }
+}
+
 /// The launch file with programs that may be named.
-fn programs(named: Option<&Path>) -> Result<Launch, LaunchError> {
+pub(crate) fn programs(named: Option<&Path>) -> Result<Launch, LaunchError> {
     let usual = Path::new("launch.toml");
     match named.or_else(|| usual.exists().then_some(usual)) {
         Some(path) => Launch::read(path),
@@ -93,29 +95,41 @@ fn programs(named: Option<&Path>) -> Result<Launch, LaunchError> {
     }
 }
 
-fn new(name: String, lang: Lang, slot: Service, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
-    let language = match lang {
-        Lang::Rust => Language::Rust,
-        Lang::Python => Language::Python,
-    };
+fn slot(name: &str) -> Result<Slot, String> {
+    Slot::named(name).ok_or_else(|| "these are gyro, accel, fuser and course".into())
+}
+
+fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
     let folder = dir.unwrap_or_else(|| name.clone().into());
-    // The crate's own folder is not this one.
-    let source = source.map_or(Ok(String::new()), |source| match source.contains("://") {
-        true => Ok(source),
-        false => std::path::absolute(&source).map(|path| path.display().to_string()),
-    });
-    let source = match source {
+    let source = match source.map_or(Ok(String::new()), |source| crates(&source)) {
         Ok(source) => source,
-        Err(cause) => return fail(&format_args!("looking for Plumbline's crates: {cause}"), 2),
+        Err(wrong) => return fail(&format_args!("looking for Plumbline's crates: {wrong}"), 2),
     };
-    match (Template { language, slot, name, source }).write(&folder) {
+    let language = match lang {
+        Lang::Rust => Language::Rust { source },
+        Lang::Python => Language::Python,
+        Lang::C => Language::C,
+    };
+    match (Template { language, slot, name }).write(&folder) {
         Ok(()) => {
-            supervisor::tell(format_args!("{} is written; its README.md tells what comes next", folder.display()));
+            supervisor::announce(format_args!("{} is written; its README.md tells what comes next", folder.display()));
             ExitCode::SUCCESS
         }
         Err(error @ TemplateError::Unwritable { .. }) => fail(&error, 1),
         Err(error) => fail(&error, 2),
     }
+}
+
+/// Where Plumbline's crates are, as a crate in another folder names it.
+fn crates(source: &str) -> Result<String, String> {
+    if source.contains("://") {
+        return Ok(source.into());
+    }
+    let absolute = std::path::absolute(source).map_err(|cause| cause.to_string())?;
+    if !absolute.join("crates/sdk").is_dir() {
+        return Err(format!("{} has no folder crates/sdk; name the folder of Plumbline's source", absolute.display()));
+    }
+    Ok(absolute.display().to_string())
 }
 
 fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
@@ -146,8 +160,17 @@ fn test(slot: Option<&str>, names: &[String], launch: Option<&Path>, json: bool)
     }
     let mut reports: Vec<Report> = Vec::new();
     for (slot, name) in chosen {
-        let Some(report) = conformance::run(slot, name).or_else(|| own_stage::trial::run(&programs, name)) else {
-            continue;
+        let report = match conformance::run(slot, name) {
+            Some(report) => report,
+            None => {
+                let Some(program) = programs.stages.get(name) else { continue };
+                // In a slow language it takes minutes.
+                let on_begin = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
+                match conformance::program(name, program, on_begin) {
+                    Ok(report) => report,
+                    Err(error) => return fail(&error, 1),
+                }
+            }
         };
         if !json && print(&report) != ExitCode::SUCCESS {
             return ExitCode::FAILURE;

@@ -2,7 +2,6 @@
 
 use std::{
     ops::ControlFlow,
-    path::Path,
     process::ExitCode,
     sync::{
         Arc,
@@ -13,15 +12,17 @@ use std::{
 
 use bus::{BusError, Tap};
 use clap::Args;
-use launch::{Launch, Service, Stage};
-use messages::{Difference, Message};
-use supervisor::{Ask, Standing, SwapReport, Wish, ask};
+use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, ask};
+use graph::Topic;
+use launch::{Service, Stage};
+use messages::Difference;
 
 use crate::{
     fail,
     out::{self, print},
-    remote::{self, Way},
+    remote,
     seeing::observer,
+    system::System,
 };
 
 /// How often the difference of a shadow is shown.
@@ -29,32 +30,9 @@ const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 /// How long a shadow takes at most to end once that was asked for.
 const END_LIMIT: Duration = Duration::from_secs(5);
 
-/// Which system on this machine is asked.
-#[derive(Args)]
-pub(crate) struct OnBoard {
-    /// The system's name [default: that of ./launch.toml, else plumbline].
-    #[arg(long = "system", value_name = "NAME")]
-    name: Option<String>,
-    /// Print JSON.
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-/// Which system is asked, on this machine or elsewhere.
-#[derive(Args)]
-pub(crate) struct System {
-    #[command(flatten)]
-    on_board: OnBoard,
-    /// A vehicle elsewhere in its place, over the network.
-    #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
-    remote: Option<String>,
-    #[command(flatten)]
-    way: Way,
-}
-
 /// What is to fill a slot.
 #[derive(Args)]
-pub(crate) struct Exchange {
+pub(crate) struct Swap {
     /// The slot: gyro, accel, fuser or course.
     slot: String,
     /// The stage, as `plumb stage list` names it.
@@ -70,22 +48,22 @@ pub(crate) struct Exchange {
 #[derive(Args)]
 pub(crate) struct Shadow {
     #[command(flatten)]
-    exchange: Exchange,
+    swap: Swap,
     /// How long [default: until Ctrl-C, or until a swap to the same stage].
     #[arg(long = "for", value_name = "SECONDS")]
     duration_s: Option<f64>,
 }
 
-/// Exchanges what fills a slot.
-pub(crate) fn swap(exchange: Exchange) -> ExitCode {
-    let json = exchange.system.json();
-    if let Some(vehicle) = &exchange.system.remote {
-        return match remote::swap(vehicle, &exchange.system.way, &exchange.slot, exchange.wish(false).stage) {
+/// Swaps what fills a slot.
+pub(crate) fn swap(swap: Swap) -> ExitCode {
+    let json = swap.system.json();
+    if let Some((vehicle, way)) = swap.system.remote() {
+        return match remote::swap(vehicle, way, &swap.slot, swap.wish(false).stage) {
             Ok(report) => show(&report, json),
             Err(error) => fail(&error, error.exit_code()),
         };
     }
-    match ask::<SwapReport>(&exchange.system.name(), &Ask::Swap(exchange.wish(false))) {
+    match ask::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.wish(false))) {
         Ok(report) => show(&report, json),
         Err(error) => fail(&error, 1),
     }
@@ -93,16 +71,16 @@ pub(crate) fn swap(exchange: Exchange) -> ExitCode {
 
 /// Runs a stage beside the one that fills a slot and tells how far they are apart.
 pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
-    let Shadow { exchange, duration_s } = shadow;
-    if exchange.system.remote.is_some() {
+    let Shadow { swap, duration_s } = shadow;
+    if swap.system.remote().is_some() {
         return fail(
-            &"a shadow is asked for on board: leave --remote out; `plumb swap --remote` exchanges from elsewhere",
+            &"a shadow is asked for on board: leave --remote out; `plumb swap --remote` swaps from elsewhere",
             2,
         );
     }
-    let (name, json) = (exchange.system.name(), exchange.system.json());
-    let Some(service) = Service::named(&exchange.slot) else {
-        return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", exchange.slot), 2);
+    let (name, json) = (swap.system.name(), swap.system.json());
+    let Some(service) = Service::named(&swap.slot) else {
+        return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", swap.slot), 2);
     };
     let ends = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -110,7 +88,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
             return fail(&format_args!("catching signals: {cause}"), 1);
         }
     }
-    let question = Ask::Swap(exchange.wish(true));
+    let question = ControlRequest::Swap(swap.wish(true));
     let answer = std::thread::spawn({
         let name = name.clone();
         move || ask::<SwapReport>(&name, &question)
@@ -125,7 +103,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
         Err(error) => return fail(&error, 1),
     };
     let by_itself = answer.is_finished();
-    if !by_itself && let Err(error) = ask::<()>(&name, &Ask::Cancel { slot: service.name().into() }) {
+    if !by_itself && let Err(error) = ask::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
     }
     let asked = Instant::now();
@@ -148,15 +126,16 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 
 /// How the services of a running system are.
 pub(crate) fn ps(system: System) -> ExitCode {
-    let asked = match &system.remote {
-        Some(vehicle) => remote::ps(vehicle, &system.way).map_err(|error| (error.to_string(), error.exit_code())),
-        None => ask::<Vec<Standing>>(&system.name(), &Ask::Ps).map_err(|error| (error.to_string(), 1)),
+    let asked = match system.remote() {
+        Some((vehicle, way)) => remote::ps(vehicle, way).map_err(|error| (error.to_string(), error.exit_code())),
+        None => ask::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Ps).map_err(|error| (error.to_string(), 1)),
     };
     match asked {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
         Ok(services) => {
-            let line = |one: &Standing| {
-                let Standing { service, stage, state, pid, restarts, epoch, ticks, lost, at, .. } = one;
+            let line = |one: &ServiceStatus| {
+                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, at, .. } = one;
+                let pid = pid.map_or("-".into(), |pid| pid.to_string());
                 let at = at.as_ref().map_or(String::new(), |at| format!("  {at}"));
                 let stage = stage.as_deref().unwrap_or("-");
                 format!("{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{at}")
@@ -190,7 +169,7 @@ fn watch(
                 newest = difference.filter(|it: &Difference| it.service == service as u32).or(newest);
             })?),
             // The topic comes with the first candidate.
-            None => match observer.tap(Difference::TOPIC) {
+            None => match observer.tap(Topic::Difference) {
                 Ok(tap) => differences = Some(tap),
                 Err(BusError::Unopened { .. }) => {}
                 Err(error) => return Err(error),
@@ -223,50 +202,23 @@ fn line(difference: &Difference, json: bool) -> String {
 }
 
 fn show(report: &SwapReport, json: bool) -> ExitCode {
-    let committed = report.outcome == supervisor::Outcome::Committed;
+    let committed = report.outcome == control::Outcome::Committed;
     let printed = if json {
         print(&serde_json::to_string(report).unwrap_or_default())
     } else if committed {
         print(report)
     } else {
-        supervisor::tell(format_args!("{report}"));
+        supervisor::announce(format_args!("{report}"));
         ExitCode::SUCCESS
     };
     if committed { printed } else { ExitCode::FAILURE }
 }
 
-impl Exchange {
-    fn wish(&self, shadow: bool) -> Wish {
+impl Swap {
+    fn wish(&self, shadow: bool) -> SwapRequest {
         let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        let limit_ms = (!shadow).then_some(Wish::LIMIT_MS);
-        Wish { slot: self.slot.clone(), stage, shadow, expected_epoch: None, limit_ms }
-    }
-}
-
-impl System {
-    pub(crate) fn json(&self) -> bool {
-        self.on_board.json
-    }
-
-    pub(crate) fn name(&self) -> String {
-        self.on_board.name()
-    }
-
-    /// The vehicle elsewhere, and the way to it.
-    pub(crate) fn remote(&self) -> Option<(&str, &Way)> {
-        Some((self.remote.as_deref()?, &self.way))
-    }
-}
-
-impl OnBoard {
-    /// It was named on the command line.
-    pub(crate) fn is_named(&self) -> bool {
-        self.name.is_some()
-    }
-
-    pub(crate) fn name(&self) -> String {
-        let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
-        self.name.clone().or_else(of_file).unwrap_or_else(|| Launch::default().name)
+        let limit_ms = (!shadow).then_some(SwapRequest::LIMIT_MS);
+        SwapRequest { slot: self.slot.clone(), stage, shadow, expected_epoch: None, limit_ms }
     }
 }
 

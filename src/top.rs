@@ -7,14 +7,14 @@ use std::{
 };
 
 use clap::Args;
+use control::{ControlRequest, ServiceStatus, ask};
 use observe::top::{Moment, Top};
-use supervisor::{Ask, Standing, ask};
 
 use crate::{
     fail,
     out::{self, Screen},
     seeing::{LOOK, Until, duration, observer},
-    swap::OnBoard,
+    system::OnBoard,
 };
 
 /// The command line of `plumb top`.
@@ -36,7 +36,7 @@ pub(crate) struct TopCommand {
 pub(crate) fn run(command: TopCommand) -> ExitCode {
     let TopCommand { system, interval, count, seconds } = command;
     let name = system.name();
-    let standings = match ask::<Vec<Standing>>(&name, &Ask::Ps) {
+    let standings = match ask::<Vec<ServiceStatus>>(&name, &ControlRequest::Ps) {
         Ok(standings) => standings,
         Err(error) => return fail(&error, 1),
     };
@@ -59,7 +59,7 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
         }
         last = Instant::now();
         left -= 1;
-        let moment = match ask::<Vec<Standing>>(&name, &Ask::Ps) {
+        let moment = match ask::<Vec<ServiceStatus>>(&name, &ControlRequest::Ps) {
             Ok(standings) => top.moment(&name, &standings),
             // It ended between two looks.
             Err(_) if !observer.is_running() => continue,
@@ -71,7 +71,7 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
     }
     drop(screen);
     if until.system_ended() {
-        supervisor::tell(format_args!("the system {name:?} has ended"));
+        supervisor::announce(format_args!("the system {name:?} has ended"));
     }
     ExitCode::SUCCESS
 }

@@ -17,8 +17,8 @@ use observe::{
 use crate::{
     fail,
     out::{print, show},
-    seeing::{LOOK, Place, SeeError, Until, Watched, duration},
-    swap::System,
+    seeing::{LOOK, SeeError, Until, Viewpoint, Watched, duration},
+    system::System,
 };
 
 /// How long topics are watched for their rates.
@@ -79,7 +79,7 @@ pub(crate) fn run(command: TopicCommand) -> ExitCode {
 }
 
 fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, SeeError> {
-    let place = Place::of(system, "topic list")?;
+    let place = Viewpoint::of(system, "topic list")?;
     let watched = place.watch_all()?;
     let topics = watch(watched, Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT))))?;
     if system.json() {
@@ -93,7 +93,7 @@ fn list(system: &System, seconds: Option<Duration>) -> Result<ExitCode, SeeError
 }
 
 fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, SeeError> {
-    let place = Place::of(system, "topic info")?;
+    let place = Viewpoint::of(system, "topic info")?;
     let watched = place.watch(topic)?;
     let until = Until::new(|| place.is_running(), Some(seconds.unwrap_or(RATES_LIMIT)));
     Ok(match watch(vec![watched], until)?.first() {
@@ -135,7 +135,7 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
     if let ControlFlow::Break(code) = shown {
         return Ok(code);
     }
-    supervisor::tell(format_args!("{}: {report}", watch.topic));
+    supervisor::announce(format_args!("{}: {report}", watch.topic));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -166,7 +166,7 @@ fn follow(
     take: &mut dyn FnMut(&Layout, &[u8]) -> bool,
     round: &mut dyn FnMut(&Flow) -> bool,
 ) -> Result<FlowReport, SeeError> {
-    let place = Place::of(system, who)?;
+    let place = Viewpoint::of(system, who)?;
     let mut watched = place.watch(topic)?;
     let mut until = Until::new(|| place.is_running(), *seconds);
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
@@ -179,7 +179,7 @@ fn follow(
         })?;
     }
     if until.system_ended() {
-        supervisor::tell(place.ended(system));
+        supervisor::announce(place.ended(system));
     }
     Ok(watched.flow.report())
 }

@@ -1,19 +1,22 @@
 //! `plumb up`: runs a system.
 
-use std::{path::PathBuf, process::ExitCode};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 use clap::Args;
 use runtime::Pace;
 use supervisor::{Report, Request};
 
-use crate::{fail, out::print};
+use crate::{fail_after_result, import::Readable, out::print};
 
 /// The command line of `plumb up`.
 #[derive(Args, Default)]
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
-    /// A recording (CSV or CSV.gz) in place of the launch file's source.
+    /// A recording (CSV, CSV.gz or a ULog of PX4) in place of the launch file's source.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Seconds of the source per second, or `max`: as fast as the slowest service.
@@ -38,17 +41,28 @@ pub(crate) struct Up {
 
 pub(crate) fn run(up: Up) -> ExitCode {
     let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
-    let report = match supervisor::up(&Request { launch, replay, pace: speed, duration_s, in_process, out, cold }) {
-        Ok(report) => {
-            supervisor::tell(&report);
-            report
-        }
-        Err(error) => Report::none(&error),
-    };
+    let report =
+        report(replay.as_deref(), |replay| Request { launch, replay, pace: speed, duration_s, in_process, out, cold });
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
-        Some(error) => fail(error, report.exit_code),
+        Some(error) => fail_after_result(error, report.exit_code),
         None => printed,
+    }
+}
+
+/// Runs what is asked for, of a recording whatever its format.
+fn report(replay: Option<&Path>, request: impl FnOnce(Option<PathBuf>) -> Request) -> Report {
+    // What is imported is there until the end.
+    let readable = match replay.map(Readable::of).transpose() {
+        Ok(readable) => readable,
+        Err(error) => return Report::none(&error, error.exit_code()),
+    };
+    match supervisor::up(&request(readable.as_ref().map(|readable| readable.path.clone()))) {
+        Ok(report) => {
+            supervisor::announce(&report);
+            report
+        }
+        Err(error) => Report::none(&error, error.exit_code()),
     }
 }
 

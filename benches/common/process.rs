@@ -27,7 +27,7 @@ impl Process {
     pub(crate) fn start<'a>(program: &OsStr, args: impl IntoIterator<Item = &'a str>) -> Result<Self, Failure> {
         let mut command = Command::new(program);
         command.args(args).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn()?;
+        let mut child = command.spawn().map_err(|cause| format!("starting {}: {cause}", program.display()))?;
         let stdin = child.stdin.take();
         let stdout = child.stdout.take().expect("standard output is a pipe");
         let (say, lines) = channel();
@@ -53,7 +53,7 @@ impl Process {
     }
 
     /// Writes to its standard input and closes that: it may begin.
-    pub(crate) fn tell(&mut self, text: &str) -> Result<(), Failure> {
+    pub(crate) fn write_line(&mut self, text: &str) -> Result<(), Failure> {
         Ok(self.stdin.take().map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()))?)
     }
 }

@@ -110,7 +110,7 @@ fn fleet(vehicles: usize, seconds: f64) -> Result<Cost, Failure> {
         start(&Part::Vehicles { at: at.clone(), first, count })
     });
     let mut groups = groups.collect::<Result<Vec<_>, _>>()?;
-    groups.iter_mut().try_for_each(|group| group.tell(""))?;
+    groups.iter_mut().try_for_each(|group| group.write_line(""))?;
     station.line(Instant::now() + LIMIT)?;
     thread::sleep(SETTLING);
     let station_pid = station.id();
@@ -119,7 +119,7 @@ fn fleet(vehicles: usize, seconds: f64) -> Result<Cost, Failure> {
         Ok([cpu_s(router.id())?, cpu_s(station_pid)?, vehicles, loopback_bytes()?])
     };
     let (before, begun) = (usage()?, Instant::now());
-    station.tell(&seconds.to_string())?;
+    station.write_line(&seconds.to_string())?;
     let heard: Heard = serde_json::from_str(&station.line(begun + Duration::from_secs_f64(seconds) + LIMIT)?)?;
     let (after, seconds) = (usage()?, begun.elapsed().as_secs_f64());
     let of = |which: usize| (after[which] - before[which]) / seconds;

@@ -8,7 +8,7 @@ use std::{
 };
 
 use bytemuck::Zeroable as _;
-use link::{Ends, Link};
+use link::{Endpoints, Link};
 use messages::{AttitudeOutput, Header, Message};
 use runtime::clock::{monotonic_ns, sleep_until_ns, wake_on_time};
 use rustix::process::{Signal, set_parent_process_death_signal};
@@ -90,7 +90,7 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
         Ok::<Vec<_>, String>(opened.collect::<Result<Vec<Vec<Link>>, String>>()?.into_iter().flatten().collect())
     })?;
     let outlet = |(link, number): (&Link, &usize)| {
-        let key = keys::key(&format!("vehicle-{number}"), AttitudeOutput::TOPIC);
+        let key = keys::key(&format!("vehicle-{number}"), AttitudeOutput::TOPIC.name);
         link.outlet(&key, &batch_name::<AttitudeOutput>())
     };
     let outlets = links.iter().zip(&numbers).map(outlet).collect::<Result<Vec<_>, _>>()?;
@@ -99,7 +99,7 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
     }
     println!("ready");
     io::stdin().read_to_string(&mut String::new())?;
-    let (start_ns, life) = (monotonic_ns(), monotonic_ns());
+    let start_ns = monotonic_ns();
     for sequence in 0.. {
         for (place, outlet) in outlets.iter().enumerate() {
             // One after the other, evenly over the period.
@@ -109,7 +109,7 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
                 sleep_until_ns(due_ns, WAIT_LIMIT);
             }
             let t_sent_ns = monotonic_ns();
-            let envelope = Envelope { sequence, life, samples_before: sequence, t_sent_ns, ..Envelope::default() };
+            let envelope = Envelope { sequence, start_ns, samples_before: sequence, t_sent_ns, ..Envelope::default() };
             outlet.send(&wire::seal(&envelope, &wire::samples([&attitude(header(sequence, t_sent_ns))])))?;
         }
     }
@@ -117,12 +117,12 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
 }
 
 fn open(at: &str) -> Result<Link, String> {
-    Link::open(&Ends { connect: vec![at.into()], ..Ends::default() }).map_err(|error| error.to_string())
+    Link::open(&Endpoints { connect: vec![at.into()], ..Endpoints::default() }).map_err(|error| error.to_string())
 }
 
 fn station(at: &str, vehicles: usize) -> Result<(), Failure> {
-    let link = Link::open(&Ends { connect: vec![at.into()], client: true, ..Ends::default() })?;
-    let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC))?;
+    let link = Link::open(&Endpoints { connect: vec![at.into()], client: true, ..Endpoints::default() })?;
+    let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC.name))?;
     println!("ready");
     let mut last: BTreeMap<String, u64> = BTreeMap::new();
     let mut take = |deadline: Instant, all: usize| -> Result<Heard, Failure> {

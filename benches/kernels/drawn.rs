@@ -90,9 +90,9 @@ impl Drawn for Health {
 pub(crate) fn envelope() -> Envelope {
     Envelope {
         sequence: 123_456,
-        life: 46_999_000_000_000,
+        start_ns: 46_999_000_000_000,
         samples_before: 123_456,
-        left_out: 2_345_678,
+        decimated: 2_345_678,
         dropped: 3,
         t_sent_ns: 47_000_000_100_000,
     }

@@ -1,16 +1,16 @@
-//! The bus alone: processes that pass the header of each message on, over the topics `imu`, `gyro` and `fused`.
+//! The bus alone: processes that pass the header of each message on, over the topics `imu`, `gyro`, `accel` and `fused`.
 
-use bus::{Bus, Domain, Publisher, Subscriber};
-use messages::{FusedState, GyroStep, ImuSample, Message, Ticked};
+use bus::{Bus, Publisher, Subscriber, SystemName};
+use messages::{AccelPoint, FusedState, GyroStep, ImuSample, Message, Ticked};
 
 use crate::{
     Cost, Failure, Variant,
-    chain::{self, Inlet, LINK_SAMPLES, Outlet, Part, WAIT_LIMIT},
+    chain::{self, Input, Join, Outlet, Part, Place, TOPIC_SAMPLES, WAIT_LIMIT},
 };
 
 struct In<M: Message>(Subscriber<M>);
 
-impl<M: Ticked> Inlet for In<M> {
+impl<M: Ticked> Input for In<M> {
     type Sample = M;
 
     fn receive(&mut self) -> Result<Option<M>, Failure> {
@@ -39,41 +39,37 @@ impl<M: Ticked> Outlet for Out<M> {
 /// Measures the variant.
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-bus-{}", std::process::id());
-    let _claim = Domain::new(&name)?.claim()?;
+    let _claim = SystemName::new(&name)?.claim()?;
     chain::run(Variant::Bus, &name, rate_hz, seconds)
 }
 
 /// One process of the variant.
 pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     chain::end_with_parent()?;
-    let member = Member { bus: Bus::join(&Domain::new(&part.share)?, &format!("place-{}", part.place))?, part };
+    let bus = Bus::join(&SystemName::new(&part.share)?, &format!("{:?}", part.place).to_lowercase())?;
     match part.place {
-        0 => chain::source(part, member.outlet::<ImuSample>()?),
-        1 => member.relay::<ImuSample, GyroStep>(),
-        2 => member.relay::<GyroStep, FusedState>(),
-        _ => chain::sink(part, member.inlet::<FusedState>()?),
+        Place::Source => chain::source(part, outlet::<ImuSample>(&bus)?),
+        Place::Gyro => chain::relay(part, input::<ImuSample>(&bus)?, outlet::<GyroStep>(&bus)?, pass),
+        Place::Accel => chain::relay(part, input::<ImuSample>(&bus)?, outlet::<AccelPoint>(&bus)?, pass),
+        Place::Fuser => {
+            let join = Join::new(input::<GyroStep>(&bus)?, input::<AccelPoint>(&bus)?);
+            chain::relay(part, join, outlet::<FusedState>(&bus)?, pass)
+        }
+        Place::Sink => chain::sink(part, input::<FusedState>(&bus)?),
     }
 }
 
-struct Member<'a> {
-    bus: Bus,
-    part: &'a Part,
+fn input<M: Message>(bus: &Bus) -> Result<In<M>, Failure> {
+    Ok(In(bus.subscriber(TOPIC_SAMPLES)?))
 }
 
-impl Member<'_> {
-    fn inlet<M: Message>(&self) -> Result<In<M>, Failure> {
-        Ok(In(self.bus.subscriber(LINK_SAMPLES)?))
-    }
+fn outlet<M: Message>(bus: &Bus) -> Result<Out<M>, Failure> {
+    Ok(Out(bus.publisher(TOPIC_SAMPLES)?))
+}
 
-    fn outlet<M: Message>(&self) -> Result<Out<M>, Failure> {
-        Ok(Out(self.bus.publisher(LINK_SAMPLES)?))
-    }
-
-    fn relay<A: Ticked, B: Ticked>(&self) -> Result<(), Failure> {
-        chain::relay(self.part, self.inlet::<A>()?, self.outlet::<B>()?, |sample| {
-            let mut passed = B::zeroed();
-            *passed.header_mut() = *sample.header();
-            passed
-        })
-    }
+/// A message with the header of another.
+fn pass<A: Ticked, B: Ticked>(sample: &A) -> B {
+    let mut passed = B::zeroed();
+    *passed.header_mut() = *sample.header();
+    passed
 }

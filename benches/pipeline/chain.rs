@@ -1,9 +1,11 @@
-//! Four processes in a row: a source, two that pass on, and a sink; over links that a variant brings.
+//! Five processes in the graph of the pipeline: a source, two that read it, one that joins what both pass on, and a sink; over topics
+//! that a variant brings.
 //!
-//! Input: a link in, a link out. Output: what each process reports of itself, and their sum. Time: the source's pace is absolute.
+//! Input: a topic in, a topic out. Output: what each process reports of itself, and their sum. Time: the source's pace is absolute.
 //! Failure: a process that waits in vain for [`IDLE_LIMIT`] reports what it has; the sink counts what did not come as lost.
 
 use std::{
+    cmp::Ordering,
     fs, io,
     time::{Duration, Instant},
 };
@@ -16,10 +18,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Cost, Failure, LatencyUs, Variant, WARM_S, process::Process};
 
-/// Processes in the row.
-pub(crate) const PLACES: usize = 4;
-/// Samples that a link holds.
-pub(crate) const LINK_SAMPLES: usize = 1024;
+/// Samples that a topic holds.
+pub(crate) const TOPIC_SAMPLES: usize = 1024;
 /// Longest sleep before looking for samples again.
 pub(crate) const WAIT_LIMIT: Duration = Duration::from_millis(50);
 /// From the last sample until nothing more is expected.
@@ -31,12 +31,11 @@ const LEAD_NS: u64 = 10_000_000;
 /// What is later than this is counted as this late, ns.
 const LATENCY_MAX_NS: u64 = 60_000_000_000;
 
-/// What a process of the row is told.
+/// What a process is told.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Part {
     pub(crate) variant: Variant,
-    /// 0 is the source.
-    pub(crate) place: usize,
+    pub(crate) place: Place,
     /// The name of what the processes share.
     pub(crate) share: String,
     rate_hz: u32,
@@ -46,9 +45,19 @@ pub(crate) struct Part {
     ticks: u64,
 }
 
+/// What a process does.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(crate) enum Place {
+    Source,
+    Gyro,
+    Accel,
+    Fuser,
+    Sink,
+}
+
 /// What a process says at its end.
 #[derive(Debug, Serialize, Deserialize)]
-struct Said {
+struct EndReport {
     cpu_s_per_s: f64,
     received: Option<Received>,
 }
@@ -61,7 +70,7 @@ struct Received {
 }
 
 /// Where samples come from.
-pub(crate) trait Inlet {
+pub(crate) trait Input {
     type Sample: Ticked;
 
     fn receive(&mut self) -> Result<Option<Self::Sample>, Failure>;
@@ -69,23 +78,61 @@ pub(crate) trait Inlet {
     fn wait(&mut self);
 }
 
+/// Two inputs, joined by tick; what goes on is the sample of the first.
+pub(crate) struct Join<A: Input, B: Input> {
+    first: A,
+    second: B,
+    held: (Option<A::Sample>, Option<B::Sample>),
+}
+
+impl<A: Input, B: Input> Join<A, B> {
+    pub(crate) fn new(first: A, second: B) -> Self {
+        Self { first, second, held: (None, None) }
+    }
+}
+
+impl<A: Input, B: Input> Input for Join<A, B> {
+    type Sample = A::Sample;
+
+    fn receive(&mut self) -> Result<Option<A::Sample>, Failure> {
+        loop {
+            let Self { first, second, held } = self;
+            held.0 = held.0.take().map_or_else(|| first.receive(), |sample| Ok(Some(sample)))?;
+            held.1 = held.1.take().map_or_else(|| second.receive(), |sample| Ok(Some(sample)))?;
+            let (Some(a), Some(b)) = (&held.0, &held.1) else { return Ok(None) };
+            match a.header().tick.cmp(&b.header().tick) {
+                Ordering::Equal => {
+                    held.1 = None;
+                    return Ok(held.0.take());
+                }
+                Ordering::Less => held.0 = None,
+                Ordering::Greater => held.1 = None,
+            }
+        }
+    }
+
+    fn wait(&mut self) {
+        if self.held.0.is_none() { self.first.wait() } else { self.second.wait() }
+    }
+}
+
 /// Where samples go.
 pub(crate) trait Outlet {
     type Sample: Ticked;
 
     fn send(&mut self, sample: &Self::Sample) -> Result<(), Failure>;
-    /// Wakes the next process, once after all that was sent.
+    /// Wakes the readers, once after all that was sent.
     fn wake(&mut self);
 }
 
-/// Runs the row and sums up what its processes say.
+/// Runs the processes and sums up what its processes say.
 pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let ticks = |seconds: f64| (seconds * f64::from(rate_hz)).ceil() as u64;
     let warm_ticks = ticks(WARM_S);
     let part =
         |place| Part { variant, place, share: share.into(), rate_hz, warm_ticks, ticks: warm_ticks + ticks(seconds) };
     let mut processes = Vec::new();
-    for place in (0..PLACES).rev() {
+    for place in [Place::Sink, Place::Fuser, Place::Accel, Place::Gyro, Place::Source] {
         let part = serde_json::to_string(&part(place))?;
         processes.push(Process::start(std::env::current_exe()?.as_os_str(), ["--part", &part])?);
     }
@@ -93,12 +140,12 @@ pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> 
     for process in &mut processes {
         process.line(ready_by)?;
     }
-    let source = processes.last_mut().expect("the row has a source");
-    source.tell("")?;
+    let source = processes.last_mut().expect("the source is the last");
+    source.write_line("")?;
     let said_by = Instant::now() + Duration::from_secs_f64(WARM_S + seconds) + LIMIT;
     let (mut cpu_s_per_s, mut received) = (0.0, None);
     for process in &mut processes {
-        let said: Said = serde_json::from_str(&process.line(said_by)?)?;
+        let said: EndReport = serde_json::from_str(&process.line(said_by)?)?;
         cpu_s_per_s += said.cpu_s_per_s;
         received = received.or(said.received);
     }
@@ -125,32 +172,32 @@ pub(crate) fn source<O: Outlet>(part: &Part, mut outlet: O) -> Result<(), Failur
         outlet.wake();
         meter.passed(tick)?;
     }
-    meter.say(None)
+    meter.report(None)
 }
 
 /// A process in between: `pass` makes the sample that goes on.
-pub(crate) fn relay<I: Inlet, O: Outlet>(
+pub(crate) fn relay<I: Input, O: Outlet>(
     part: &Part,
-    inlet: I,
+    input: I,
     mut outlet: O,
     pass: impl Fn(&I::Sample) -> O::Sample,
 ) -> Result<(), Failure> {
     let mut meter = Meter::new(part);
-    drain(part, inlet, |samples| {
+    drain(part, input, |samples| {
         for sample in samples {
             outlet.send(&pass(sample))?;
         }
         outlet.wake();
         samples.iter().try_for_each(|sample| meter.passed(sample.header().tick))
     })?;
-    meter.say(None)
+    meter.report(None)
 }
 
 /// The last process: keeps the latency of each sample.
-pub(crate) fn sink<I: Inlet>(part: &Part, inlet: I) -> Result<(), Failure> {
+pub(crate) fn sink<I: Input>(part: &Part, input: I) -> Result<(), Failure> {
     let mut meter = Meter::new(part);
     let mut latency_ns = Histogram::<u64>::new_with_max(LATENCY_MAX_NS, 3)?;
-    drain(part, inlet, |samples| {
+    drain(part, input, |samples| {
         let now_ns = monotonic_ns();
         for header in samples.iter().map(Ticked::header) {
             if header.tick >= part.warm_ticks {
@@ -163,22 +210,22 @@ pub(crate) fn sink<I: Inlet>(part: &Part, inlet: I) -> Result<(), Failure> {
     let us = |ns: u64| ns as f64 / 1000.0;
     let at = |quantile| us(latency_ns.value_at_quantile(quantile));
     let latency_us = LatencyUs { p50: at(0.5), p99: at(0.99), p999: at(0.999), max: us(latency_ns.max()) };
-    meter.say(Some(Received { latency_us, lost: part.ticks - part.warm_ticks - latency_ns.len() }))
+    meter.report(Some(Received { latency_us, lost: part.ticks - part.warm_ticks - latency_ns.len() }))
 }
 
 /// Hands all samples that are there to `take`, until the last has come.
-fn drain<I: Inlet>(
+fn drain<I: Input>(
     part: &Part,
-    mut inlet: I,
+    mut input: I,
     mut take: impl FnMut(&[I::Sample]) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     say_ready();
-    let mut samples = Vec::with_capacity(LINK_SAMPLES);
+    let mut samples = Vec::with_capacity(TOPIC_SAMPLES);
     let mut idle_ns = monotonic_ns();
     loop {
         samples.clear();
-        while samples.len() < LINK_SAMPLES
-            && let Some(sample) = inlet.receive()?
+        while samples.len() < TOPIC_SAMPLES
+            && let Some(sample) = input.receive()?
         {
             samples.push(sample);
         }
@@ -191,7 +238,7 @@ fn drain<I: Inlet>(
                 idle_ns = last.header().t_born_ns;
             }
             None if u128::from(monotonic_ns().saturating_sub(idle_ns)) > IDLE_LIMIT.as_nanos() => return Ok(()),
-            None => inlet.wait(),
+            None => input.wait(),
         }
     }
 }
@@ -223,10 +270,10 @@ impl Meter {
         Ok(())
     }
 
-    fn say(&self, received: Option<Received>) -> Result<(), Failure> {
+    fn report(&self, received: Option<Received>) -> Result<(), Failure> {
         let (start_ns, cpu_start_s) = self.start.ok_or("no sample came; is the machine overloaded?")?;
         let cpu_s_per_s = (cpu_s()? - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9);
-        println!("{}", serde_json::to_string(&Said { cpu_s_per_s, received })?);
+        println!("{}", serde_json::to_string(&EndReport { cpu_s_per_s, received })?);
         Ok(())
     }
 }

@@ -5,13 +5,14 @@
 //!
 //! | variant | what it is | latency | CPU time |
 //! | --- | --- | --- | --- |
-//! | `raw` | 4 processes, 3 hops, each a ring in shared memory and a futex word: the limit | to the receipt by the last | 4 processes |
-//! | `bus` | 4 processes, 3 hops over `crates/bus`, headers passed on | to the receipt by the last | 4 processes |
-//! | `real` | `plumb up` with the default stages: 5 services, 3 hops | to the publication by the last | 5 services, supervisor |
+//! | `raw` | 5 processes, one fan-out, one join; each topic a ring in shared memory and a futex word: the limit | to the receipt by the last | 5 processes |
+//! | `bus` | the same over `crates/bus`, headers passed on | to the receipt by the last | 5 processes |
+//! | `real` | `plumb up` with the default stages | to the publication by the last | 5 services, supervisor |
+//! | `other` | the same of another executable, with `--other` | the same | the same |
 //!
 //! Latency is from the stamp before a sample's first send. `raw` and `bus` leave out their first [`WARM_S`]; `real` leaves out
-//! what comes before its first sample only. Ratios are to `raw` within a round, and then the median over rounds: figures of one
-//! run on a shared machine compare, figures of two do not.
+//! what comes before its first sample only. Ratios are to `raw` (or to `other`) within a round, and then the median over rounds: figures
+//! of one run on a shared machine compare, figures of two do not.
 
 mod bus;
 mod chain;
@@ -25,7 +26,7 @@ mod raw;
 mod real;
 mod table;
 
-use std::process::ExitCode;
+use std::{ffi::OsString, process::ExitCode};
 
 use clap::Parser;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -49,6 +50,9 @@ struct Cli {
     /// Rounds of all variants.
     #[arg(long, default_value_t = 5)]
     rounds: usize,
+    /// Measure another `plumb` in the same rounds: an earlier build, say.
+    #[arg(long, value_name = "PLUMB")]
+    other: Option<OsString>,
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
@@ -67,6 +71,7 @@ enum Variant {
     Raw,
     Bus,
     Real,
+    Other,
 }
 
 /// Where the processes may run.
@@ -103,7 +108,7 @@ fn be(part: &Part) -> Result<(), Failure> {
     match part.variant {
         Variant::Raw => raw::be(part),
         Variant::Bus => bus::be(part),
-        Variant::Real => Err("the real pipeline has no part here".into()),
+        Variant::Real | Variant::Other => Err("the real pipeline has no part here".into()),
     }
 }
 
@@ -116,13 +121,12 @@ fn measure(cli: &Cli) -> Result<(), Failure> {
         for mode in [Mode::Free, Mode::One] {
             let _pinned = (mode == Mode::One).then(Pinned::to_last_core).transpose()?;
             for rate_hz in RATES_HZ {
-                for variant in [Variant::Raw, Variant::Bus, Variant::Real] {
-                    let cost = match variant {
-                        Variant::Raw => raw::run(rate_hz, cli.seconds),
-                        Variant::Bus => bus::run(rate_hz, cli.seconds),
-                        Variant::Real => real::run(rate_hz, cli.seconds),
-                    }?;
-                    table.add(round, mode, rate_hz, variant, cost);
+                let mut add = |variant, cost| table.add(round, mode, rate_hz, variant, cost);
+                add(Variant::Raw, raw::run(rate_hz, cli.seconds)?);
+                add(Variant::Bus, bus::run(rate_hz, cli.seconds)?);
+                add(Variant::Real, real::run(real::PLUMB.as_ref(), rate_hz, cli.seconds)?);
+                if let Some(other) = &cli.other {
+                    add(Variant::Other, real::run(other, rate_hz, cli.seconds)?);
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! The limit: a ring in shared memory for each hop, one producer, one consumer, and a futex word to wake the consumer.
+//! The limit: a ring in shared memory for each topic, one producer, one or two consumers, and a futex word to wake those that wait.
 //!
 //! A full ring refuses the sample; nothing is checked that a bus has to check.
 
@@ -22,7 +22,7 @@ use tempfile::NamedTempFile;
 
 use crate::{
     Cost, Failure, Variant,
-    chain::{self, Inlet, LINK_SAMPLES, Outlet, PLACES, Part, WAIT_LIMIT},
+    chain::{self, Input, Join, Outlet, Part, Place, TOPIC_SAMPLES, WAIT_LIMIT},
 };
 
 /// The payload that has 128 bytes.
@@ -30,13 +30,20 @@ type Sample = AccelPoint;
 const SAMPLE_WORDS: usize = 16;
 const _: () = assert!(size_of::<Sample>() == 8 * SAMPLE_WORDS);
 
-/// One hop. The counters only grow; each is written by one side, on its own cache line.
+/// Consumers of a topic at most.
+const READERS: usize = 2;
+const IMU: usize = 0;
+const GYRO: usize = 1;
+const ACCEL: usize = 2;
+const FUSED: usize = 3;
+
+/// One topic. The counters only grow; each is written by one side, on its own cache line.
 #[repr(C, align(64))]
 struct Ring {
     sent: Line<AtomicU64>,
-    received: Line<AtomicU64>,
+    received: [Line<AtomicU64>; READERS],
     wake: Line<Wake>,
-    slots: [Line<[AtomicU64; SAMPLE_WORDS]>; LINK_SAMPLES],
+    slots: [Line<[AtomicU64; SAMPLE_WORDS]>; TOPIC_SAMPLES],
 }
 
 #[repr(C, align(64))]
@@ -48,7 +55,7 @@ struct Wake {
     waiting: AtomicU32,
 }
 
-type Rings = [Ring; PLACES - 1];
+type Rings = [Ring; FUSED + 1];
 
 /// The rings of a chain, mapped.
 struct Mapping(NonNull<Rings>);
@@ -83,49 +90,65 @@ impl Drop for Mapping {
     }
 }
 
-impl Outlet for &Ring {
+/// The producer of a topic that has so many consumers.
+struct Out<'a> {
+    ring: &'a Ring,
+    readers: usize,
+}
+
+/// A consumer of a topic.
+struct In<'a> {
+    ring: &'a Ring,
+    reader: usize,
+}
+
+impl Outlet for Out<'_> {
     type Sample = Sample;
 
     fn send(&mut self, sample: &Sample) -> Result<(), Failure> {
-        let sent = self.sent.0.load(Relaxed);
-        if sent - self.received.0.load(Acquire) < LINK_SAMPLES as u64 {
+        let Ring { sent, received, slots, .. } = self.ring;
+        let next = sent.0.load(Relaxed);
+        let oldest = received[..self.readers].iter().map(|received| received.0.load(Acquire)).min().unwrap_or(next);
+        if next - oldest < TOPIC_SAMPLES as u64 {
             let words: [u64; SAMPLE_WORDS] = bytemuck::cast(*sample);
-            let slot = &self.slots[sent as usize % LINK_SAMPLES].0;
+            let slot = &slots[next as usize % TOPIC_SAMPLES].0;
             slot.iter().zip(words).for_each(|(place, word)| place.store(word, Relaxed));
-            self.sent.0.store(sent + 1, Release);
+            sent.0.store(next + 1, Release);
         }
         Ok(())
     }
 
     fn wake(&mut self) {
-        let Wake { wakes, waiting } = &self.wake.0;
+        let Wake { wakes, waiting } = &self.ring.wake.0;
         wakes.fetch_add(1, SeqCst);
         if waiting.load(SeqCst) != 0 {
             // It can only fail when nobody waits any more.
-            let _ = futex::wake(wakes, futex::Flags::empty(), 1);
+            let _ = futex::wake(wakes, futex::Flags::empty(), READERS as u32);
         }
     }
 }
 
-impl Inlet for &Ring {
+impl Input for In<'_> {
     type Sample = Sample;
 
     fn receive(&mut self) -> Result<Option<Sample>, Failure> {
-        let received = self.received.0.load(Relaxed);
-        if received == self.sent.0.load(Acquire) {
+        let Ring { sent, received, slots, .. } = self.ring;
+        let next = received[self.reader].0.load(Relaxed);
+        if next == sent.0.load(Acquire) {
             return Ok(None);
         }
-        let slot = &self.slots[received as usize % LINK_SAMPLES].0;
+        let slot = &slots[next as usize % TOPIC_SAMPLES].0;
         let words: [u64; SAMPLE_WORDS] = std::array::from_fn(|i| slot[i].load(Relaxed));
-        self.received.0.store(received + 1, Release);
+        received[self.reader].0.store(next + 1, Release);
         Ok(Some(bytemuck::cast(words)))
     }
 
     fn wait(&mut self) {
-        let Wake { wakes, waiting } = &self.wake.0;
+        let Ring { sent, received, wake, .. } = self.ring;
+        let Wake { wakes, waiting } = &wake.0;
         let seen = wakes.load(SeqCst);
         waiting.fetch_add(1, SeqCst);
-        if self.received.0.load(SeqCst) == self.sent.0.load(SeqCst) {
+        if received[self.reader].0.load(SeqCst) == sent.0.load(SeqCst) {
             let limit = Timespec { tv_sec: 0, tv_nsec: WAIT_LIMIT.as_nanos() as i64 };
             // Woken, timed out or too late to sleep: the caller looks for samples again.
             let _ = futex::wait(wakes, futex::Flags::empty(), seen, Some(&limit));
@@ -147,9 +170,13 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     chain::end_with_parent()?;
     let mapping = Mapping::of(&OpenOptions::new().read(true).write(true).open(&part.share)?)?;
     let rings = mapping.rings();
+    let to = |topic: usize, readers| Out { ring: &rings[topic], readers };
+    let of = |topic: usize, reader| In { ring: &rings[topic], reader };
     match part.place {
-        0 => chain::source(part, &rings[0]),
-        place if place + 1 < PLACES => chain::relay(part, &rings[place - 1], &rings[place], |sample| *sample),
-        place => chain::sink(part, &rings[place - 1]),
+        Place::Source => chain::source(part, to(IMU, 2)),
+        Place::Gyro => chain::relay(part, of(IMU, 0), to(GYRO, 1), |sample| *sample),
+        Place::Accel => chain::relay(part, of(IMU, 1), to(ACCEL, 1), |sample| *sample),
+        Place::Fuser => chain::relay(part, Join::new(of(GYRO, 0), of(ACCEL, 0)), to(FUSED, 1), |sample| *sample),
+        Place::Sink => chain::sink(part, of(FUSED, 0)),
     }
 }

@@ -18,14 +18,14 @@ pub(crate) struct Table {
 struct Run {
     round: usize,
     #[serde(flatten)]
-    place: Place,
+    condition: Condition,
     #[serde(flatten)]
     cost: Cost,
 }
 
 /// What the runs of a row have in common.
 #[derive(Clone, Copy, PartialEq, Serialize)]
-struct Place {
+struct Condition {
     mode: Mode,
     rate_hz: u32,
     variant: Variant,
@@ -35,12 +35,15 @@ struct Place {
 #[derive(Serialize)]
 struct Row {
     #[serde(flatten)]
-    place: Place,
+    condition: Condition,
     #[serde(flatten)]
     cost: Cost,
     /// To `raw` in the same round.
     ratio_p50: f64,
     ratio_cpu: f64,
+    /// Of `real`, to `other` in the same round.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    to_other: Option<[f64; 2]>,
 }
 
 impl Table {
@@ -49,7 +52,7 @@ impl Table {
     }
 
     pub(crate) fn add(&mut self, round: usize, mode: Mode, rate_hz: u32, variant: Variant, cost: Cost) {
-        self.runs.push(Run { round, place: Place { mode, rate_hz, variant }, cost });
+        self.runs.push(Run { round, condition: Condition { mode, rate_hz, variant }, cost });
     }
 
     /// The rows and the runs as one object on one line.
@@ -64,21 +67,28 @@ impl Table {
     }
 
     fn rows(&self) -> impl Iterator<Item = Row> {
-        let places = [Mode::Free, Mode::One].into_iter().flat_map(|mode| {
+        let conditions = [Mode::Free, Mode::One].into_iter().flat_map(|mode| {
             RATES_HZ.into_iter().flat_map(move |rate_hz| {
-                [Variant::Raw, Variant::Bus, Variant::Real].map(|variant| Place { mode, rate_hz, variant })
+                let variants = [Variant::Raw, Variant::Bus, Variant::Real, Variant::Other];
+                variants.map(|variant| Condition { mode, rate_hz, variant })
             })
         });
-        places.map(|place| self.row(place))
+        conditions
+            .filter(|condition| self.runs.iter().any(|run| run.condition == *condition))
+            .map(|condition| self.row(condition))
     }
 
-    fn row(&self, place: Place) -> Row {
-        let (costs, limits) = (self.costs(place), self.costs(Place { variant: Variant::Raw, ..place }));
+    fn row(&self, condition: Condition) -> Row {
+        let [costs, limits, others] = [condition.variant, Variant::Raw, Variant::Other]
+            .map(|variant| self.costs(Condition { variant, ..condition }));
         let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
-        let ratio =
-            |pick: fn(&Cost) -> f64| median(costs.iter().zip(&limits).map(|(cost, raw)| pick(cost) / pick(raw)));
+        let ratio = |to: &[Cost], pick: fn(&Cost) -> f64| {
+            median(costs.iter().zip(to).map(|(cost, limit)| pick(cost) / pick(limit)))
+        };
+        let picks: [fn(&Cost) -> f64; 2] = [|cost| cost.latency_us.p50, |cost| cost.cpu_s_per_s];
+        let compares = condition.variant == Variant::Real && !others.is_empty();
         Row {
-            place,
+            condition,
             cost: Cost {
                 latency_us: LatencyUs {
                     p50: over(|cost| cost.latency_us.p50),
@@ -89,14 +99,15 @@ impl Table {
                 cpu_s_per_s: over(|cost| cost.cpu_s_per_s),
                 lost: costs.iter().map(|cost| cost.lost).sum(),
             },
-            ratio_p50: ratio(|cost| cost.latency_us.p50),
-            ratio_cpu: ratio(|cost| cost.cpu_s_per_s),
+            ratio_p50: ratio(&limits, picks[0]),
+            ratio_cpu: ratio(&limits, picks[1]),
+            to_other: compares.then(|| picks.map(|pick| ratio(&others, pick))),
         }
     }
 
     /// Round by round.
-    fn costs(&self, place: Place) -> Vec<Cost> {
-        self.runs.iter().filter(|run| run.place == place).map(|run| run.cost).collect()
+    fn costs(&self, condition: Condition) -> Vec<Cost> {
+        self.runs.iter().filter(|run| run.condition == condition).map(|run| run.cost).collect()
     }
 }
 
@@ -108,22 +119,27 @@ impl fmt::Display for Table {
             "{:5} {:>5}  {:7} {:>8} {:>8} {:>8} {:>8} {:>8} {:>6} {:>9} {:>9}",
             "cores", "Hz", "variant", "p50 µs", "p99 µs", "p99.9 µs", "max µs", "CPU s/s", "lost", "p50/raw", "CPU/raw"
         )?;
-        for Row { place, cost, ratio_p50, ratio_cpu } in self.rows() {
+        for Row { condition, cost, ratio_p50, ratio_cpu, to_other } in self.rows() {
             let LatencyUs { p50, p99, p999, max } = cost.latency_us;
-            let cores = match place.mode {
+            let cores = match condition.mode {
                 Mode::Free => "free",
                 Mode::One => "one",
             };
-            let variant = match place.variant {
+            let variant = match condition.variant {
                 Variant::Raw => "raw",
                 Variant::Bus => "bus",
                 Variant::Real => "real",
+                Variant::Other => "other",
             };
-            writeln!(
+            write!(
                 f,
                 "{cores:5} {:>5}  {variant:7} {p50:>8.1} {p99:>8.1} {p999:>8.1} {max:>8.0} {:>8.3} {:>6} {ratio_p50:>9.2} {ratio_cpu:>9.2}",
-                place.rate_hz, cost.cpu_s_per_s, cost.lost
+                condition.rate_hz, cost.cpu_s_per_s, cost.lost
             )?;
+            match to_other {
+                Some([p50, cpu]) => writeln!(f, "  to other: p50 {p50:.2}, CPU {cpu:.2}")?,
+                None => writeln!(f)?,
+            }
         }
         Ok(())
     }

@@ -1,10 +1,10 @@
 //! A split system: a process publishes `imu` on the bus of one system, another reads it on the bus of the other.
 
-use bus::{Bus, Domain};
+use bus::{Bus, SystemName};
 use bytemuck::Zeroable as _;
 use launch::{Gateway, Import};
 use messages::{Credit, ImuSample, Message};
-use runtime::orders::BUFFER_BESIDE;
+use runtime::service_config::BUFFER_BESIDE;
 
 use crate::{
     Cost, Failure, Variant,
@@ -18,7 +18,7 @@ use crate::{
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let names = ["board", "base"].map(|host| format!("bench-{host}-{}", std::process::id()));
     let [board, base] = &names;
-    let topics = vec![ImuSample::TOPIC.to_owned()];
+    let topics = vec![ImuSample::TOPIC.name.to_owned()];
     let quiet = || Gateway { rates: [].into(), ..Gateway::default() };
     let exporting = System::new(board, rate_hz, Gateway { export: topics.clone(), ..quiet() })?;
     let import = Some(Import { vehicle: board.clone(), topics });
@@ -32,7 +32,7 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
 
 /// One process of the variant.
 pub(crate) fn be(part: &Part) -> Result<(), Failure> {
-    let bus = Bus::join(&Domain::new(&part.at)?, "end")?;
+    let bus = Bus::join(&SystemName::new(&part.at)?, "end")?;
     let buffer_ticks = system::buffer_ticks(part.rate_hz);
     match part.end {
         End::Near => {
@@ -47,11 +47,11 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
             let subscriber = bus.subscriber::<ImuSample>(buffer_ticks)?;
             // Leave for all ticks there are.
             let credit = bus.publisher::<Credit>(BUFFER_BESIDE)?;
-            credit.send(&Credit { ticks: u64::MAX / 2 })?;
+            credit.send(&Credit { ticks: u64::MAX / 2, ends: 0 })?;
             let mut heard = false;
             part::receive(part, |take| {
                 if !heard {
-                    credit.greet()?;
+                    credit.deliver_history()?;
                 }
                 subscriber.wait(WAIT_LIMIT);
                 Ok(subscriber.drain(buffer_ticks, |sample| {

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use bus::{Bus, Domain};
+use bus::{Bus, SystemName};
 use bytemuck::Zeroable as _;
 use launch::{Gateway, Rate};
-use link::{Ends, Link};
+use link::{Endpoints, Link};
 use messages::{AttitudeOutput, Header, Message};
-use runtime::service::FIRST_EPOCH;
+use runtime::service_config::FIRST_EPOCH;
 use wire::keys;
 
 use crate::{
@@ -26,7 +26,7 @@ const EACH_HZ: f64 = 10_000.0;
 /// Measures the variant.
 pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-remote-{}", std::process::id());
-    let rates = [(AttitudeOutput::TOPIC.to_owned(), Rate::All)].into();
+    let rates = [(AttitudeOutput::TOPIC.name.to_owned(), Rate::All)].into();
     let default = Gateway::default();
     let messages_hz = if variant == Variant::Each { EACH_HZ } else { default.messages_hz };
     let system = System::new(&name, rate_hz, Gateway { rates, messages_hz, ..default })?;
@@ -41,7 +41,7 @@ pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, 
 pub(crate) fn be(part: &Part) -> Result<(), Failure> {
     match part.end {
         End::Near => {
-            let bus = Bus::join(&Domain::new(&part.at)?, "near")?;
+            let bus = Bus::join(&SystemName::new(&part.at)?, "near")?;
             let publisher = bus.publisher::<AttitudeOutput>(system::buffer_ticks(part.rate_hz))?;
             part::send(part, |tick, now_ns| {
                 publisher.send(&attitude(header(tick, now_ns)))?;
@@ -50,8 +50,8 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
             })
         }
         End::Far => {
-            let link = Link::open(&Ends::connecting(std::slice::from_ref(&part.at)))?;
-            let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC))?;
+            let link = Link::open(&Endpoints::connecting(std::slice::from_ref(&part.at)))?;
+            let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC.name))?;
             if !link.await_somebody(LIMIT) {
                 return Err(format!("nobody is at {}", part.at).into());
             }
@@ -71,7 +71,7 @@ pub(crate) fn message_bytes() -> usize {
     let now_ns = runtime::clock::monotonic_ns();
     let envelope = wire::v1::Envelope {
         sequence: 1000,
-        life: now_ns,
+        start_ns: now_ns,
         samples_before: 1000,
         t_sent_ns: now_ns,
         ..Default::default()

@@ -9,13 +9,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Claim, Domain};
-use launch::{Gateway, Launch, Service};
+use bus::{Bus, Claim, SystemName};
+use launch::{Gateway, Launch};
 use messages::Health;
 use runtime::{
-    Orders, Role,
-    orders::{BUFFER_BESIDE, Pace},
-    service::FIRST_EPOCH,
+    Role, ServiceConfig,
+    service_config::{BUFFER_BESIDE, FIRST_EPOCH, Pace},
 };
 
 use crate::{Failure, process::Process};
@@ -25,8 +24,8 @@ const LIMIT: Duration = Duration::from_secs(15);
 
 /// A system without services.
 pub(crate) struct System {
-    orders: Orders,
-    domain: Domain,
+    config: ServiceConfig,
+    system_name: SystemName,
     port: u16,
     _claim: Claim,
 }
@@ -34,9 +33,9 @@ pub(crate) struct System {
 impl System {
     /// A system of this name whose gateway is as `gateway` says.
     pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
-        let domain = Domain::new(name)?;
-        let claim = domain.claim()?;
-        let listener = UnixListener::bind(domain.door()?)?;
+        let system_name = SystemName::new(name)?;
+        let claim = system_name.claim()?;
+        let listener = UnixListener::bind(system_name.door()?)?;
         // It ends with the process.
         thread::spawn(move || {
             for mut stream in listener.incoming().flatten() {
@@ -47,7 +46,7 @@ impl System {
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let gateway = Gateway { listen: vec![format!("tcp/127.0.0.1:{port}")], ..gateway };
         let launch = Launch { name: name.into(), gateway, ..Launch::default() };
-        Ok(Self { orders: orders(launch, rate_hz), domain, port, _claim: claim })
+        Ok(Self { config: config(launch, rate_hz), system_name, port, _claim: claim })
     }
 
     /// Where its gateway listens.
@@ -57,10 +56,10 @@ impl System {
 
     /// Its gateway, once it looks at the bus and listens.
     pub(crate) fn gateway(&self) -> Result<Process, Failure> {
-        let bus = Bus::join(&self.domain, "bench")?;
+        let bus = Bus::join(&self.system_name, "bench")?;
         let health = bus.subscriber::<Health>(BUFFER_BESIDE)?;
         let mut process = Process::start(OsStr::new(env!("CARGO_BIN_EXE_plumb")), ["service", "gateway"])?;
-        process.tell(&self.orders.text(Service::Gateway)?)?;
+        process.write_line(&serde_json::to_string(&self.config)?)?;
         let deadline = Instant::now() + LIMIT;
         let is_free = || TcpListener::bind(("127.0.0.1", self.port)).is_ok();
         let mut runs = false;
@@ -77,11 +76,11 @@ impl System {
 
 /// Messages that a topic of the path holds.
 pub(crate) fn buffer_ticks(rate_hz: u32) -> usize {
-    orders(Launch::default(), rate_hz).buffer_ticks()
+    config(Launch::default(), rate_hz).buffer_ticks()
 }
 
-fn orders(launch: Launch, rate_hz: u32) -> Orders {
-    Orders {
+fn config(launch: Launch, rate_hz: u32) -> ServiceConfig {
+    ServiceConfig {
         launch,
         rate_hz: f64::from(rate_hz),
         pace: Pace::Speed(1.0),

@@ -21,7 +21,7 @@ pub(crate) fn start(part: &Part) -> Result<Process, Failure> {
 
 /// Lets the near end begin; what the far end heard, and what both and those `between` cost.
 pub(crate) fn watch(part: &Part, near: &mut Process, between: &[Process], far: &mut Process) -> Result<Cost, Failure> {
-    near.tell("")?;
+    near.write_line("")?;
     let deadline = Instant::now() + Duration::from_secs(part.ticks / u64::from(part.rate_hz)) + LIMIT;
     let pids: Vec<u32> = between.iter().chain([&*near, &*far]).map(Process::id).collect();
     let cpu_s = || pids.iter().map(|pid| cpu_s(*pid)).sum::<Result<f64, Failure>>();

@@ -6,18 +6,19 @@ use std::{
     time::{Duration, Instant},
 };
 
+use graph::Topic;
 use link::{Link, Stream};
-use observe::flow::Passage;
+use observe::flow::Delivery;
 use wire::{
-    command::Letter,
+    command::ControlMessage,
     keys,
     v1::{Envelope, GatewayReport},
 };
 
 use super::SeeError;
 use crate::{
+    delivery_tracker::DeliveryTracker,
     remote::{RemoteError, Way},
-    track::Track,
 };
 
 /// How long a vehicle is looked for once somebody is connected; its gateway reports what it sends once a second.
@@ -62,13 +63,13 @@ impl Vehicle {
     }
 
     /// The samples of a topic as they come in.
-    pub(super) fn crossing(&self, topic: &'static str) -> Result<Crossing, SeeError> {
-        if !self.topics.iter().any(|sent| sent == topic) {
+    pub(super) fn crossing(&self, topic: Topic) -> Result<Crossing, SeeError> {
+        if !self.topics.iter().any(|sent| sent == topic.name()) {
             let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
-            return Err(SeeError::NotSent { vehicle, topic: topic.into(), sent });
+            return Err(SeeError::NotSent { vehicle, topic: topic.name().into(), sent });
         }
-        let stream = self.link.stream(&keys::key(&self.name, topic)).map_err(RemoteError::from)?;
-        Ok(Crossing { topic, stream, track: Track::default(), last: None, passage: Passage::default() })
+        let stream = self.link.stream(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
+        Ok(Crossing { topic, stream, track: DeliveryTracker::default(), last: None, delivery: Delivery::default() })
     }
 
     /// It lives and the way to it is open, or it has not been long otherwise.
@@ -87,46 +88,46 @@ impl Vehicle {
 
 /// A topic between the board and here.
 pub(super) struct Crossing {
-    topic: &'static str,
+    topic: Topic,
     stream: Stream,
-    track: Track,
+    track: DeliveryTracker,
     last: Option<Envelope>,
-    passage: Passage,
+    delivery: Delivery,
 }
 
 impl Crossing {
     /// Hands what has come to `take`, each message with what became of the others on the way, as long as it wants any.
-    pub(super) fn look(&mut self, message_bytes: usize, take: &mut dyn FnMut(Passage, Option<&[u8]>) -> bool) {
+    pub(super) fn look(&mut self, message_bytes: usize, take: &mut dyn FnMut(Delivery, Option<&[u8]>) -> bool) {
         for _ in 0..PARCELS_MAX {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
-            let Some(Ok((envelope, messages))) = wire::open_topic(self.topic, &arrival.bytes) else {
-                self.passage.refused += 1;
-                take(self.passage, None);
+            let Ok((envelope, messages)) = wire::open_topic(self.topic, &arrival.bytes) else {
+                self.delivery.refused += 1;
+                take(self.delivery, None);
                 continue;
             };
             let is_new = self.track.take(&envelope, (messages.len() / message_bytes) as u64);
             if is_new {
-                self.passage.bytes += arrival.bytes.len() as u64;
+                self.delivery.bytes += arrival.bytes.len() as u64;
                 self.count(&envelope);
             }
-            let Track { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.track;
-            self.passage = Passage { arrived, lost, repeated, restarts, ..self.passage };
-            take(self.passage, None);
-            if is_new && !messages.chunks_exact(message_bytes).all(|message| take(self.passage, Some(message))) {
+            let DeliveryTracker { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.track;
+            self.delivery = Delivery { arrived, lost, repeated, restarts, ..self.delivery };
+            take(self.delivery, None);
+            if is_new && !messages.chunks_exact(message_bytes).all(|message| take(self.delivery, Some(message))) {
                 return;
             }
         }
     }
 
-    /// Counts what was left on board since the first message: the envelope's counts are those of the gateway's life.
+    /// Counts what was left on board since the first message: the envelope's counts are since the gateway started.
     fn count(&mut self, envelope: &Envelope) {
         let before = match &self.last {
             None => envelope,
-            Some(last) if last.life == envelope.life => last,
+            Some(last) if last.start_ns == envelope.start_ns => last,
             Some(_) => &Envelope::default(),
         };
-        self.passage.left_out += envelope.left_out.saturating_sub(before.left_out);
-        self.passage.dropped += envelope.dropped.saturating_sub(before.dropped);
+        self.delivery.decimated += envelope.decimated.saturating_sub(before.decimated);
+        self.delivery.dropped += envelope.dropped.saturating_sub(before.dropped);
         self.last = Some(*envelope);
     }
 }

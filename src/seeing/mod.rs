@@ -12,12 +12,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{BusError, Domain, Observer, Tap};
-use messages::{Layout, Message, Visitor};
-use observe::{flow::Flow, topics::Topic};
+use bus::{BusError, Observer, SystemName, Tap};
+use graph::Topic;
+use messages::Layout;
+use observe::{flow::Flow, topics};
 use runtime::clock::monotonic_ns;
 
-use crate::{remote::RemoteError, swap::System};
+use crate::{remote::RemoteError, system::System};
 use elsewhere::{Crossing, Vehicle};
 
 /// Between two looks at a topic: far shorter than what an observer's buffer holds, and it costs the system nothing.
@@ -34,6 +35,9 @@ pub(crate) enum SeeError {
     /// The network cannot be used.
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    /// There is no such topic.
+    #[error("opening the topic `{topic}`: there is none of that name; there are {}", names(Topic::ALL))]
+    NoTopic { topic: String },
     /// Nobody of that name is found.
     #[error(
         "looking for the vehicle {vehicle:?}: it did not answer within {limit_s:.0} s; `plumb station` with the same --connect shows the vehicles there are"
@@ -50,7 +54,7 @@ impl SeeError {
     /// The exit code of `plumb`: 2 when there can be no such topic or the command line is wrong, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
-            Self::Bus(BusError::NoTopic { .. }) => 2,
+            Self::NoTopic { .. } => 2,
             Self::Remote(error) => error.exit_code(),
             _ => 1,
         }
@@ -59,18 +63,18 @@ impl SeeError {
 
 /// Takes a seat in a system.
 pub(crate) fn observer(system: &str, who: &str) -> Result<Observer, BusError> {
-    Observer::sit(&Domain::new(system)?, who)
+    Observer::sit(&SystemName::new(system)?, who)
 }
 
 /// Where one looks from.
-pub(crate) enum Place {
+pub(crate) enum Viewpoint {
     /// On board.
     Board(Observer),
     /// Beyond it.
     Elsewhere(Vehicle),
 }
 
-impl Place {
+impl Viewpoint {
     /// A place from which the system is seen.
     pub(crate) fn of(system: &System, who: &str) -> Result<Self, SeeError> {
         Ok(match system.remote() {
@@ -81,20 +85,24 @@ impl Place {
 
     /// A topic to look at.
     pub(crate) fn watch(&self, topic: &str) -> Result<Watched, SeeError> {
-        let none = || BusError::NoTopic { topic: topic.into() };
-        let (name, layout) = messages::with_type(topic, Described).ok_or_else(none)?;
+        let topic = Topic::named(topic).ok_or_else(|| SeeError::NoTopic { topic: topic.into() })?;
+        self.watch_known(topic)
+    }
+
+    fn watch_known(&self, topic: Topic) -> Result<Watched, SeeError> {
+        let layout = messages::layout(topic);
         let source = match self {
             Self::Board(observer) => Source::Board(observer.tap(topic)?),
-            Self::Elsewhere(vehicle) => Source::Elsewhere(Box::new(vehicle.crossing(name)?)),
+            Self::Elsewhere(vehicle) => Source::Elsewhere(Box::new(vehicle.crossing(topic)?)),
         };
-        Ok(Watched { flow: Flow::new(topic, &layout), name, layout, source })
+        Ok(Watched { flow: Flow::new(topic, &layout), name: topic.name(), layout, source })
     }
 
     /// Every topic there is to look at.
     pub(crate) fn watch_all(&self) -> Result<Vec<Watched>, SeeError> {
         let mut watched = Vec::new();
-        for topic in messages::TOPICS {
-            match self.watch(topic) {
+        for topic in Topic::ALL {
+            match self.watch_known(*topic) {
                 Ok(topic) => watched.push(topic),
                 Err(SeeError::Bus(BusError::Unopened { .. }) | SeeError::NotSent { .. }) => {}
                 Err(error) => return Err(error),
@@ -186,8 +194,8 @@ impl Watched {
                     flow.was_full();
                 }
             }
-            Source::Elsewhere(crossing) => crossing.look(layout.size, &mut |passage, bytes| {
-                flow.passed(passage);
+            Source::Elsewhere(crossing) => crossing.look(layout.size, &mut |delivery, bytes| {
+                flow.passed(delivery);
                 bytes.is_none_or(|bytes| {
                     flow.take(bytes, arrived_ns);
                     take(layout, bytes)
@@ -198,7 +206,7 @@ impl Watched {
     }
 
     /// The topic with who is at it beside this process.
-    pub(crate) fn topic(self) -> Result<Topic, SeeError> {
+    pub(crate) fn topic(self) -> Result<topics::Topic, SeeError> {
         let ports = match &self.source {
             Source::Board(tap) => Some(tap.ports()?),
             Source::Elsewhere(_) => None,
@@ -207,18 +215,12 @@ impl Watched {
             ports.subscribers.retain(|port| port.pid != std::process::id());
             ports
         });
-        Ok(Topic { name: self.name.into(), layout: self.layout, ports, flow: self.flow.report() })
+        Ok(topics::Topic { name: self.name.into(), layout: self.layout, ports, flow: self.flow.report() })
     }
 }
 
-struct Described;
-
-impl Visitor for Described {
-    type Output = (&'static str, Layout);
-
-    fn visit<M: Message>(self) -> Self::Output {
-        (M::TOPIC, M::layout())
-    }
+fn names(topics: &[Topic]) -> String {
+    topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ")
 }
 
 /// Seconds on the command line.

@@ -15,22 +15,22 @@ use std::{
 };
 
 use clap::Args;
+use graph::Topic;
 use link::{Arrival, Link};
 use messages::{AttitudeOutput, Message};
 use serde_json::{Value, json};
 use wire::{
     Payload, Refusal, Refusals,
-    command::Letter,
+    command::ControlMessage,
     keys,
-    payload::{Visitor, with_payload},
     v1::{Envelope, GatewayReport},
 };
 
 use crate::{
+    delivery_tracker::DeliveryTracker,
     fail,
     out::{Screen, print},
     remote::Way,
-    track::Track,
 };
 use csv::Tables;
 
@@ -65,7 +65,7 @@ pub(crate) struct Station {
 struct Vehicle {
     services: BTreeSet<String>,
     lives: bool,
-    tracks: BTreeMap<String, Track>,
+    tracks: BTreeMap<String, DeliveryTracker>,
     attitude: Option<AttitudeOutput>,
     refusals: Refusals,
 }
@@ -147,39 +147,28 @@ fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>)
         }
         return Ok(());
     }
-    with_payload(topic, Samples { vehicle, name, topic, bytes: &message.bytes, tables }).unwrap_or(Ok(()))
+    let Some(topic) = Topic::named(topic) else { return Ok(()) };
+    messages::dispatch!(topic, M => vehicle.take::<M>(name, &message.bytes, tables))
 }
 
-/// Messages of a topic that go to the counts and into a table.
-struct Samples<'a> {
-    vehicle: &'a mut Vehicle,
-    name: &'a str,
-    topic: &'a str,
-    bytes: &'a [u8],
-    tables: Option<&'a mut Tables>,
-}
-
-impl Visitor for Samples<'_> {
-    type Output = Result<(), csv::CsvError>;
-
-    fn visit<M: Payload>(self) -> Self::Output {
-        let Self { vehicle, name, topic, bytes, tables } = self;
-        match (vehicle.samples::<M>(topic, bytes), tables) {
+impl Vehicle {
+    /// Takes messages of a topic to the counts and into a table.
+    fn take<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut Tables>) -> Result<(), csv::CsvError> {
+        let topic = M::TOPIC.name;
+        match (self.samples::<M>(topic, bytes), tables) {
             (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),
             (Ok(_), None) => Ok(()),
             (Err(refusal), _) => {
-                vehicle.refusals.count(&refusal);
+                self.refusals.count(&refusal);
                 Ok(())
             }
         }
     }
-}
 
-impl Vehicle {
     fn samples<M: Payload>(&mut self, topic: &str, bytes: &[u8]) -> Result<Vec<M>, Refusal> {
         let (envelope, samples) = wire::open::<M>(bytes)?;
         self.track(topic, &envelope, samples.len());
-        if topic == AttitudeOutput::TOPIC
+        if topic == AttitudeOutput::TOPIC.name
             && let Some(newest) = samples.last()
         {
             self.attitude = AttitudeOutput::decoded(&newest.encoded()).ok();
@@ -217,7 +206,7 @@ fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
         detail.or(vehicles.keys().next().map(String::as_str)).and_then(|name| Some((name, vehicles.get(name)?)));
     if let Some((name, vehicle)) = shown {
         lines.push(format!("{name}: {}", vehicle.attitude.as_ref().map_or("no attitude yet".into(), attitude)));
-        lines.push(format!("  {:<11}{}", "topic", Track::HEAD));
+        lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEAD));
         for (topic, track) in &vehicle.tracks {
             lines.push(format!("  {topic:<11}{track}"));
         }

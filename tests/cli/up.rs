@@ -128,7 +128,7 @@ fn a_recording_that_is_not_there_is_named_with_the_remedy() {
 
 /// `plumb up` and `plumb config check` refuse this launch file alike.
 fn assert_launch_refused(launch: &str, said: &[&str]) {
-    let system = System::new(launch);
+    let system = System::written(launch);
     let file = system.path("launch.toml");
     let mut check = plumb(&["config", "check"]);
     check.arg(&file);
@@ -195,7 +195,7 @@ fn a_gateway_that_is_set_and_not_started_is_underlined_with_the_remedy() {
     assert_launch_refused("[gateway.rates]\nimu = \"all\"\n", &said);
     let left_out =
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[gateway.rates]\nimu = \"all\"\n";
-    let output = plumb(&["config", "check"]).arg(System::new(left_out).path("launch.toml")).output().unwrap();
+    let output = plumb(&["config", "check"]).arg(System::written(left_out).path("launch.toml")).output().unwrap();
     assert!(output.status.success(), "who lists the services has left it out: {}", text(&output.stderr));
 }
 
@@ -243,6 +243,21 @@ fn wrong_usage_is_told_apart_from_a_wrong_file() {
 }
 
 #[test]
+fn a_script_gets_an_object_from_every_command_that_fails() {
+    for (arguments, code, said) in [
+        (&["up", "--sped", "max", "--json"][..], 2, "unexpected argument '--sped'"),
+        (&["ps", "--system", "nobody-runs-this", "--json"], 1, "nobody-runs-this"),
+        (&["score", "no-such-recording.csv", "--json"], 3, "no-such-recording.csv"),
+    ] {
+        let output = plumb(arguments).output().unwrap();
+        let object: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {object}");
+        assert!(object["error"].as_str().is_some_and(|error| error.contains(said)), "{arguments:?}: {object}");
+    }
+    assert!(plumb(&["up", "--help", "--json"]).output().unwrap().status.success());
+}
+
+#[test]
 fn a_parameter_that_is_not_a_finite_number_is_wrong_usage() {
     for value in ["nan", "-inf", "infinity", "1e999", "three", ""] {
         let mut command = plumb(&["swap", "fuser", "madgwick", "--set"]);
@@ -254,7 +269,8 @@ fn a_parameter_that_is_not_a_finite_number_is_wrong_usage() {
 #[test]
 fn a_service_started_by_hand_says_who_starts_it() {
     for service in ["ingest", "gyro", "accel", "fuser", "course"] {
-        let said = [&*format!("reading the orders of service {service}: "), "services are started by `plumb up`"];
+        let said =
+            [&*format!("reading the configuration of service {service}: "), "services are started by `plumb up`"];
         assert_refused(plumb(&["service", service]), 1, &said);
     }
 }

@@ -21,6 +21,8 @@ use tempfile::TempDir;
 pub struct System {
     pub name: String,
     pub folder: TempDir,
+    /// `plumb`, or the executable whose services have faults.
+    executable: PathBuf,
 }
 
 /// How a run ended.
@@ -31,13 +33,32 @@ pub struct Run {
 }
 
 impl System {
-    /// A system whose launch file is `text` with a name that nobody else has.
+    /// A system whose launch file is `text` with a name that nobody else has. Unless that says otherwise its topics hold more than usual and
+    /// its readers wait for longer: how long a machine with much to do takes for a restart is not what a test is about.
     pub fn new(text: &str) -> Self {
+        let patience = [("buffer_s", 6.0), ("lateness_s", 4.0)]
+            .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value:?}\n") });
+        Self::written(&(patience.concat() + text))
+    }
+
+    /// A system whose launch file is `text` from its second line on; the first is the name.
+    pub fn written(text: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("launch.toml"), format!("name = \"{name}\"\n{text}")).unwrap();
-        Self { name, folder }
+        Self { name, folder, executable: env!("CARGO_BIN_EXE_plumb").into() }
+    }
+
+    /// A system of the executable whose course service has the fault that the launch file names.
+    pub fn with_faults(text: &str) -> Self {
+        Self { executable: faulty(), ..Self::new(text) }
+    }
+
+    /// Puts more at the end of the launch file.
+    pub fn add(&self, text: &str) {
+        let file = self.path("launch.toml");
+        fs::write(&file, fs::read_to_string(&file).unwrap() + text).unwrap();
     }
 
     pub fn path(&self, file: &str) -> PathBuf {
@@ -45,8 +66,8 @@ impl System {
     }
 
     pub fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = plumb(&["up"]);
-        command.arg(self.path("launch.toml")).args(arguments).arg("--json");
+        let mut command = Command::new(&self.executable);
+        command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
         // What a system keeps for its next start is the test's own.
         command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command
@@ -73,13 +94,40 @@ impl System {
 
     /// Waits until the system answers that every service runs.
     pub fn all_run(&self) {
-        until("every service to run", || self.ps().iter().filter(|one| one["state"] == "running").count() == 5);
+        until("every service to run", || {
+            let ps = self.ps();
+            ps.len() >= 5 && ps.iter().all(|one| one["state"] == "running")
+        });
     }
 
     /// How its services are; none where it does not answer.
     pub fn ps(&self) -> Vec<Value> {
         let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
         serde_json::from_slice(&output.stdout).unwrap_or_default()
+    }
+
+    /// Asks for a swap; what is answered.
+    pub fn ask_swap(&self, arguments: &[&str]) -> Value {
+        let output = plumb(&[&["swap", "--json", "--system", &self.name], arguments].concat()).output().unwrap();
+        let said = || panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| said())
+    }
+
+    /// The same, and again where the answer asks for that, as where the machine stood still meanwhile.
+    pub fn swap(&self, arguments: &[&str]) -> Value {
+        let asks_for_more = |report: &Value| {
+            report["reason"].as_str().is_some_and(|why| why.contains("ask again") || why.contains("still under way"))
+        };
+        let mut report = self.ask_swap(arguments);
+        for _ in 0..5 {
+            if !asks_for_more(&report) {
+                break;
+            }
+            println!("{report}");
+            std::thread::sleep(Duration::from_millis(200));
+            report = self.ask_swap(arguments);
+        }
+        report
     }
 
     /// Ends the system, which has written `out`: nothing is lost or left behind, and the bytes are those of an undisturbed run of `launch`.
@@ -116,8 +164,13 @@ pub struct Running {
 }
 
 impl Running {
-    pub fn of(mut command: Command) -> Self {
-        Self { child: Some(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()) }
+    pub fn of(command: Command) -> Self {
+        Self::telling(command, Stdio::piped())
+    }
+
+    /// What it says to people goes to `stderr`.
+    pub fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
+        Self { child: Some(command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap()) }
     }
 
     pub fn pid(&self) -> u32 {

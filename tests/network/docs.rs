@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 15] = [
+const LEFT_OUT: [(&str, &str); 18] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -37,7 +37,13 @@ const LEFT_OUT: [(&str, &str); 15] = [
         "plumb swap --remote alpha fuser vqf",
         "needs a vehicle elsewhere and an operator's keys; `certificates` has both here",
     ),
-    ("plumb stage test my-fuser", "needs iceoryx2's Python package; `own_stage` runs it where there is one"),
+    ("plumb score flight.ulg", "needs a log of PX4; `pipeline` reads one"),
+    ("plumb up --replay flight.ulg", "needs a log of PX4; `pipeline` reads one"),
+    ("plumb import flight.ulg", "needs a log of PX4; `pipeline` reads one"),
+    (
+        "plumb stage test my-fuser",
+        "holds a stage in Python against the whole kit, for minutes; `own_stage` does it with stages in C",
+    ),
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
@@ -160,9 +166,8 @@ impl Scratch {
             // What need not last.
             ("--seconds 10", "--seconds 1".into()),
             ("--seconds 60", "--seconds 2".into()),
-            // What is the reader's to fill in, and both ways to write a stage.
+            // What is the reader's to fill in.
             ("/path/to/plumbline", root.display().to_string()),
-            ("--lang rust my-fuser", "--lang rust my-fuser-in-rust".into()),
             ("/etc/plumbline/launch.toml", "launch.toml".into()),
         ];
         let scratch = Self { here: here.map(|(there, here)| (there.into(), here)).into(), system, running: Vec::new() };
@@ -188,6 +193,12 @@ impl Scratch {
         }
         self.write("flight.csv", &text);
         self.write("broad/trial.csv", &text);
+        let of_phone = |head: &str, step: u32, columns: &str| {
+            (0..300).fold(format!("{head}\n"), |text, row| text + &format!("{},{columns}\n", row * step))
+        };
+        self.write("phone.csv", &of_phone("time,wx,wy,wz,fx,fy,fz", 10, "0,0,1,0,0,1"));
+        self.write("Gyroscope.csv", &of_phone("seconds,x,y,z", 1, "0,0,0.1"));
+        self.write("Accelerometer.csv", &of_phone("seconds,x,y,z", 1, "0,0,9.8"));
         let compress = "gzip -k broad/trial.csv flight.csv && rm broad/trial.csv && cp flight.csv.gz flight_imu.csv.gz";
         assert!(self.command("sh").args(["-c", compress]).status().unwrap().success());
     }
@@ -297,7 +308,6 @@ fn what_is_left_out_is_in_the_documentation() {
 #[test]
 fn every_piece_of_a_launch_file_is_one() {
     let scratch = Scratch::new();
-    scratch.write("my-fuser/.venv/bin/python", "");
     let launch = fs::read_to_string(scratch.system.path("launch.toml")).unwrap();
     let above = launch.split("\n[").next().unwrap();
     for block in files().into_iter().flat_map(|(_, blocks)| blocks).filter(|it| it.language() == Some(Language::Toml)) {

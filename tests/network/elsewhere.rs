@@ -68,7 +68,7 @@ fn number(value: &Value, key: &str) -> f64 {
 
 /// Names of an object's fields, but those that only an observer elsewhere has.
 fn names(value: &Value) -> Vec<&String> {
-    value.as_object().unwrap().keys().filter(|name| *name != "passage").collect()
+    value.as_object().unwrap().keys().filter(|name| *name != "delivery").collect()
 }
 
 #[test]
@@ -111,7 +111,7 @@ fn every_verb_shows_from_elsewhere_what_it_shows_on_board_and_says_what_it_canno
         (hz["measured_by"].as_str(), hz["lost"].as_u64(), hz["overwritten"].as_u64()),
         (Some("sent"), Some(0), Some(0))
     );
-    assert_eq!((number(&hz, "/passage/left_out"), number(&hz, "/passage/dropped")), (0.0, 0.0), "{hz}");
+    assert_eq!((number(&hz, "/delivery/decimated"), number(&hz, "/delivery/dropped")), (0.0, 0.0), "{hz}");
 
     let bw = vehicle.answer(&["topic", "bw", "attitude", "--count", "60"]);
     println!("{bw}");
@@ -120,7 +120,7 @@ fn every_verb_shows_from_elsewhere_what_it_shows_on_board_and_says_what_it_canno
     let bytes = number(&bw, "/bytes_per_s") / number(&bw, "/rate_hz");
     assert!((100.0..400.0).contains(&bytes), "{bw}");
     // Of each 20 ticks 19 stay on board, and none of them is missed.
-    assert!((19.0 * 40.0..=19.0 * 80.0).contains(&number(&bw, "/passage/left_out")), "{bw}");
+    assert!((19.0 * 40.0..=19.0 * 80.0).contains(&number(&bw, "/delivery/decimated")), "{bw}");
     assert_eq!((bw["lost"].as_u64(), bw["overwritten"].as_u64()), (Some(0), Some(0)), "{bw}");
     vehicle.end();
 }

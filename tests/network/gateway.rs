@@ -12,11 +12,11 @@ use crate::common::{
     beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},
     plumb, signal, until,
 };
-use link::{Ends, Link, LinkError, ends::Tls};
+use link::{Endpoints, Link, LinkError, endpoints::Tls};
 use rustix::process::Signal;
 use serde_json::Value;
 use wire::{
-    command::Letter,
+    command::ControlMessage,
     keys,
     v1::{Services, SwapAnswer, SwapRequest, swap_answer::Outcome},
 };
@@ -126,7 +126,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     assert_eq!(standings[3]["stage"], "vqf", "{standings}");
 
     let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| operator.join(file));
-    let ends = Ends { tls: Some(Tls { ca, cert, key }), ..Ends::connecting(&[endpoint]) };
+    let ends = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::connecting(&[endpoint]) };
     let link = Link::reach(&ends, LIMIT).unwrap();
     let before = services(&link, "alpha");
     let request = |id: &str, stage: &str| SwapRequest {
@@ -182,6 +182,7 @@ fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
+    system.all_run();
     signal(running.pid(), Signal::STOP);
     let (here, elsewhere) = (["--system", &system.name], ["--remote", &system.name, "--connect", &endpoint]);
     for (arguments, place) in [
@@ -213,7 +214,7 @@ fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
 fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
     let system = with_gateway(free_port(), "");
     let out = system.path("out.csv");
-    let running = system.start(&["--for", "9s", "--out", out.to_str().unwrap()]);
+    let running = system.start(&["--out", out.to_str().unwrap()]);
     endpoint(&system);
     for kill in 1..=3 {
         signal(gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32, Signal::KILL);
@@ -221,9 +222,7 @@ fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
             gateway(&system).is_some_and(|one| one["restarts"] == kill && one["at"].is_string())
         });
     }
-    let run = running.wait();
-    run.assert_whole();
-    assert!(fs::read(out).unwrap() == undisturbed("9s"), "the bytes differ: {}", run.people);
+    system.assert_ends_undisturbed(running, &out, "");
 }
 
 #[test]

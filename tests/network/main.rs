@@ -1,4 +1,4 @@
-//! Beyond the board: gateway, stations, certificates, split systems, foreign clients, rough networks.
+//! Beyond the board: links, sessions and their certificates, gateway, stations, split systems, foreign clients, rough networks.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 #[path = "../common/mod.rs"]
@@ -9,6 +9,8 @@ mod docs;
 mod elsewhere;
 mod foreign;
 mod gateway;
+mod links;
 mod rough_network;
+mod sessions;
 mod split;
 mod strangers;

@@ -230,24 +230,41 @@ fn gateways_that_are_killed_lose_nothing_and_change_no_byte() {
 }
 
 #[test]
-fn a_slot_is_exchanged_on_the_host_that_has_it_and_no_tick_is_lost() {
+fn a_slot_is_swapped_on_the_host_that_has_it_and_no_tick_is_lost() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port());
     let board = board(&endpoint, "");
     let base = base(&board, &endpoint, "");
     let halves = Halves::start(board, base, "8s");
-    let swap = |system: &System, slot: &str, stage: &str| -> Value {
-        let output = plumb(&["swap", slot, stage, "--json", "--system", &system.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{output:?}"))
-    };
     for (system, slot, stage) in [(&halves.base, "fuser", "vqf"), (&halves.board, "gyro", "rk4")] {
-        let report = swap(system, slot, stage);
+        let report = system.swap(&[slot, stage]);
         println!("{report}");
         assert_eq!(report["outcome"], "committed", "{report}");
     }
-    let elsewhere = swap(&halves.base, "gyro", "rk4");
+    let elsewhere = halves.base.ask_swap(&["gyro", "rk4"]);
     assert!(elsewhere["reason"].as_str().unwrap().contains("there are fuser, course"), "{elsewhere}");
     let (run, _) = halves.end();
     run.assert_whole();
+}
+
+#[test]
+fn a_stage_of_ones_own_fills_a_slot_there_as_anywhere_else() {
+    let endpoint = format!("tcp/127.0.0.1:{}", free_port());
+    let board = board(&endpoint, "");
+    let base = base(&board, &endpoint, "");
+    // Not the system's: it is asked for once more when that has ended.
+    let home = tempfile::tempdir().unwrap();
+    let folder = home.path().join("mine");
+    let output = plumb(&["stage", "new", "mine", "--lang", "python", "--dir"]).arg(&folder).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let command = format!("[\"python3\", {:?}]", folder.join("mine.py"));
+    let own = format!("[fuser]\nstage = \"mine\"\n[stages.mine]\nslot = \"fuser\"\ncommand = {command}\n");
+    base.add(&own);
+    let halves = Halves::start(board, base, "5s");
+    signal(halves.base_runs.service("fuser"), Signal::KILL);
+    let (run, bytes) = halves.end();
+    run.assert_whole();
+    assert_eq!(restarts(&run, "fuser"), 1);
+    assert!(bytes == undisturbed(&own, &["--for", "5s"]), "the bytes differ: {}", run.people);
 }
 
 #[test]

@@ -19,7 +19,7 @@ use crate::{
     },
 };
 use link::SESSIONS_MAX;
-use wire::{command::Letter, v1::SwapRequest};
+use wire::{command::ControlMessage, v1::SwapRequest};
 use zenoh::{
     Config, Session, Wait,
     qos::{CongestionControl, Priority},

@@ -1,10 +1,10 @@
 //! Every conversion and every output against `docs/conventions.json`, which is computed by matrices alone.
 use attitude::{Complex, Matrix3, Quaternion, angles::Angles, exports, point, state::Attitude, state::wrapped_rad};
 use launch::Launch;
-use messages::{AttitudeOutput, Chart, Flags, FusedState};
-use runtime::{Orders, Pace, Slot};
+use messages::{AttitudeOutput, Flags, FusedState};
+use pipeline::Collector;
+use runtime::{Pace, ServiceConfig, Slot, quantities::chart_of};
 use serde::Deserialize;
-use supervisor::collector::Collector;
 
 const SAME: f64 = 1e-12;
 
@@ -117,13 +117,13 @@ fn ros_and_px4_get_their_own_frames_and_orders() {
 
 /// What the course slot publishes for an attitude.
 fn published(it: &Vector) -> AttitudeOutput {
-    let orders = Orders {
+    let config = ServiceConfig {
         launch: Launch::default(),
         rate_hz: 100.0,
         pace: Pace::Max,
         ticks_max: None,
         incarnation: 0,
-        epoch: runtime::service::FIRST_EPOCH,
+        epoch: runtime::service_config::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
@@ -133,11 +133,11 @@ fn published(it: &Vector) -> AttitudeOutput {
     let state = FusedState {
         w: [attitude.up.w.re, attitude.up.w.im],
         z_rad: attitude.z_rad,
-        chart: Chart::from(attitude.up.chart),
+        chart: chart_of(attitude.up.chart),
         ..bytemuck::Zeroable::zeroed()
     };
     let mut output = None;
-    course::slot(&orders).unwrap().offer(state.into(), &mut |published| output = Some(published));
+    course::slot(&config).unwrap().offer(state.into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 

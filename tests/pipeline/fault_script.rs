@@ -103,7 +103,7 @@ fn fields_and_fixes_fail_too_and_the_attitude_stays_sound() {
 
 #[test]
 fn a_script_that_is_not_allowed_stops_the_start() {
-    let system = System::new(&entry("gyro", "\"off\"", 30.0));
+    let system = System::written(&entry("gyro", "\"off\"", 30.0));
     let output = system.command(&["--in-process"]).output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
     assert_ne!(output.status.code(), Some(0), "{said}");

@@ -8,6 +8,7 @@ mod bad_input;
 mod conventions;
 mod determinism;
 mod fault_script;
+mod import;
 mod orchestrated;
 mod replay;
 mod score;

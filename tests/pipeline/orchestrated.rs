@@ -2,12 +2,12 @@
 use std::time::{Duration, Instant};
 
 use crate::common::{System, inclination_deg, lives, signal, until};
-use bus::{Bus, Domain, Publisher, Subscriber};
+use bus::{Bus, Publisher, Subscriber, SystemName};
 use launch::Service;
 use messages::{AttitudeOutput, Chart, Flags, FusedState, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
-    orders::BUFFER_BESIDE,
+    service_config::BUFFER_BESIDE,
 };
 use rustix::process::Signal;
 use scenario::{Errors, Motion, Sensors};
@@ -36,10 +36,10 @@ impl Bench {
         let running = system.start(arguments);
         // Else this would join what a killed one of the name has left.
         until("the system to answer", || !system.ps().is_empty());
-        let domain = Domain::new(&system.name).unwrap();
+        let system_name = SystemName::new(&system.name).unwrap();
         let mut joined = None;
         until("the system", || {
-            joined = joined.take().or_else(|| Bus::join(&domain, "test").ok());
+            joined = joined.take().or_else(|| Bus::join(&system_name, "test").ok());
             joined.is_some()
         });
         let bus = joined.unwrap();

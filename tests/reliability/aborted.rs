@@ -1,4 +1,4 @@
-//! Exchanges that fail, one by one: the old stage stays and no byte changes.
+//! Swaps that fail, one by one: the old stage stays and no byte changes.
 use std::{process::Stdio, time::Duration};
 
 use crate::common::{Running, System, children_of, faulty, lives, plumb, signal, until};
@@ -8,7 +8,7 @@ use serde_json::Value;
 /// A system in whose launch file `fault` is a stage.
 fn system(fault: &str) -> System {
     let stage = format!("[stages.{fault}]\nslot = \"course\"\ncommand = [{:?}, \"{fault}\"]\n", faulty());
-    System::new(&format!("[restart]\nsilence_s = 2\n{stage}"))
+    System::with_faults(&format!("[restart]\nsilence_s = 2\n{stage}"))
 }
 
 fn ask(system: &System, arguments: &[&str]) -> Value {
@@ -29,18 +29,18 @@ fn started(system: &System, arguments: &[&str]) -> Running {
     running
 }
 
-/// Asks for the exchange, sees it aborted for this reason, and holds the bytes of the whole run against an undisturbed one.
+/// Asks for the swap, sees it aborted for this reason, and holds the bytes of the whole run against an undisturbed one.
 fn assert_aborted(fault: &str, reason: &str) {
     let system = system(fault);
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
-    let report = ask(&system, &["swap", "course", fault]);
+    let report = system.ask_swap(&["course", fault]);
     assert_eq!(report["outcome"], "aborted", "{report}");
     assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
     assert_eq!(stage_in(&system, "course"), "angles");
     until("the candidate to be gone", || children_of(running.pid()).len() == 5);
     // The slot is free again.
-    assert_eq!(ask(&system, &["swap", "course", "angles"])["outcome"], "committed");
+    assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     system.assert_ends_undisturbed(running, &out, "");
 }
 
@@ -125,16 +125,16 @@ fn an_active_stage_that_freezes_anywhere_near_its_last_tick_costs_no_tick() {
 fn a_stage_that_ignores_its_end_is_killed_once_it_owns_nothing() {
     let system = system("ignores-sigterm");
     let running = started(&system, &[]);
-    assert_eq!(ask(&system, &["swap", "course", "ignores-sigterm"])["outcome"], "committed");
+    assert_eq!(system.swap(&["course", "ignores-sigterm"])["outcome"], "committed");
     until("the old stage to be gone", || children_of(running.pid()).len() == 5);
-    assert_eq!(ask(&system, &["swap", "course", "angles"])["outcome"], "committed");
+    assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     until("the stubborn one to be gone", || children_of(running.pid()).len() == 5);
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
-fn a_supervisor_that_dies_in_any_phase_of_an_exchange_leaves_nothing_and_the_next_start_is_clean() {
+fn a_supervisor_that_dies_in_any_phase_of_a_swap_leaves_nothing_and_the_next_start_is_clean() {
     let system = System::new("");
     // Starting, catching up, shadowing, committing, retiring; where exactly is chance, which any moment must bear.
     for delay_ms in [2, 20, 60, 120, 170, 210, 240, 280, 400] {

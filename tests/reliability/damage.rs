@@ -1,7 +1,7 @@
 //! Files of a running system that somebody removes: who runs goes on, and once a service dies all start anew.
 use std::{fs, path::PathBuf, time::Duration};
 
-use crate::common::{Running, System, signal, until};
+use crate::common::{Running, System, plumb, signal, until};
 use rustix::process::Signal;
 
 /// What carries the system's name and ends so; of its folder, which does not end in a kind, everything.
@@ -13,7 +13,9 @@ fn files(system: &System, kind: &str) -> Vec<PathBuf> {
 fn remove(paths: &[PathBuf]) {
     assert!(!paths.is_empty());
     for path in paths {
-        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
+        let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        // What its owner has removed meanwhile is gone, too.
+        assert!(removed.is_ok() || !path.exists(), "{}: {removed:?}", path.display());
     }
 }
 
@@ -21,19 +23,17 @@ fn pids(running: &Running) -> Vec<u32> {
     running.all_services().into_iter().map(|(_, pid)| pid).collect()
 }
 
-#[test]
-fn a_system_whose_files_are_removed_starts_anew_when_a_service_dies_and_loses_nothing() {
+/// Removes files of one kind after the other, and each time kills a service.
+fn starts_anew_and_loses_nothing(cases: &[(&str, &str)]) {
     let system = System::new("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
-    // All of them, as logind does; then of one kind only.
-    for (kind, service) in
-        [("", "fuser"), ("", "ingest"), ("", "course"), (".data", "gyro"), (system.name.as_str(), "accel")]
-    {
+    for (kind, service) in cases {
         std::thread::sleep(Duration::from_millis(1200));
         let before = pids(&running);
-        remove(&files(&system, kind));
+        // Of this one system's name alone, where it is its folder that is meant.
+        remove(&files(&system, if *kind == "folder" { &system.name } else { kind }));
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(pids(&running), before, "whoever lives goes on");
         signal(running.service(service), Signal::KILL);
@@ -44,7 +44,75 @@ fn a_system_whose_files_are_removed_starts_anew_when_a_service_dies_and_loses_no
     }
     let run = system.assert_ends_undisturbed(running, &out, "");
     println!("{} longest latency {} µs", run.json["ticks_out"], run.number("/latency_us/max"));
-    assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 5, "{}", run.people);
+    let times = run.people.matches("every service starts anew from its checkpoint").count();
+    assert_eq!(times, cases.len(), "{}", run.people);
+}
+
+#[test]
+fn a_system_whose_files_are_removed_starts_anew_when_a_service_dies_and_loses_nothing() {
+    // All of them, as logind does.
+    starts_anew_and_loses_nothing(&[("", "fuser"), ("", "ingest"), ("", "course")]);
+}
+
+#[test]
+fn a_system_of_whose_files_some_are_removed_starts_anew_when_a_service_dies_and_loses_nothing() {
+    starts_anew_and_loses_nothing(&[(".data", "gyro"), ("folder", "accel")]);
+}
+
+#[test]
+fn a_system_whose_files_are_removed_is_not_taken_for_dead_and_starts_anew_when_a_stage_is_swapped() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.all_run();
+    let before = pids(&running);
+    // All but the folder with the supervisor's socket.
+    let segments: Vec<_> = files(&system, "").into_iter().filter(|path| !path.is_dir()).collect();
+    remove(&segments);
+    for fix in [&[][..], &["--fix"]] {
+        let doctor = plumb(&[&["doctor", "--json", "--system", &system.name], fix].concat()).output().unwrap();
+        let said = String::from_utf8(doctor.stdout).unwrap();
+        assert_eq!(doctor.status.code(), Some(1), "{said}");
+        assert!(said.contains("somebody removed files of") && !said.contains("does not run"), "{said}");
+    }
+    assert_eq!(system.ps().len(), 5, "the doctor has left it alone");
+    let look = plumb(&["topic", "hz", "imu", "--count", "1", "--system", &system.name]).output().unwrap();
+    let said = String::from_utf8(look.stderr).unwrap();
+    assert!(said.contains("somebody removed its files while it runs"), "{said}");
+
+    let refused = system.ask_swap(&["fuser", "wz"]);
+    let reason = refused["reason"].as_str().unwrap();
+    assert!(reason.contains("somebody removed its files") || reason.contains("every service starts anew"), "{reason}");
+    until("everybody to start anew", || {
+        running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+    });
+    system.all_run();
+    assert_eq!(system.swap(&["fuser", "wz"])["outcome"], "committed");
+    let run = system.assert_ends_undisturbed(running, &out, "");
+    assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 1, "{}", run.people);
+}
+
+#[test]
+fn who_removes_files_again_and_again_ends_the_system_with_a_report_that_says_so() {
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.all_run();
+    for round in 1..=4 {
+        let before = pids(&running);
+        remove(&files(&system, ""));
+        signal(running.service("gyro"), Signal::KILL);
+        if round < 4 {
+            until("everybody to start anew", || {
+                running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
+            });
+            system.all_run();
+        }
+    }
+    let run = running.wait();
+    assert_eq!(run.code, Some(1), "{}", run.people);
+    let error = run.json["error"].as_str().unwrap();
+    assert!(error.contains("4 times within 60 s"), "{error}");
+    assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 3, "{}", run.people);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::{
 };
 
 use crate::common::{Running, System, until};
-use bus::{Bus, Domain};
+use bus::{Bus, SystemName};
 use messages::SensorReading;
 use runtime::clock::{monotonic_ns, sleep_until_ns};
 use scenario::{Errors, Motion, Sensors};
@@ -26,7 +26,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// What a manager's socket hears within `limit`.
-fn hear(manager: &UnixDatagram, limit: Duration) -> Option<String> {
+fn receive(manager: &UnixDatagram, limit: Duration) -> Option<String> {
     let mut message = [0; 4096];
     manager.set_read_timeout(Some(limit)).unwrap();
     let length = manager.recv(&mut message).ok()?;
@@ -41,11 +41,11 @@ fn the_watchdog_is_fed_while_ticks_arrive_and_starves_when_the_source_stands_sti
     let mut command = system.command(&[]);
     command.env("NOTIFY_SOCKET", &path).envs([WATCHDOG]);
     let running = Running::of(command);
-    assert_eq!(hear(&manager, LIMIT).as_deref(), Some("READY=1"));
+    assert_eq!(receive(&manager, LIMIT).as_deref(), Some("READY=1"));
     assert_eq!(running.services().len(), 5);
-    assert_eq!(hear(&manager, SILENCE), None, "no tick has come");
+    assert_eq!(receive(&manager, SILENCE), None, "no tick has come");
 
-    let bus = Bus::join(&Domain::new(&system.name).unwrap(), "test").unwrap();
+    let bus = Bus::join(&SystemName::new(&system.name).unwrap(), "test").unwrap();
     let sensor = bus.publisher::<SensorReading>(BUFFER).unwrap();
     let mut sensors = Sensors::new(Motion::S1, Errors::S1, 3);
     let mut count = 0.0;
@@ -63,20 +63,21 @@ fn the_watchdog_is_fed_while_ticks_arrive_and_starves_when_the_source_stands_sti
                 sensor.wake();
                 count += 1.0;
             }
-            feeds +=
-                std::iter::from_fn(|| hear(&manager, Duration::from_millis(1))).filter(|it| it == "WATCHDOG=1").count();
+            feeds += std::iter::from_fn(|| receive(&manager, Duration::from_millis(1)))
+                .filter(|it| it == "WATCHDOG=1")
+                .count();
             feeds >= 3
         });
         // What was on its way may still feed it once.
-        let late = hear(&manager, SILENCE);
-        assert!(late.is_none() || hear(&manager, SILENCE).is_none(), "fed without ticks");
+        let late = receive(&manager, SILENCE);
+        assert!(late.is_none() || receive(&manager, SILENCE).is_none(), "fed without ticks");
         assert_eq!(running.services().len(), 5, "everything still runs");
     }
     drop((sensor, bus));
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
-    assert_eq!(hear(&manager, LIMIT).as_deref(), Some("STOPPING=1"));
-    assert_eq!(hear(&manager, Duration::from_millis(1)), None);
+    assert_eq!(receive(&manager, LIMIT).as_deref(), Some("STOPPING=1"));
+    assert_eq!(receive(&manager, Duration::from_millis(1)), None);
 }
 
 /// Runs a second of a simulation that tells an abstract socket; what that heard up to the end.
@@ -88,10 +89,10 @@ fn run_with(environment: &[(&str, &str)]) -> Vec<String> {
     let running = Running::of(command);
     let mut heard = Vec::new();
     while heard.last().is_none_or(|last| last != "STOPPING=1") {
-        heard.push(hear(&manager, LIMIT).unwrap());
+        heard.push(receive(&manager, LIMIT).unwrap());
     }
     running.wait().assert_whole();
-    assert_eq!(hear(&manager, Duration::from_millis(1)), None);
+    assert_eq!(receive(&manager, Duration::from_millis(1)), None);
     heard
 }
 

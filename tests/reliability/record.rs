@@ -1,12 +1,12 @@
 //! What the report and the file of attitudes lack is said, counted and the exit code, and the attitude itself is never the price.
-use std::{fs, process::Command, time::Duration};
+use std::{fs, io, io::Write, process::Command, thread, time::Duration};
 
 use crate::common::{Run, Running, System, attitudes, plumb, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 
 fn pause(ms: u64) {
-    std::thread::sleep(Duration::from_millis(ms));
+    thread::sleep(Duration::from_millis(ms));
 }
 
 /// It failed, and says why: to people, and to scripts the same.
@@ -29,7 +29,7 @@ fn record(system: &System) -> Value {
 
 #[test]
 fn what_a_frozen_supervisor_misses_is_counted_apart_from_what_is_lost() {
-    let system = System::new("");
+    let system = System::new("buffer_s = 2.0\nlateness_s = 1.0\n");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
@@ -124,5 +124,29 @@ fn a_file_that_fills_its_disk_ends_with_a_whole_line() {
     assert!(text.ends_with('\n') && text.len() > 50_000, "{} bytes", text.len());
     let written = attitudes(&result);
     assert!(written.iter().zip(1..).all(|((t_s, _), tick)| (t_s * 1000.0 - f64::from(tick)).abs() < 1.5), "a gap");
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn a_terminal_that_stands_still_is_not_waited_for() {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let (mut reader, mut terminal) = io::pipe().unwrap();
+    rustix::io::ioctl_fionbio(&terminal, true).unwrap();
+    while terminal.write(&[b'.'; 4096]).is_ok() {}
+    rustix::io::ioctl_fionbio(&terminal, false).unwrap();
+    let running = Running::telling(system.command(&["--out", out.to_str().unwrap()]), terminal);
+    system.all_run();
+    let gyro = running.service("gyro");
+    signal(gyro, Signal::KILL);
+    until("another incarnation", || system.ps().iter().any(|one| one["service"] == "gyro" && one["restarts"] == 1));
+    running.interrupt();
+    until("the services to end", || running.services().is_empty());
+    let people = thread::spawn(move || io::read_to_string(&mut reader).unwrap());
+    let run = running.wait();
+    run.assert_whole();
+    run.assert_bytes(&out, "");
+    let people = people.join().unwrap();
+    assert!(people.contains("goes on, restart 1") && people.contains(" in, "), "{people}");
     assert_eq!(system.remains(), Vec::<String>::new());
 }

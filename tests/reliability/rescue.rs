@@ -2,23 +2,17 @@
 use std::{collections::HashSet, fs, path::Path, process::Stdio, time::Duration};
 
 use crate::common::{Run, Running, System, assert_sound, attitudes, faulty, plumb, signal, until};
-use bus::{Bus, Domain, Publisher};
+use bus::{Bus, Publisher, SystemName};
 use messages::SensorReading;
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A system whose course stage has this fault from its first life on.
+/// A system whose course stage has this fault from its first incarnation on.
 fn failing(buffer: &str, fault: &str, rule: &str) -> System {
     let stage = |name: &str| format!("[stages.{name}]\nslot = \"course\"\ncommand = [{:?}, \"{name}\"]\n", faulty());
     let stages = [stage("dies-when-ready"), stage("dies-at-once")].concat();
     let rule = format!("[restart]\nlimit = 2\nbackoff_s = 0.01\n{rule}\n");
-    System::new(&format!("{buffer}[course]\nstage = \"{fault}\"\n{stages}{rule}"))
-}
-
-fn swap(system: &System, arguments: &[&str]) -> Value {
-    let output = plumb(&[&["swap", "--json", "--system", &system.name], arguments].concat()).output().unwrap();
-    serde_json::from_slice(&output.stdout)
-        .unwrap_or_else(|_| panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr)))
+    System::with_faults(&format!("{buffer}[course]\nstage = \"{fault}\"\n{stages}{rule}"))
 }
 
 fn standing(system: &System, slot: &str) -> Value {
@@ -63,26 +57,26 @@ fn a_slot_that_is_held_is_rescued_by_a_swap_and_nothing_is_lost_that_the_topics_
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the limit", || restarts(&system, "course") >= 4);
-    let report = swap(&system, &["course", "angles"]);
+    let report = system.swap(&["course", "angles"]);
     println!("{report}");
     assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
     assert_flows(&system, "course", "angles");
     // The stage in the slot is one like any other.
-    assert_eq!(swap(&system, &["course", "track"])["outcome"], "committed");
-    assert_eq!(swap(&system, &["course", "angles"])["outcome"], "committed");
+    assert_eq!(system.swap(&["course", "track"])["outcome"], "committed");
+    assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     let run = system.assert_ends_undisturbed(running, &out, "");
     assert!(run.people.contains("`plumb swap course STAGE` puts another stage in its place"), "{}", run.people);
 }
 
 #[test]
 fn a_slot_that_has_failed_is_rescued_by_a_swap_and_what_is_lost_is_counted() {
-    let system = failing("", "dies-when-ready", "on_limit = \"degrade\"");
+    let system = failing("buffer_s = 2.0\nlateness_s = 1.0\n", "dies-when-ready", "on_limit = \"degrade\"");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the slot to be left", || standing(&system, "course")["state"] == "failed");
     // Longer than the topics hold.
     std::thread::sleep(Duration::from_secs(4));
-    let report = swap(&system, &["course", "angles"]);
+    let report = system.swap(&["course", "angles"]);
     println!("{report}");
     assert_eq!(report["outcome"], "committed", "{report}");
     let lost = report["lost"].as_u64().unwrap();
@@ -106,7 +100,7 @@ fn each_slot_that_has_failed_is_rescued_by_another_kind_of_stage() {
     for (slot, stage) in [("fuser", "vqf"), ("gyro", "rk4"), ("accel", "inclinometer-matrix"), ("course", "track")] {
         signal(running.service(slot), Signal::KILL);
         until("the slot to be left", || standing(&system, slot)["state"] == "failed");
-        let report = swap(&system, &[slot, stage]);
+        let report = system.swap(&[slot, stage]);
         println!("{report}");
         assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
         assert!(report["jump_deg"].as_f64().unwrap() < 5.0, "{report}");
@@ -114,7 +108,7 @@ fn each_slot_that_has_failed_is_rescued_by_another_kind_of_stage() {
     }
     let run = ended(running);
     run.assert_whole();
-    assert!(run.line("flags").contains("exchanged"), "{}", run.people);
+    assert!(run.line("flags").contains("swapped"), "{}", run.people);
     assert_sound(&attitudes(&out));
 }
 
@@ -124,11 +118,11 @@ fn who_dies_in_the_place_of_another_leaves_the_slot_as_it_was() {
         let system = failing("", "dies-when-ready", rule);
         let running = system.start(&[]);
         until("the limit", || restarts(&system, "course") >= 2);
-        let report = swap(&system, &["course", "dies-at-once"]);
+        let report = system.ask_swap(&["course", "dies-at-once"]);
         assert_eq!(report["outcome"], "aborted", "{report}");
         assert!(report["reason"].as_str().unwrap().contains("on purpose"), "{report}");
         assert_eq!(standing(&system, "course")["stage"], "dies-when-ready");
-        assert_eq!(swap(&system, &["course", "angles"])["outcome"], "committed");
+        assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
         assert_flows(&system, "course", "angles");
         ended(running);
         assert_eq!(system.remains(), Vec::<String>::new());
@@ -142,12 +136,12 @@ fn a_swap_before_the_first_tick_waits_for_it() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the door", || !system.ps().is_empty());
-    let report = swap(&system, &["course", "angles"]);
+    let report = system.swap(&["course", "angles"]);
     assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
     system.all_run();
     system.assert_ends_undisturbed(running, &out, "");
 
-    // Of a source that is silent for longer than any step of an exchange may take.
+    // Of a source that is silent for longer than any step of a swap may take.
     let system = System::new("[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 200");
     let running = system.start(&[]);
     until("every service", || system.ps().iter().filter(|one| one["state"] == "ready").count() == 5);
@@ -155,7 +149,7 @@ fn a_swap_before_the_first_tick_waits_for_it() {
     let mut asking = asking.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     std::thread::sleep(Duration::from_secs(2));
     assert!(asking.try_wait().unwrap().is_none(), "it was answered before there was a tick");
-    let bus = Bus::join(&Domain::new(&system.name).unwrap(), "test").unwrap();
+    let bus = Bus::join(&SystemName::new(&system.name).unwrap(), "test").unwrap();
     let sensor: Publisher<SensorReading> = bus.publisher(400).unwrap();
     let mut count = 0;
     until("the answer", || {

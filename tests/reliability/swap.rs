@@ -1,16 +1,9 @@
-//! Exchanging what fills a slot of a running system: nothing lost, nothing twice, and the old stage untouched where it fails.
+//! Swapping what fills a slot of a running system: nothing lost, nothing twice, and the old stage untouched where it fails.
 use std::{fs, time::Duration};
 
 use crate::common::{Running, System, children_of, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
-
-fn swap(system: &System, arguments: &[&str]) -> Value {
-    let mut command = crate::common::plumb(&["swap", "--json", "--system", &system.name]);
-    let output = command.args(arguments).output().unwrap();
-    serde_json::from_slice(&output.stdout)
-        .unwrap_or_else(|_| panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr)))
-}
 
 fn ps(system: &System) -> Vec<Value> {
     let output = crate::common::plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
@@ -61,7 +54,7 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
     let running = started(&system, &[]);
     for (slot, stages) in slots {
         for stage in stages {
-            let report = swap(&system, &[slot, stage]);
+            let report = system.swap(&[slot, stage]);
             println!("{report}");
             assert_committed(&report);
             assert!(report["jump_deg"].as_f64().unwrap() < 5.0, "{report}");
@@ -81,7 +74,7 @@ fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     for (slot, stage) in [("fuser", "wz"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")] {
-        let report = swap(&system, &[slot, stage]);
+        let report = system.swap(&[slot, stage]);
         assert_committed(&report);
         assert_eq!(report["jump_deg"], 0.0, "{report}");
     }
@@ -108,7 +101,7 @@ fn what_cannot_be_is_refused_and_changes_no_byte() {
         (&["fuser", "wz", "--set", "colour=3"], "no such parameter"),
         (&["fuser", "wz", "--set", "hard_iron_sd_ut=-3"], "hard_iron_sd_ut"),
     ] {
-        let report = swap(&system, arguments);
+        let report = system.ask_swap(arguments);
         assert_eq!(report["outcome"], "refused", "{report}");
         assert!(report["reason"].as_str().unwrap().contains(reason), "{report}");
     }
@@ -142,7 +135,7 @@ fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() 
         let asking = shadow();
         until("a candidate", || lives(&running, "fuser").len() == 2);
         std::thread::sleep(Duration::from_millis(300));
-        let second = swap(&system, &["fuser", "aided"]);
+        let second = system.ask_swap(&["fuser", "aided"]);
         assert_eq!(second["outcome"], "refused", "two at once: {second}");
         let reason = second["reason"].as_str().unwrap();
         assert!(reason.contains("still under way") && reason.contains("Ctrl-C"), "{reason}");
@@ -168,7 +161,7 @@ fn a_shadow_tells_the_difference_and_is_promoted_without_a_restart() {
     until("a candidate", || lives(&running, "fuser").len() == 2);
     let candidate = *lives(&running, "fuser").iter().max().unwrap();
     std::thread::sleep(Duration::from_millis(2500));
-    let report = swap(&system, &["fuser", "wz-open"]);
+    let report = system.swap(&["fuser", "wz-open"]);
     assert_committed(&report);
     assert_eq!(ps(&system).iter().find(|one| one["service"] == "fuser").unwrap()["pid"], candidate);
     let said = String::from_utf8(shadow.wait_with_output().unwrap().stdout).unwrap();

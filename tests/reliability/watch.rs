@@ -54,14 +54,9 @@ fn whoever_swaps_by_hand_ends_the_watch() {
     let system = System::new(&watch("promote_below_deg = 0"));
     let running = system.start(&[]);
     until("an answer", || stage_in(&system, "fuser").is_some());
-    let swap = |stage: &str| {
-        let output =
-            crate::common::plumb(&["swap", "fuser", stage, "--json", "--system", &system.name]).output().unwrap();
-        serde_json::from_slice::<Value>(&output.stdout).unwrap()
-    };
-    assert_eq!(swap("kalman")["outcome"], "refused");
-    assert_eq!(swap("aided")["outcome"], "committed");
-    assert_eq!(swap("vqf")["outcome"], "committed");
+    assert_eq!(system.swap(&["fuser", "kalman"])["outcome"], "refused");
+    assert_eq!(system.swap(&["fuser", "aided"])["outcome"], "committed");
+    assert_eq!(system.swap(&["fuser", "vqf"])["outcome"], "committed");
     running.interrupt();
     running.wait().assert_whole();
 }

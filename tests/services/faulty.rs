@@ -1,45 +1,113 @@
-//! A course stage that does what none may: `faulty FAULT`, started by a system in whose launch file it is a stage of the user's own.
+//! `plumb` with a course service, and a course stage, that do what none may.
+//!
+//! Where a system of this executable has a stage `[stages.NAME]` with `command = [FAULTY, FAULT]` in the slot course, the service itself has that
+//! fault. `command = [FAULTY, "hosted", FAULT]` is a program with the fault, hosted by a sound service.
 #![allow(clippy::unwrap_used, reason = "a service of tests may panic")]
 
-use std::{io::Write, rc::Rc, time::Duration};
+use std::{io::Write, process::ExitCode, rc::Rc, time::Duration};
 
+use attitude::{
+    course::{Course, CourseInput, LastReading, Reading},
+    stage::{RestoreError, Stage},
+};
 use bus::Subscriber;
 use course::{CourseMessage, CourseSlot};
 use launch::Service;
 use messages::{AttitudeOutput, Control, Field, FusedState, GnssFix, Layout, Message};
-use runtime::{Member, Sequence, Slot, serve};
+use runtime::{Sequence, ServiceContext, Slot, serve};
 
-fn main() {
-    let fault = std::env::args().nth(1).unwrap();
-    if fault == "dies-at-once" {
-        panic!("on purpose");
+fn main() -> ExitCode {
+    let arguments: Vec<_> = std::env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["service", "course"] => service(),
+        ["hosted", fault] => return hosted(fault),
+        _ => return plumbline::main(),
     }
-    let mut member = Member::join(Service::Course).unwrap();
-    "angles".clone_into(&mut member.orders.launch.course.stage);
+    ExitCode::SUCCESS
+}
+
+/// The program: sound until its hundredth step.
+fn hosted(fault: &str) -> ExitCode {
+    let stage = Course::named("angles").unwrap();
+    sdk::course(Program { stage, fault: fault.into(), steps: 0 })
+}
+
+fn service() {
+    let mut context = ServiceContext::join(Service::Course).unwrap();
+    let program = context.config.launch.program(Service::Course).map(|program| program.command[1].clone());
+    let Some(fault) = program.filter(|fault| fault != "hosted") else {
+        let slot = course::slot(&context.config).unwrap();
+        let (fused, gnss) = (context.reader::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
+        return serve(context, slot, &[&fused, &gnss]).unwrap();
+    };
+    "angles".clone_into(&mut context.config.launch.course.stage);
     match fault.as_str() {
-        "dies-before-ready" => panic!("on purpose"),
+        "dies-at-once" | "dies-before-ready" => panic!("on purpose"),
         "never-ready" => std::thread::sleep(Duration::from_secs(3600)),
-        "other-layout" => drop(member.bus.subscriber::<OtherState>(64).unwrap_or_else(|error| {
+        "other-layout" => drop(context.bus.subscriber::<OtherState>(64).unwrap_or_else(|error| {
             eprintln!("{error}");
             std::process::exit(1)
         })),
         _ => {}
     }
     let slot = Faulty {
-        slot: course::slot(&member.orders).unwrap(),
-        control: Rc::new(member.control().unwrap()),
-        incarnation: member.orders.incarnation,
+        slot: course::slot(&context.config).unwrap(),
+        control: Rc::new(context.control().unwrap()),
+        incarnation: context.config.incarnation,
         fault: fault.clone(),
         ticks: 0,
     };
-    let (fused, gnss) = (member.reader::<FusedState>().unwrap(), member.subscriber::<GnssFix>().unwrap());
-    serve(member, slot, &[&fused, &gnss]).unwrap();
+    let (fused, gnss) = (context.reader::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
+    serve(context, slot, &[&fused, &gnss]).unwrap();
     if fault == "ignores-sigterm" {
         std::thread::sleep(Duration::from_secs(3600));
     }
 }
 
+/// `angles`, and what it does wrong.
 #[derive(Clone)]
+struct Program {
+    stage: Course,
+    fault: String,
+    steps: u32,
+}
+
+impl Stage for Program {
+    type Input = CourseInput;
+    type Output = Reading;
+    type Common = LastReading;
+
+    fn name(&self) -> &'static str {
+        "program"
+    }
+
+    fn step(&mut self, input: &CourseInput) -> Reading {
+        self.steps += 1;
+        let reading = self.stage.step(input);
+        match self.fault.as_str() {
+            "talks" => std::io::stderr().write_all(&vec![b'x'; if self.steps == 20 { 1 << 20 } else { 4096 }]).unwrap(),
+            "hangs" if self.steps == 100 => std::thread::sleep(Duration::from_secs(3600)),
+            "dies" if self.steps == 100 => panic!("on purpose"),
+            "gives-nan" if self.steps == 100 => return Reading { course_rad: f64::NAN, ..reading },
+            "gives-nan-always" if self.steps >= 100 => return Reading { course_rad: f64::NAN, ..reading },
+            _ => {}
+        }
+        reading
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.stage.visit_state(visit);
+    }
+
+    fn common(&self) -> LastReading {
+        self.stage.common()
+    }
+
+    fn adopt(&mut self, common: &LastReading) -> Result<(), RestoreError> {
+        self.stage.adopt(common)
+    }
+}
+
 struct Faulty {
     slot: CourseSlot,
     control: Rc<Subscriber<Control>>,
@@ -60,7 +128,6 @@ impl Slot for Faulty {
             "hangs-when-ready" if self.ticks == 20 => std::thread::sleep(Duration::from_secs(3600)),
             "falls-behind" => std::thread::sleep(Duration::from_millis(2)),
             "misses-the-commit" => self.sleep_when_decided(),
-            "talks" => std::io::stderr().write_all(&vec![b'x'; if self.ticks == 20 { 1 << 20 } else { 4096 }]).unwrap(),
             _ => {}
         }
         let nan = self.fault == "gives-nan" && self.ticks > 20;
@@ -78,6 +145,10 @@ impl Slot for Faulty {
 
     fn lacks(&self) -> usize {
         self.slot.lacks()
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.slot.failure()
     }
 
     fn stage(&self) -> &Self::Stage {
@@ -116,7 +187,7 @@ struct OtherState {
 }
 
 impl Message for OtherState {
-    const TOPIC: &'static str = FusedState::TOPIC;
+    const TOPIC: &'static graph::Entry = FusedState::TOPIC;
     const TYPE: &'static str = "plumbline.FusedState.0";
 
     fn layout() -> Layout {
@@ -125,7 +196,7 @@ impl Message for OtherState {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
-            topic: Some(Self::TOPIC),
+            topic: Some(Self::TOPIC.name),
             about: "",
             header_fields: 0,
         }

@@ -1,9 +1,9 @@
 //! What a satellite receiver tells a stage.
 
-use crate::Vector3;
+use crate::{Vector3, numbers::Numbers};
 
 /// One fix, at the tick at which it arrived.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fix {
     /// Velocity over ground, m/s, east, north, up.
     pub velocity_m_s: Vector3<f64>,
@@ -32,5 +32,13 @@ impl Fix {
     /// Track over ground, rad, clockwise from true north, (−π, π].
     pub fn track_rad(&self) -> f64 {
         libm::atan2(self.velocity_m_s.x, self.velocity_m_s.y)
+    }
+}
+
+impl Numbers for Fix {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let Self { velocity_m_s, sd_m_s, age_s, latitude_rad } = self;
+        velocity_m_s.visit(visit);
+        [sd_m_s, age_s, latitude_rad].into_iter().for_each(|told| told.visit(visit));
     }
 }

@@ -20,6 +20,7 @@
 //! | [`angles`] | yaw, pitch, roll |
 //! | [`kinematics`] | the differential equations (18)–(20) |
 //! | [`stage`] | the contract of a stage, its snapshot |
+//! | [`numbers`] | a value as the numbers it is made of |
 //! | [`parameters`] | the numbers by which a stage can be set |
 //! | [`calibration`] | from a sensor's raw axes to exact body axes |
 //! | [`gnss`] | what a satellite receiver tells |
@@ -39,6 +40,7 @@ pub mod gnss;
 pub mod gyro;
 pub mod kinematics;
 pub mod metrics;
+pub mod numbers;
 pub mod parameters;
 pub mod point;
 pub mod stage;

@@ -75,15 +75,17 @@ impl core::error::Error for ParameterError {}
 
 /// Declares a stage's settings: a struct of `f64` with defaults, ranges and units.
 ///
-/// ```text
-/// settings! {
+/// ```
+/// attitude::parameters::settings! {
 ///     /// Settings of the stage.
 ///     pub struct Settings {
 ///         /// Time constant of the tilt.
 ///         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
 ///     }
 /// }
+/// assert_eq!(Settings::default().time_constant_s, 1.0);
 /// ```
+#[macro_export]
 macro_rules! settings {
     (
         $(#[$meta:meta])*
@@ -130,7 +132,7 @@ macro_rules! settings {
         }
     };
 }
-pub(crate) use settings;
+pub use crate::settings;
 
 #[cfg(test)]
 mod tests {

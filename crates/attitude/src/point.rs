@@ -3,7 +3,7 @@
 //! Input: a direction, usually the up vector in body axes. Output: a point with |w| ≤ 1 in one of two charts.
 //! Time: none. Failure: a vector without a direction has no point.
 
-use crate::{Complex, Vector3};
+use crate::{Complex, Vector3, numbers::Numbers};
 
 /// From which pole the sphere is projected.
 ///
@@ -89,5 +89,15 @@ impl Point {
             return heading * limit;
         }
         self.w.inv()
+    }
+}
+
+impl Numbers for Point {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let Self { w, chart } = self;
+        let mut inverted = *chart == Chart::Inverted;
+        inverted.visit(visit);
+        *chart = if inverted { Chart::Inverted } else { Chart::Upright };
+        w.visit(visit);
     }
 }

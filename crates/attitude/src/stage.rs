@@ -6,11 +6,20 @@
 use core::fmt;
 
 use crate::{
-    Complex, Quaternion, Vector3,
+    Vector3,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError},
-    point::{Chart, Point},
     state::Attitude,
 };
+
+/// What a stage gives at a tick, as it must be.
+pub trait Sound {
+    /// What is wrong with it: a number that is not finite, a rotation that is none.
+    fn flaw(&self) -> Option<&'static str>;
+}
+
+/// By how much the square of a length of 1 may differ from 1.
+pub const UNIT: f64 = 1e-6;
 
 /// Numbers a state may have at most.
 pub const STATE_LIMIT: usize = 512;
@@ -54,6 +63,11 @@ pub trait Stage {
     /// Goes on from where another stage of the slot was; what cannot be taken over leaves the stage as it was.
     fn adopt(&mut self, common: &Self::Common) -> Result<(), RestoreError>;
 
+    /// Why the stage cannot go on, if it cannot: what it gives from then on means nothing. A stage in this process always can.
+    fn failure(&self) -> Option<&dyn core::error::Error> {
+        None
+    }
+
     /// The state as a record.
     fn snapshot(&self) -> Snapshot
     where
@@ -73,19 +87,7 @@ pub trait Stage {
     where
         Self: Clone,
     {
-        if record.stage != self.name() {
-            return Err(RestoreError::OtherStage { expected: self.name(), found: record.stage });
-        }
-        let expected = self.snapshot().len;
-        if record.len != expected {
-            return Err(RestoreError::OtherLength { expected, found: record.len });
-        }
-        if let Some(index) = record.values[..record.len].iter().position(|value| !value.is_finite()) {
-            return Err(RestoreError::NotFinite { index });
-        }
-        if record.checksum != record.sum() {
-            return Err(RestoreError::Corrupt);
-        }
+        record.check(self.name(), self.snapshot().len)?;
         let mut restored = self.clone();
         let mut index = 0;
         restored.visit_state(&mut |value| {
@@ -120,6 +122,20 @@ impl Snapshot {
             .iter()
             .flat_map(|value| value.to_bits().to_le_bytes())
             .fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
+    }
+
+    /// Refuses what no stage of that name with so many numbers has recorded.
+    pub fn check(&self, stage: &'static str, expected: usize) -> Result<(), RestoreError> {
+        if self.stage != stage {
+            return Err(RestoreError::OtherStage { expected: stage, found: self.stage });
+        }
+        if self.len != expected {
+            return Err(RestoreError::OtherLength { expected, found: self.len });
+        }
+        if let Some(index) = self.values[..self.len].iter().position(|value| !value.is_finite()) {
+            return Err(RestoreError::NotFinite { index });
+        }
+        if self.checksum != self.sum() { Err(RestoreError::Corrupt) } else { Ok(()) }
     }
 }
 
@@ -169,63 +185,9 @@ impl fmt::Display for RestoreError {
 
 impl core::error::Error for RestoreError {}
 
-/// Something made of numbers that a snapshot holds.
-pub(crate) trait Numbers {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64));
-}
-
-impl Numbers for f64 {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        visit(self);
-    }
-}
-
-impl Numbers for bool {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let mut value = f64::from(u8::from(*self));
-        visit(&mut value);
-        *self = value > 0.5;
-    }
-}
-
-impl Numbers for Complex<f64> {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        visit(&mut self.re);
-        visit(&mut self.im);
-    }
-}
-
-impl Numbers for Vector3<f64> {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.iter_mut().for_each(visit);
-    }
-}
-
-impl Numbers for Quaternion<f64> {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.coords.iter_mut().for_each(visit);
-    }
-}
-
-impl Numbers for Attitude {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.up.visit(visit);
-        self.z_rad.visit(visit);
-    }
-}
-
-impl Numbers for Point {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let mut inverted = self.chart == Chart::Inverted;
-        inverted.visit(visit);
-        self.chart = if inverted { Chart::Inverted } else { Chart::Upright };
-        self.w.visit(visit);
-    }
-}
-
 impl Attitude {
     /// Refuses what is not an attitude.
-    pub(crate) fn checked(&self) -> Result<(), RestoreError> {
+    pub fn checked(&self) -> Result<(), RestoreError> {
         let mut index = 0;
         let mut bad = None;
         { *self }.visit(&mut |value| {
@@ -239,12 +201,13 @@ impl Attitude {
     }
 }
 
-/// What is wrong with an attitude of finite numbers.
-pub(crate) fn attitude_flaw(attitude: Attitude) -> Option<&'static str> {
-    (attitude.up.w.norm_sqr() > 2.0 || attitude.z_rad.abs() > 4.0).then_some("an attitude outside its chart")
+/// What is wrong with an attitude; one that is not a number is in no chart.
+pub fn attitude_flaw(attitude: Attitude) -> Option<&'static str> {
+    let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
+    (!inside).then_some("an attitude outside its chart")
 }
 
 /// What is wrong with a gyro bias of finite numbers.
-pub(crate) fn bias_flaw(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
+pub fn bias_flaw(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
     (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

@@ -7,6 +7,7 @@ use core::f64::consts::{PI, TAU};
 
 use crate::{
     Complex, J, Matrix3, Quaternion, Vector3,
+    numbers::Numbers,
     point::{Chart, Point},
     turn::Turn,
 };
@@ -271,4 +272,12 @@ fn wide_arg(m: Complex<f64>) -> f64 {
         return t * (1.0 - t2 * (low + t4 * t4 * high));
     }
     libm::atan2(m.im, m.re)
+}
+
+impl Numbers for Attitude {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let Self { up, z_rad } = self;
+        up.visit(visit);
+        z_rad.visit(visit);
+    }
 }

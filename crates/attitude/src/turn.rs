@@ -3,7 +3,7 @@
 //! Input: a rotation vector in body axes. Output: the pair (p, s), that is the unit quaternion δ = d0 + d1 i + d2 j + d3 k with
 //! p = d0 + j d3 and s = d1 + j d2. Time: none. Failure: none for finite input.
 
-use crate::{Complex, Quaternion, Vector3, point::Chart};
+use crate::{Complex, Quaternion, Vector3, numbers::Numbers, point::Chart};
 
 /// A rotation of the body in its own axes; acts on an attitude as a Möbius map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,6 +12,12 @@ pub struct Turn {
     pub p: Complex<f64>,
     /// d1 + j d2.
     pub s: Complex<f64>,
+}
+
+impl Default for Turn {
+    fn default() -> Self {
+        Self::NONE
+    }
 }
 
 impl Turn {
@@ -57,6 +63,14 @@ impl Turn {
     pub(crate) fn view(self, chart: Chart) -> Self {
         let sign = chart.sign();
         Self { p: Complex::new(self.p.re, sign * self.p.im), s: Complex::new(self.s.re, sign * self.s.im) }
+    }
+}
+
+impl Numbers for Turn {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let Self { p, s } = self;
+        p.visit(visit);
+        s.visit(visit);
     }
 }
 

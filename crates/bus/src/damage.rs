@@ -6,13 +6,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{Domain, domain::LOOK};
+use crate::{SystemName, system_name::LOOK};
 
 /// As the kernel marks the name of an open file that was removed.
-const REMOVED: &str = " (deleted)";
+pub(crate) const REMOVED: &str = " (deleted)";
 const WRITABLE: u32 = 0o200;
 
-impl Domain {
+impl SystemName {
     /// A file that one of these processes of a running system has open and somebody has removed.
     pub fn removed(&self, pids: &[u32]) -> Option<PathBuf> {
         let look = |pid: &u32| {

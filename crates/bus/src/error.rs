@@ -1,6 +1,6 @@
 use std::{io, path::PathBuf};
 
-use crate::means::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory};
+use crate::machine_limits::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory};
 
 /// Why the bus could not do what it was asked.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +55,16 @@ pub enum BusError {
         /// The system's name.
         name: String,
     },
+    /// It runs, and nobody can join it.
+    #[error(
+        "joining the system {name:?}: somebody removed its files while it runs (processes {pids:?}); it starts anew by itself once a service ends or is swapped"
+    )]
+    FilesRemoved {
+        /// The system's name.
+        name: String,
+        /// Its processes.
+        pids: Vec<u32>,
+    },
     /// Too few files may be open.
     #[error(
         "joining a system: a process of it has up to {} files open, this one may have {allowed}; {}",
@@ -88,13 +98,14 @@ pub enum BusError {
     },
     /// Every place of an observer is taken.
     #[error(
-        "observing the system {name:?}: {observers} observers look at it already, more could crowd out its services; end one (`plumb top`, `plumb topic`)"
+        "observing the system {name:?}: {} observers look at it already, more could crowd out its services; end one (`plumb top`, `plumb topic`): processes {pids:?}",
+        crate::OBSERVERS
     )]
     Crowded {
         /// The system's name.
         name: String,
-        /// How many there may be.
-        observers: usize,
+        /// The observers, as far as they are this user's.
+        pids: Vec<u32>,
     },
     /// A process was killed while it made a segment; nobody can open it.
     #[error("observing the system {name:?}: a process was killed while it made {path}; start the system anew")]
@@ -103,12 +114,6 @@ pub enum BusError {
         name: String,
         /// The segment.
         path: PathBuf,
-    },
-    /// There is no such topic.
-    #[error("opening the topic `{topic}`: there is none of that name; there are {}", messages::TOPICS.join(", "))]
-    NoTopic {
-        /// The name asked for.
-        topic: String,
     },
     /// Nobody publishes or reads the topic.
     #[error("opening the topic `{topic}`: no service of the system has opened it")]

@@ -7,27 +7,27 @@
 //! Data goes through iceoryx2, which no other crate names. Its events cost as much as a hop and can lose a wake-up, so each topic
 //! has one futex word in a page of our own instead.
 
+mod bootstrap;
 mod damage;
-mod domain;
 mod error;
-mod facts;
-mod founding;
-mod means;
+mod machine_limits;
+mod membership;
 mod observer;
-mod own;
-mod place;
+mod owned_files;
+mod page;
 mod port;
-mod remains;
+mod stale_resources;
+mod system_name;
 mod tap;
 mod topic;
 mod wake;
 
-pub use domain::{Claim, Domain};
 pub use error::BusError;
-pub use facts::Facts;
-pub use means::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory, say_when_memory_runs_out};
-pub use observer::{OBSERVERS, Observer};
-pub use remains::{Remains, Standing};
+pub use machine_limits::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory, say_when_memory_runs_out};
+pub use observer::Observer;
+pub use port::OBSERVERS;
+pub use stale_resources::{StaleResources, SystemLiveness};
+pub use system_name::{Claim, SystemName};
 pub use tap::{Port, Ports, Tap};
 pub use topic::{Bus, Publisher, Subscriber};
 pub use wake::Woken;

@@ -6,88 +6,91 @@
 
 use std::{cell::RefCell, fs::File, mem, rc::Rc};
 
+use graph::Topic;
 use iceoryx2::{
     node::{Node, NodeState, NodeView},
     prelude::{CallbackProgression, Config, ipc},
 };
 use rustix::fs::{FlockOperation, flock};
 
-use crate::{BusError, Domain, Port, Tap, topic, wake::Page};
-
-/// Observers of a system at once.
-pub const OBSERVERS: usize = 4;
+use crate::{BusError, Port, SystemName, Tap, page::Page, port::OBSERVERS, topic};
 
 /// A process that looks at a running system.
 #[derive(Debug)]
 pub struct Observer {
-    room: Rc<Room>,
+    observed: Rc<ObservedRun>,
     node: Option<Node<ipc::Service>>,
     _seat: File,
 }
 
 impl Observer {
     /// Takes a seat in the system; `who` is the name under which its ports are seen.
-    pub fn sit(domain: &Domain, who: &str) -> Result<Self, BusError> {
-        let inside = domain.step_in()?;
-        if domain.owner_pid()?.is_none() {
-            return Err(BusError::NotRunning { name: domain.name().into() });
+    pub fn sit(system_name: &SystemName, who: &str) -> Result<Self, BusError> {
+        let inside = system_name.step_in()?;
+        if system_name.owner_pid()?.is_none() {
+            return Err(system_name.absent());
         }
-        let seat = seat(domain)?;
-        let page = domain.page()?;
+        let seat = seat(system_name)?;
+        let page = system_name.page()?;
         // Whoever was killed in this seat: its ports are free again. What cannot be removed the supervisor tries again.
-        let _ = domain.clean();
-        let node = topic::node(domain, who)?;
-        let room = Rc::new(Room { run: page.run(), page, config: domain.config(), domain: domain.clone() });
+        let _ = system_name.clean();
+        let node = topic::node(system_name, who)?;
+        let observed = Rc::new(ObservedRun {
+            run: page.run(),
+            page,
+            config: system_name.config(),
+            system_name: system_name.clone(),
+        });
         drop(inside);
-        Ok(Self { room, node: Some(node), _seat: seat })
+        Ok(Self { observed, node: Some(node), _seat: seat })
     }
 
     /// Reads a topic from its next message on.
-    pub fn tap(&self, topic: &str) -> Result<Tap, BusError> {
-        let gone = || BusError::NotRunning { name: self.room.domain.name().into() };
+    pub fn tap(&self, topic: Topic) -> Result<Tap, BusError> {
+        let gone = || self.observed.system_name.absent();
         let node = self.node.as_ref().ok_or_else(gone)?;
-        let _inside = self.room.step_in()?.ok_or_else(gone)?;
-        if let Some(path) = self.room.domain.half_made() {
-            return Err(BusError::HalfMade { name: self.room.domain.name().into(), path });
+        let _inside = self.observed.step_in()?.ok_or_else(gone)?;
+        if let Some(path) = self.observed.system_name.half_made() {
+            return Err(BusError::HalfMade { name: self.observed.system_name.name().into(), path });
         }
-        Tap::open(node, topic, self.room.clone())
+        Tap::open(node, topic, self.observed.clone())
     }
 
     /// The system that was joined still runs.
     pub fn is_running(&self) -> bool {
-        self.room.is_of_this_run() && matches!(self.room.domain.owner_pid(), Ok(Some(_)))
+        self.observed.is_of_this_run() && matches!(self.observed.system_name.owner_pid(), Ok(Some(_)))
     }
 
     /// The supervisor's process.
     pub fn owner_pid(&self) -> u32 {
-        self.room.page.owner_pid()
+        self.observed.page.owner_pid()
     }
 }
 
 impl Drop for Observer {
     fn drop(&mut self) {
-        self.room.leave(self.node.take());
+        self.observed.leave(self.node.take());
     }
 }
 
 /// One run of a system, and how its observers come and go.
 #[derive(Debug)]
-pub(crate) struct Room {
-    domain: Domain,
+pub(crate) struct ObservedRun {
+    system_name: SystemName,
     config: Config,
     page: Page,
     run: u64,
 }
 
-impl Room {
+impl ObservedRun {
     /// While the file is held the run cannot end in another; `None` when it has.
     fn step_in(&self) -> Result<Option<File>, BusError> {
-        let inside = self.domain.step_in()?;
+        let inside = self.system_name.step_in()?;
         Ok(Some(inside).filter(|_| self.is_of_this_run()))
     }
 
     fn is_of_this_run(&self) -> bool {
-        self.page.run() == self.run && self.domain.page().is_ok_and(|page| page.run() == self.run)
+        self.page.run() == self.run && self.system_name.page().is_ok_and(|page| page.run() == self.run)
     }
 
     /// Gives back what is on the bus. What another run has taken the names of is not touched.
@@ -100,11 +103,11 @@ impl Room {
 
     /// Every process on the bus, by its node.
     pub(crate) fn members(&self) -> Result<Vec<(u128, Port)>, BusError> {
-        members(&self.domain, &self.config)
+        members(&self.system_name, &self.config)
     }
 }
 
-pub(crate) fn members(domain: &Domain, config: &Config) -> Result<Vec<(u128, Port)>, BusError> {
+pub(crate) fn members(system_name: &SystemName, config: &Config) -> Result<Vec<(u128, Port)>, BusError> {
     let found = RefCell::new(Vec::new());
     let mut take = |node: NodeState<ipc::Service>| {
         let (details, alive) = match &node {
@@ -118,19 +121,19 @@ pub(crate) fn members(domain: &Domain, config: &Config) -> Result<Vec<(u128, Por
         CallbackProgression::Continue
     };
     Node::<ipc::Service>::list(config, &mut take).map_err(|cause| BusError::Node {
-        name: domain.name().into(),
+        name: system_name.name().into(),
         cause: format!("listing who is there: {cause:?}"),
     })?;
     Ok(found.into_inner())
 }
 
 /// A free seat, held for as long as the file is.
-fn seat(domain: &Domain) -> Result<File, BusError> {
+fn seat(system_name: &SystemName) -> Result<File, BusError> {
     for number in 0..OBSERVERS {
-        let file = domain.open_seat(number)?;
+        let file = system_name.open_seat(number)?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() {
             return Ok(file);
         }
     }
-    Err(BusError::Crowded { name: domain.name().into(), observers: OBSERVERS })
+    Err(BusError::Crowded { name: system_name.name().into(), pids: system_name.seated() })
 }

@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use graph::Entry;
 use iceoryx2::{
     node::Node,
     port::{
@@ -23,22 +24,22 @@ use iceoryx2::{
 };
 use messages::Message;
 
-use crate::{BusError, means::why, observer::OBSERVERS};
+use crate::{BusError, machine_limits::why};
 
-/// Active, candidate and injector, and as many that were killed and are not yet cleaned up.
-pub(crate) const PUBLISHERS: usize = 6;
-/// Services of the path, recorder, gateway, four that were killed; and the observers, each after one that was killed.
-pub(crate) const SUBSCRIBERS: usize = 12 + 2 * OBSERVERS;
-/// Every service says how it is and where.
-pub(crate) const EVERYBODY: usize = 24;
-/// The topics on which it does.
-pub(crate) const OF_EVERYBODY: [&str; 3] =
-    [messages::Health::TOPIC, messages::Checkpoint::TOPIC, messages::Difference::TOPIC];
-pub(crate) const NODES: usize = 40 + 2 * OBSERVERS;
+/// Observers of a system at once.
+pub const OBSERVERS: usize = 4;
+/// The owner, a candidate and a tool that feeds samples, and as many killed ones that are not yet cleaned up.
+const PUBLISHERS: usize = 6;
+/// Five services of the path, the gateway, a candidate, their killed processes until they are cleaned up; each observer twice for the same
+/// reason.
+const SUBSCRIBERS: usize = 12 + 2 * OBSERVERS;
+/// The same of a topic on which every service or every candidate speaks.
+const EVERYBODY: usize = 24;
+const NODES: usize = 40 + 2 * OBSERVERS;
 /// iceoryx2 holds eight attributes of 256 bytes.
-pub(crate) const LAYOUT_CHUNK: usize = 250;
+const LAYOUT_CHUNK: usize = 250;
 /// Every number of a payload stands where a 64-bit processor reads it at once.
-pub(crate) const ALIGNMENT: usize = 8;
+const ALIGNMENT: usize = 8;
 
 /// A topic on the bus of a system.
 #[derive(Debug)]
@@ -56,7 +57,7 @@ impl Topic {
 
     /// Opens the topic of `M` where there is one.
     pub(crate) fn open<M: Message>(node: &Node<ipc::Service>) -> Result<Self, BusError> {
-        Self::find(node, M::TOPIC, size_of::<M>(), &M::layout().to_string())
+        Self::find(node, M::TOPIC.name, size_of::<M>(), &M::layout().to_string())
     }
 
     /// Publishes on it.
@@ -100,13 +101,14 @@ impl Topic {
 
     fn create(
         node: &Node<ipc::Service>,
-        topic: &'static str,
+        topic: &'static Entry,
         bytes: usize,
         layout: &str,
         buffer: usize,
     ) -> Result<Self, BusError> {
-        let (name, builder) = builder(node, topic)?;
-        let publishers = if OF_EVERYBODY.contains(&topic) { EVERYBODY } else { PUBLISHERS };
+        let (name, builder) = builder(node, topic.name)?;
+        let publishers = if topic.publisher.is_many() { EVERYBODY } else { PUBLISHERS };
+        let topic = topic.name;
         let factory = builder
             .enable_safe_overflow(true)
             .subscriber_max_buffer_size(buffer)
@@ -136,7 +138,7 @@ pub(crate) trait OutPort: fmt::Debug {
     /// Puts a message into every reader's buffer.
     fn send(&self, message: &[u8]) -> Result<(), BusError>;
     /// Hands what it holds to readers that have come since it last acted.
-    fn greet(&self) -> Result<(), BusError>;
+    fn deliver_history(&self) -> Result<(), BusError>;
 }
 
 /// Reads the bytes of messages; behind a trait for the same reason.
@@ -161,7 +163,7 @@ impl OutPort for Out {
         Ok(())
     }
 
-    fn greet(&self) -> Result<(), BusError> {
+    fn deliver_history(&self) -> Result<(), BusError> {
         let updated = self.port.update_connections();
         updated.map_err(|cause| BusError::Send { topic: self.topic, cause: why(&cause) })
     }

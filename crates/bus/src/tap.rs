@@ -3,11 +3,10 @@
 use std::{mem, rc::Rc};
 
 use iceoryx2::{node::Node, prelude::ipc};
-use messages::{Message, Visitor};
 
 use crate::{
     BusError,
-    observer::Room,
+    observer::ObservedRun,
     port::{InPort, Topic},
 };
 
@@ -19,7 +18,7 @@ const BUFFER: usize = 1024;
 pub struct Tap {
     /// Given back when the tap is dropped.
     end: Option<End>,
-    room: Rc<Room>,
+    observed: Rc<ObservedRun>,
 }
 
 #[derive(Debug)]
@@ -51,12 +50,15 @@ pub struct Port {
 }
 
 impl Tap {
-    pub(crate) fn open(node: &Node<ipc::Service>, topic: &str, room: Rc<Room>) -> Result<Self, BusError> {
-        let topic =
-            messages::with_type(topic, Open(node)).ok_or_else(|| BusError::NoTopic { topic: topic.into() })??;
+    pub(crate) fn open(
+        node: &Node<ipc::Service>,
+        topic: graph::Topic,
+        observed: Rc<ObservedRun>,
+    ) -> Result<Self, BusError> {
+        let topic = messages::dispatch!(topic, M => Topic::open::<M>(node))?;
         // What was published before would be handed over by the publishers, on their time.
         let port = topic.subscriber(BUFFER.min(topic.buffer()), 0)?;
-        Ok(Self { end: Some(End { topic, port }), room })
+        Ok(Self { end: Some(End { topic, port }), observed })
     }
 
     /// Hands what is there to `take`, oldest first; whether messages may have been overwritten before it came to that.
@@ -74,7 +76,7 @@ impl Tap {
     /// Who is at the topic.
     pub fn ports(&self) -> Result<Ports, BusError> {
         let Some(End { topic, .. }) = &self.end else { return Ok(Ports::default()) };
-        let members = self.room.members()?;
+        let members = self.observed.members()?;
         let unknown = || Port { name: "unknown".into(), pid: 0, alive: false };
         let port =
             |node: &u128| members.iter().find(|(id, _)| id == node).map_or_else(unknown, |(_, port)| port.clone());
@@ -85,16 +87,6 @@ impl Tap {
 
 impl Drop for Tap {
     fn drop(&mut self) {
-        self.room.leave(mem::take(&mut self.end));
-    }
-}
-
-struct Open<'a>(&'a Node<ipc::Service>);
-
-impl Visitor for Open<'_> {
-    type Output = Result<Topic, BusError>;
-
-    fn visit<M: Message>(self) -> Self::Output {
-        Topic::open::<M>(self.0)
+        self.observed.leave(mem::take(&mut self.end));
     }
 }

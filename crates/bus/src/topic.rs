@@ -2,6 +2,7 @@
 
 use std::{cell::Cell, fmt, marker::PhantomData, sync::Arc, time::Duration};
 
+use graph::Entry;
 use iceoryx2::{
     node::{Node, NodeBuilder},
     prelude::{LogLevel, NodeName, SignalHandlingMode, ipc, set_log_level},
@@ -9,9 +10,9 @@ use iceoryx2::{
 use messages::Message;
 
 use crate::{
-    BusError, Domain, Woken,
-    means::{allow_files, why},
-    place::Place,
+    BusError, SystemName, Woken,
+    machine_limits::{allow_files, why},
+    membership::Membership,
     port::{InPort, OutPort, Topic},
     wake::TopicWord,
 };
@@ -20,21 +21,21 @@ use crate::{
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
-    place: Arc<Place>,
+    place: Arc<Membership>,
 }
 
 impl Bus {
     /// Joins the system's bus as `who`.
-    pub fn join(domain: &Domain, who: &str) -> Result<Self, BusError> {
-        let place = Arc::new(Place::take(domain)?);
-        Ok(Self { node: node(domain, who)?, place })
+    pub fn join(system_name: &SystemName, who: &str) -> Result<Self, BusError> {
+        let place = Arc::new(Membership::take(system_name)?);
+        Ok(Self { node: node(system_name, who)?, place })
     }
 
     /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten, and as many
     /// for readers that come later.
     pub fn publisher<M: Message>(&self, buffer: usize) -> Result<Publisher<M>, BusError> {
         let port = Topic::open_or_create::<M>(&self.node, buffer)?.publisher()?;
-        Ok(Publisher { port, word: self.word::<M>(), carries: PhantomData })
+        Ok(Publisher { port, word: self.word(M::TOPIC), carries: PhantomData })
     }
 
     /// Reads `M`, from the next message that is published.
@@ -58,29 +59,29 @@ impl Bus {
     }
 
     /// The tick after the newest one that was ever about to be published on the topic.
-    pub fn next_tick<M: Message>(&self) -> u64 {
-        self.word::<M>().next_tick()
+    pub fn next_tick(&self, topic: &Entry) -> u64 {
+        self.word(topic).next_tick()
     }
 
     fn reader<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
         let port = Topic::open_or_create::<M>(&self.node, buffer)?.subscriber(buffer, history)?;
-        let word = self.word::<M>();
+        let word = self.word(M::TOPIC);
         Ok(Subscriber { port, seen: Cell::new(word.look()), word, carries: PhantomData })
     }
 
-    fn word<M: Message>(&self) -> TopicWord {
-        TopicWord::new(self.place.clone(), M::TOPIC)
+    fn word(&self, topic: &Entry) -> TopicWord {
+        TopicWord::new(self.place.clone(), topic)
     }
 }
 
 /// A process's node under the prefix of the system.
-pub(crate) fn node(domain: &Domain, who: &str) -> Result<Node<ipc::Service>, BusError> {
+pub(crate) fn node(system_name: &SystemName, who: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
     allow_files()?;
-    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: domain.name().into(), cause: why(cause) };
+    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: why(cause) };
     NodeBuilder::new()
         .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
-        .config(&domain.config())
+        .config(&system_name.config())
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
         .map_err(|cause| failed(&cause))
@@ -100,9 +101,9 @@ impl<M: Message> Publisher<M> {
         self.port.send(bytemuck::bytes_of(message))
     }
 
-    /// Notes the tick of the message that is sent next: whoever goes on in place of a publisher that died knows how far it was.
-    pub fn note(&self, tick: u64) {
-        self.word.note(tick);
+    /// The message that is sent next is of this tick: whoever goes on in place of a publisher that died knows how far it was.
+    pub fn set_next_tick_after(&self, tick: u64) {
+        self.word.set_next_tick_after(tick);
     }
 
     /// The tick after the newest one that was ever about to be published.
@@ -111,8 +112,8 @@ impl<M: Message> Publisher<M> {
     }
 
     /// Hands what it holds to readers that have come since it last acted.
-    pub fn greet(&self) -> Result<(), BusError> {
-        self.port.greet()
+    pub fn deliver_history(&self) -> Result<(), BusError> {
+        self.port.deliver_history()
     }
 
     /// Wakes the readers, once after all that was sent.
@@ -138,7 +139,7 @@ impl<M: Message> Subscriber<M> {
             return Ok(None);
         }
         let cause = || format!("a message that is not of {} bytes", size_of::<M>());
-        message.map(Some).ok_or_else(|| BusError::Receive { topic: M::TOPIC, cause: cause() })
+        message.map(Some).ok_or_else(|| BusError::Receive { topic: M::TOPIC.name, cause: cause() })
     }
 
     /// Hands what is there to `take`, oldest first, at most `limit` messages.

@@ -23,6 +23,7 @@ mod endpoint;
 mod fault;
 mod filling;
 mod gateway;
+mod gateway_section;
 mod model;
 mod problem;
 mod program;
@@ -32,14 +33,16 @@ mod split;
 mod walk;
 mod watch;
 
+pub use graph::Service;
+
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
-pub use gateway::{Gateway, Rate, Tls};
+pub use gateway::{Gateway, Import, Rate, Tls};
 pub use model::{
-    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Service,
-    Sim, Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
+    BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
+    Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
-pub use split::{CACHE_TICKS_MAX, CARRIED, DENSE, Import};
+pub use split::CACHE_TICKS_MAX;
 pub use watch::{Measure, Watch};

@@ -1,9 +1,10 @@
 //! What a launch file says, and the defaults.
 
 use attitude::gyro::RateKind;
+use graph::Service;
 use scenario::Scenario;
 use serde::{Deserialize, Serialize};
-use std::{collections::BTreeMap, fmt, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{fault::Fault, gateway::Gateway, program::Program, watch::Watch};
 
@@ -61,13 +62,13 @@ pub enum StateFile {
 pub struct Restart {
     /// A service that says nothing for so long is killed and started again, s.
     pub silence_s: f64,
-    /// A life shorter than this counts as a failure, a longer one clears the count, s.
+    /// An incarnation shorter than this counts as a failure, a longer one clears the count, s.
     pub settled_s: f64,
-    /// The pause before the third life in a row that follows a failure; it doubles with each, s.
+    /// The pause before the third incarnation in a row that follows a failure; it doubles with each, s.
     pub backoff_s: f64,
     /// The longest pause, s.
     pub backoff_max_s: f64,
-    /// After so many failures in a row the service has failed.
+    /// After more failures in a row than this the service has failed.
     pub limit: u64,
     /// What happens then.
     pub on_limit: OnLimit,
@@ -216,24 +217,6 @@ pub struct Limits {
     pub field_max_ut: f64,
 }
 
-/// A service of the system.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Service {
-    /// Brings samples in.
-    Ingest,
-    /// Integrates the rate.
-    Gyro,
-    /// Finds the vertical in the specific force.
-    Accel,
-    /// Joins both to the attitude.
-    Fuser,
-    /// Turns the attitude into angles.
-    Course,
-    /// Carries messages beyond the board.
-    Gateway,
-}
-
 /// Where samples come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -313,7 +296,7 @@ impl Launch {
         }
     }
 
-    /// What fills a slot, to be exchanged.
+    /// What fills a slot, to be swapped.
     pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
         match service {
             Service::Ingest | Service::Gateway => None,
@@ -322,43 +305,6 @@ impl Launch {
             Service::Fuser => Some(&mut self.fuser),
             Service::Course => Some(&mut self.course),
         }
-    }
-}
-
-impl Service {
-    /// The services of the data path, in the order data passes through them.
-    pub const PATH: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// Those of the path that a stage fills.
-    pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// Every service: those of the path, and those beside it.
-    pub const ALL: [Self; 6] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway];
-
-    /// Nothing on the data path waits for it, and its end is no failure of the system.
-    pub fn is_beside(self) -> bool {
-        self == Self::Gateway
-    }
-
-    /// The name it has in a launch file.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ingest => "ingest",
-            Self::Gyro => "gyro",
-            Self::Accel => "accel",
-            Self::Fuser => "fuser",
-            Self::Course => "course",
-            Self::Gateway => "gateway",
-        }
-    }
-
-    /// The service of that name.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|service| service.name() == name)
-    }
-}
-
-impl fmt::Display for Service {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
     }
 }
 

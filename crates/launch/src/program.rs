@@ -14,7 +14,7 @@ use crate::{Launch, Service, problem::Problem, walk::Section};
 /// Words of a command at most.
 const WORDS_MAX: usize = 64;
 
-/// A program that fills a slot: any that speaks the messages.
+/// A program that fills a slot: any that answers the slot's service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Program {
     /// The slot.
@@ -52,8 +52,10 @@ pub(crate) fn programs(section: &mut Section<'_, '_>, folder: Option<&Path>, lau
     section.named_tables("stages", |section, name, place| {
         let mut program =
             Program { slot: Service::Ingest, command: Vec::new(), folder: folder.unwrap_or(Path::new("")).into() };
-        let named = is_free(section, name, &place);
-        if named & slot(section, name, &place, &mut program) & command(section, name, &place, folder, &mut program) {
+        let fills = is_free(section, name, &place) & slot(section, name, &place, &mut program);
+        command(section, name, &place, folder, &mut program);
+        // One whose command is wrong is a stage all the same: a slot that names it has no problem of its own.
+        if fills {
             launch.stages.insert(name.into(), program);
         }
     });
@@ -86,9 +88,9 @@ fn command(
     place: &Range<usize>,
     folder: Option<&Path>,
     program: &mut Program,
-) -> bool {
+) {
     if !(needs(section, name, place, "command") && section.strings("command", &mut program.command)) {
-        return false;
+        return;
     }
     let wrong = match program.command.first() {
         None => Some("expected a program and its arguments, found nothing".to_owned()),
@@ -98,6 +100,9 @@ fn command(
         Some(word) if word.contains('/') && folder.is_some() && !program.file().is_file() => {
             Some(format!("there is no file {}", program.file().display()))
         }
+        Some(word) if !word.contains('/') && folder.is_some() && !is_in_path(word) => {
+            Some(format!("no folder of PATH has a file {word:?}"))
+        }
         _ => None,
     };
     if let Some(wrong) = &wrong {
@@ -106,7 +111,10 @@ fn command(
         let title = format!("stages.{name}.command: {wrong}");
         section.report(Problem { note, ..Problem::new(span, title, "no command") });
     }
-    wrong.is_none()
+}
+
+fn is_in_path(name: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
 }
 
 /// Reports a key that is not there.
@@ -171,6 +179,12 @@ mod tests {
         std::fs::write(&path, WHOLE.replace("python3", "./run")).unwrap();
         let shown = Launch::read(&path).unwrap_err().to_string();
         assert!(shown.contains("there is no file") && shown.contains(":3:11"), "{shown}");
+        let used = format!("[fuser]\nstage = \"my-fuser\"\n{}", WHOLE.replace("python3", "no-such-program"));
+        std::fs::write(&path, used).unwrap();
+        let shown = Launch::read(&path).unwrap_err().to_string();
+        assert!(shown.contains("no folder of PATH has a file \"no-such-program\""), "{shown}");
+        assert!(shown.ends_with("1 problem"), "the slot has none of its own: {shown}");
+        std::fs::write(&path, WHOLE.replace("python3", "./run")).unwrap();
         std::fs::write(folder.path().join("run"), "").unwrap();
         let launch = Launch::read(&path).unwrap();
         assert_eq!(launch.stages["my-fuser"].file(), folder.path().join("./run"));

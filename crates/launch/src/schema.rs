@@ -3,7 +3,8 @@
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
     filling::filling,
-    gateway::{Gateway, Tls, gateway},
+    gateway::{Gateway, Tls},
+    gateway_section::gateway,
     model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
     problem::{Problem, quoted},
     program::programs,
@@ -109,7 +110,7 @@ impl Launch {
 /// Whether every name was known.
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
     let allowed = Service::ALL.map(|service| (service.name(), service));
-    let Some(listed) = section.choices("services", allowed) else { return true };
+    let Some(listed) = section.choices("services", &allowed) else { return true };
     let all_known = listed.iter().all(Option::is_some);
     let listed: Vec<_> = listed.into_iter().flatten().collect();
     for (index, service) in listed.iter().enumerate() {

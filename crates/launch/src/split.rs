@@ -1,41 +1,17 @@
 //! One system on several hosts: `export` and `import` of `[gateway]`, and which services a host then needs.
 
-use serde::{Deserialize, Serialize};
+use graph::{Presence, Service, Topic};
 
 use crate::{
-    Launch, Service, Source,
-    gateway::Gateway,
+    Launch, Source,
+    gateway::{Gateway, Import},
     model::system_name,
     problem::{Problem, quoted},
     walk::Section,
 };
 
-/// Topics that can be carried to another host, in the order in which those of one tick are published there.
-pub const CARRIED: [&str; 6] = ["mag", "gnss", "imu", "accel", "gyro", "fused"];
-/// Of these, the topics with a message of each tick: the others are looked for where their flags say so.
-pub const DENSE: [&str; 4] = ["imu", "accel", "gyro", "fused"];
 /// Ticks that are kept for hosts that were cut off, at most: some 100 MB.
 pub const CACHE_TICKS_MAX: usize = 262_144;
-
-/// Topics that come from another host.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub struct Import {
-    /// The name of the other's gateway beyond its board.
-    pub vehicle: String,
-    /// Which ones.
-    pub topics: Vec<String>,
-}
-
-impl Gateway {
-    /// Slots of the system are on other hosts.
-    pub fn is_split(&self) -> bool {
-        !self.export.is_empty() || self.import.is_some()
-    }
-
-    fn imports(&self, topic: &str) -> bool {
-        self.import.as_ref().is_some_and(|import| import.topics.iter().any(|imported| imported == topic))
-    }
-}
 
 impl Launch {
     /// The service runs here and takes each tick: those before it say again what it still needs when they are started again.
@@ -67,20 +43,24 @@ pub(crate) fn split(section: &mut Section<'_, '_>, out: &mut Gateway) {
 }
 
 fn topics(section: &mut Section<'_, '_>, key: &'static str, out: &mut Vec<String>) -> bool {
-    let Some(listed) = section.choices(key, CARRIED.map(|topic| (topic, topic))) else { return true };
+    let allowed: Vec<_> = Topic::carried().map(|topic| (topic.name(), topic)).collect();
+    let Some(listed) = section.choices(key, &allowed) else { return true };
     let all_known = listed.iter().all(Option::is_some);
     let listed: Vec<_> = listed.into_iter().flatten().map(|topic| *topic.get_ref()).collect();
     if all_known
-        && !listed.iter().any(|topic| DENSE.contains(topic))
+        && !listed.iter().any(|topic| has_every_tick(*topic))
         && let Some(span) = section.span(key)
     {
-        let note = Some("mag and gnss are found by the flags of the ticks that they go with".into());
-        let title = format!("{key}: one of {} must be among the topics", quoted(&DENSE));
+        let [dense, sparse] = [true, false].map(|dense| {
+            Topic::carried().filter(|topic| has_every_tick(*topic) == dense).map(Topic::name).collect::<Vec<_>>()
+        });
+        let note = Some(format!("{} are found by the flags of the ticks that they go with", sparse.join(" and ")));
+        let title = format!("{key}: one of {} must be among the topics", quoted(&dense));
         section.report(Problem { note, ..Problem::new(span, title, "no topic with every tick") });
         return false;
     }
     // In one order, each once.
-    *out = CARRIED.into_iter().filter(|topic| listed.contains(topic)).map(String::from).collect();
+    *out = Topic::carried().filter(|topic| listed.contains(topic)).map(|topic| topic.name().into()).collect();
     all_known
 }
 
@@ -110,8 +90,10 @@ pub(crate) fn problems(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
         }
     }
     for service in services {
-        for topic in inputs(*service).iter().filter(|topic| !gateway.imports(topic)) {
-            if let Some(maker) = maker(topic).filter(|maker| !runs_here(*maker)) {
+        for topic in service.inputs().filter(|topic| !gateway.imports(*topic)) {
+            let maker = topic.entry().publishing_service();
+            let topic = topic.name();
+            if let Some(maker) = maker.filter(|maker| !runs_here(*maker)) {
                 let label = format!("list \"{maker}\", or import {topic:?} in [gateway.import]");
                 report(format!("services: \"{service}\" needs the topic {topic:?}, which nobody brings"), &label);
             }
@@ -126,25 +108,13 @@ pub(crate) fn problems(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
     list
 }
 
-/// Who publishes a topic that can be carried.
+/// The service that publishes a topic.
 fn maker(topic: &str) -> Option<Service> {
-    match topic {
-        "mag" | "gnss" | "imu" => Some(Service::Ingest),
-        "accel" => Some(Service::Accel),
-        "gyro" => Some(Service::Gyro),
-        "fused" => Some(Service::Fuser),
-        _ => None,
-    }
+    Topic::named(topic)?.entry().publishing_service()
 }
 
-/// What a service reads of other services.
-fn inputs(service: Service) -> &'static [&'static str] {
-    match service {
-        Service::Ingest | Service::Gateway => &[],
-        Service::Gyro | Service::Accel => &["imu"],
-        Service::Fuser => &["gyro", "accel", "mag", "gnss"],
-        Service::Course => &["fused", "gnss"],
-    }
+fn has_every_tick(topic: Topic) -> bool {
+    topic.entry().presence == Presence::EveryTick
 }
 
 #[cfg(test)]
@@ -165,7 +135,7 @@ mod tests {
         let board = Launch::parse("board.toml", BOARD).unwrap();
         assert_eq!(
             (&board.gateway.export[..], board.gateway.cache_s),
-            (&["mag", "gnss", "accel", "gyro"].map(String::from)[..], 10.0)
+            (&["mag", "gnss", "gyro", "accel"].map(String::from)[..], 10.0)
         );
         assert!(board.follows(Service::Gateway) && board.origin() == Service::Ingest);
         let base = Launch::parse("base.toml", BASE).unwrap();
@@ -193,7 +163,7 @@ mod tests {
                 BOARD,
                 "\"gyro\", \"accel\", \"mag\"",
                 "\"mag\"",
-                "one of \"imu\", \"accel\", \"gyro\", \"fused\" must be",
+                "one of \"imu\", \"gyro\", \"accel\", \"fused\" must be",
             ),
             (BOARD, "\"mag\", \"gnss\"]", "\"mga\"]", "did you mean \"mag\"?"),
             (BOARD, "cache_s = 10", "cache_s = 600", "600000 ticks"),

@@ -214,17 +214,17 @@ impl<'t> Section<'t, '_> {
     }
 
     /// An array of such names; the value of each with its place, nothing for one that was refused.
-    pub(crate) fn choices<T: Clone, const N: usize>(
+    pub(crate) fn choices<T: Clone>(
         &mut self,
         key: &'static str,
-        allowed: [(&'static str, T); N],
+        allowed: &[(&'static str, T)],
     ) -> Option<Vec<Option<Spanned<T>>>> {
         let array = self.get(key)?;
         let DeValue::Array(values) = array.get_ref() else {
             self.refuse_type(key, array, "an array");
             return None;
         };
-        let chosen = |value| self.chosen(key, value, &allowed).map(|item| Spanned::new(value.span(), item));
+        let chosen = |value| self.chosen(key, value, allowed).map(|item| Spanned::new(value.span(), item));
         Some(values.iter().map(chosen).collect())
     }
 

@@ -5,14 +5,14 @@
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | [`ends`] | the endpoints, and what secures them |
+//! | [`endpoints`] | the endpoints, and what secures them |
 //! | `guard` | how much may come in, and what those may do who show no certificate |
 //! | `reach` | why somebody could not be reached |
 //! | [`outlet`] | what a vehicle shows: messages, answers, signs of life |
 //! | [`remote`] | a vehicle seen from elsewhere |
 #![forbid(unsafe_code)]
 
-pub mod ends;
+pub mod endpoints;
 mod guard;
 pub mod outlet;
 mod reach;
@@ -22,9 +22,9 @@ use std::time::{Duration, Instant};
 
 use zenoh::{Session, Wait};
 
-pub use ends::Ends;
+pub use endpoints::Endpoints;
 pub use guard::SESSIONS_MAX;
-pub use outlet::{Answering, Outlet, Question, Sign};
+pub use outlet::{Answering, Liveliness, Outlet, Question};
 pub use remote::{Arrival, Stream};
 
 /// How long a closing session may take; the process ends in any case.
@@ -53,39 +53,39 @@ pub struct Link {
 
 impl Link {
     /// Takes a place in the network. Whom it is to connect to is tried for ever, in the background; a client is there when this returns.
-    pub fn open(ends: &Ends) -> Result<Self, LinkError> {
-        let config = ends.config()?;
+    pub fn open(endpoints: &Endpoints) -> Result<Self, LinkError> {
+        let config = endpoints.config()?;
         let began = Instant::now();
         loop {
             let tried = Instant::now();
             let cause = match zenoh::open(config.clone()).wait() {
-                Ok(session) => return Ok(Self { session, is_secured: ends.are_secured() }),
+                Ok(session) => return Ok(Self { session, is_secured: endpoints.are_secured() }),
                 Err(cause) => cause.to_string(),
             };
-            if !ends.client {
+            if !endpoints.client {
                 // After the words comes the place in Zenoh's source.
                 return Err(LinkError::Open {
-                    ends: ends.to_string(),
+                    endpoints: endpoints.to_string(),
                     cause: cause.split(" at /").next().unwrap_or_default().into(),
                 });
             }
             let answered = tried.elapsed() < ANSWER_LIMIT;
             if began.elapsed() > if answered { REFUSAL_LIMIT } else { SILENCE_LIMIT } {
-                return Err(LinkError::Unreached { limit_s: began.elapsed().as_secs(), why: reach::why(ends) });
+                return Err(LinkError::Unreached { limit_s: began.elapsed().as_secs(), why: reach::why(endpoints) });
             }
             std::thread::sleep(PAUSE);
         }
     }
 
     /// Takes a place from which somebody is reached, within `limit`; else says why not.
-    pub fn reach(ends: &Ends, limit: Duration) -> Result<Self, LinkError> {
-        let link = Self::open(ends)?;
+    pub fn reach(endpoints: &Endpoints, limit: Duration) -> Result<Self, LinkError> {
+        let link = Self::open(endpoints)?;
         // One that is busy with connections that say nothing gets to this one in its turn.
-        if link.await_somebody(limit) || reach::is_somebody_there(ends) && link.await_somebody(BUSY_LIMIT) {
+        if link.await_somebody(limit) || reach::is_somebody_there(endpoints) && link.await_somebody(BUSY_LIMIT) {
             return Ok(link);
         }
         link.close();
-        Err(LinkError::Unreached { limit_s: limit.as_secs(), why: reach::why(ends) })
+        Err(LinkError::Unreached { limit_s: limit.as_secs(), why: reach::why(endpoints) })
     }
 
     /// Waits until somebody is connected, no longer than `limit`.
@@ -127,10 +127,10 @@ impl Link {
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The place could not be taken.
-    #[error("opening {ends}: {cause}; is the port taken, or a certificate not there?")]
+    #[error("opening {endpoints}: {cause}; is the port taken, or a certificate not there?")]
     Open {
         /// The endpoints.
-        ends: String,
+        endpoints: String,
         /// What Zenoh says.
         cause: String,
     },

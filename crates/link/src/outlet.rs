@@ -25,7 +25,7 @@ pub struct Outlet(Publisher<'static>);
 
 /// Says that something lives, until it is dropped.
 #[derive(Debug)]
-pub struct Sign(#[allow(dead_code, reason = "it is its life that counts")] LivelinessToken);
+pub struct Liveliness(#[allow(dead_code, reason = "it is its life that counts")] LivelinessToken);
 
 /// Answers, until it is dropped.
 #[derive(Debug)]
@@ -59,9 +59,9 @@ impl Link {
     }
 
     /// Says that something lives.
-    pub fn sign(&self, key: &str) -> Result<Sign, LinkError> {
+    pub fn sign(&self, key: &str) -> Result<Liveliness, LinkError> {
         let token = self.session.liveliness().declare_token(key.to_owned());
-        token.wait().map(Sign).map_err(at_key("saying what lives at", key))
+        token.wait().map(Liveliness).map_err(at_key("saying what lives at", key))
     }
 
     /// Answers questions about a key or several; `answer` is called by the network and must not take long.

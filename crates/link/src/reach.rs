@@ -4,32 +4,32 @@ use std::net::TcpStream;
 
 use zenoh::Wait;
 
-use crate::{Ends, ends::is_secured, guard::SESSIONS_MAX};
+use crate::{Endpoints, endpoints::is_secured, guard::SESSIONS_MAX};
 
 /// How long the attempt may take, ms.
 const ATTEMPT_LIMIT_MS: &str = "3000";
 
 /// What is found at each endpoint, for people.
-pub(crate) fn why(ends: &Ends) -> String {
-    let found = ends.connect.iter().map(|endpoint| format!("{endpoint}: {}", attempt(ends, endpoint)));
+pub(crate) fn why(endpoints: &Endpoints) -> String {
+    let found = endpoints.connect.iter().map(|endpoint| format!("{endpoint}: {}", attempt(endpoints, endpoint)));
     found.collect::<Vec<_>>().join("\n")
 }
 
 /// Somebody takes a connection at one of the plain endpoints, though there may be no session yet.
-pub(crate) fn is_somebody_there(ends: &Ends) -> bool {
-    let addresses = ends.connect.iter().filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
+pub(crate) fn is_somebody_there(endpoints: &Endpoints) -> bool {
+    let addresses = endpoints.connect.iter().filter_map(|endpoint| endpoint.strip_prefix("tcp/"));
     addresses.into_iter().any(|address| TcpStream::connect(address).is_ok())
 }
 
-fn attempt(ends: &Ends, endpoint: &str) -> String {
+fn attempt(endpoints: &Endpoints, endpoint: &str) -> String {
     // A peer is told why, a client only that it was not let in.
-    let ends = Ends { connect: vec![endpoint.into()], client: false, ..ends.calling() };
+    let endpoints = Endpoints { connect: vec![endpoint.into()], client: false, ..endpoints.calling() };
     let settings = [
         ("connect/timeout_ms", "0"),
         ("connect/exit_on_failure", "true"),
         ("transport/unicast/open_timeout", ATTEMPT_LIMIT_MS),
     ];
-    let config = ends.config().and_then(|mut config| {
+    let config = endpoints.config().and_then(|mut config| {
         let set = |(what, value)| config.insert_json5(what, value);
         match settings.into_iter().try_for_each(set) {
             Ok(()) => Ok(config),

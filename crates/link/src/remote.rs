@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use wire::command::Letter;
+use wire::command::ControlMessage;
 use zenoh::{
     Wait,
     handlers::{RingChannel, RingChannelHandler},
@@ -66,7 +66,7 @@ impl Link {
     }
 
     /// The one answer to a question.
-    pub fn ask_one<L: Letter>(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<L, LinkError> {
+    pub fn ask_one<L: ControlMessage>(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<L, LinkError> {
         let answers = self.ask(key, payload, limit)?;
         let unanswered = || LinkError::NoAnswer { key: key.into(), limit_s: limit.as_secs_f64() };
         let (_, bytes) = answers.into_iter().next().ok_or_else(unanswered)?;

@@ -73,7 +73,7 @@ flags! {
     /// The launch file's script of faults was at work on this tick or on a reading before it that is gone.
     FAULT_INJECTED = 25 "fault-injected",
     /// Another stage fills a slot from this tick on.
-    EXCHANGED = 26 "exchanged",
+    SWAPPED = 26 "swapped",
 }
 
 impl Flags {

@@ -56,6 +56,12 @@ impl Layout {
         crate::hash(crate::HASH_START, self.to_string().as_bytes())
     }
 
+    /// This layout, of what a topic of this name carries.
+    pub(crate) fn on(mut self, topic: &'static str) -> Self {
+        self.topic = Some(topic);
+        self
+    }
+
     /// This layout with that of its first field, a header, put in the header's place.
     pub(crate) fn with_header(mut self, header: Layout) -> Self {
         self.header_fields = header.fields.len();
@@ -73,7 +79,7 @@ impl fmt::Display for Layout {
 
 /// Defines a struct of a payload: `repr(C)`, no padding, no invalid bit pattern, with its layout.
 macro_rules! laid_out {
-    ($(#[doc = $about:literal])* $name:ident = $type_name:literal on $topic:expr, {
+    ($(#[doc = $about:literal])* $name:ident = $type_name:literal {
         $($(#[doc = $field_about:literal])* $field:ident: $kind:ty,)*
     }) => {
         $(#[doc = $about])*
@@ -82,17 +88,18 @@ macro_rules! laid_out {
         pub struct $name { $($(#[doc = $field_about])* pub $field: $kind,)* }
 
         impl $name {
-            fn own_layout() -> crate::Layout {
-                crate::Layout {
+            /// Its layout, the header as one field.
+            pub(crate) fn own_layout() -> $crate::Layout {
+                $crate::Layout {
                     name: $type_name,
                     size: size_of::<$name>(),
-                    fields: vec![$(crate::Field {
+                    fields: vec![$($crate::Field {
                         name: stringify!($field),
                         kind: stringify!($kind),
                         offset: core::mem::offset_of!($name, $field),
                         about: concat!($($field_about),*).trim_ascii_start(),
                     }),*],
-                    topic: $topic,
+                    topic: None,
                     about: concat!($($about),*).trim_ascii_start(),
                     header_fields: 0,
                 }
@@ -101,19 +108,18 @@ macro_rules! laid_out {
     };
 }
 
-/// Defines a payload with its topic.
+/// Defines a payload. What does not descend from a sample may say of when on the source's clock it is: `at (|message, rate_hz| …)`, ns.
 macro_rules! payload {
-    ($(#[doc = $about:literal])* $name:ident = $type_name:literal on $topic:literal $fields:tt) => {
-        crate::layout::laid_out! { $(#[doc = $about])* $name = $type_name on Some($topic), $fields }
+    ($(#[doc = $about:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
+        $crate::layout::laid_out! { $(#[doc = $about])* $name = $type_name $fields }
 
-        impl crate::Message for $name {
-            const TOPIC: &'static str = $topic;
-            const TYPE: &'static str = $type_name;
-
-            fn layout() -> crate::Layout {
-                <$name>::complete(Self::own_layout())
-            }
+        impl $name {
+            pub(crate) const TYPE_NAME: &'static str = $type_name;
+            pub(crate) const OWN_TIME_NS: fn(&Self, f64) -> Option<i64> = $time_ns;
         }
+    };
+    ($(#[doc = $about:literal])* $name:ident = $type_name:literal $fields:tt) => {
+        $crate::layout::payload! { $(#[doc = $about])* $name = $type_name at (|_, _| None) $fields }
     };
 }
 

@@ -3,89 +3,63 @@
 //! Input, output: plain values without pointers, padding or invalid bit patterns, so that any bytes of the right length are a
 //! message. Time: a message carries it, nothing here reads it. Failure: none; who reads a message checks what it means.
 //!
-//! | topic | type | from | to |
-//! | --- | --- | --- | --- |
-//! | `sensor` | [`SensorReading`] | an injector | ingest with source `bus` |
-//! | `receiver` | [`ReceiverReading`] | an injector | ingest with source `bus` |
-//! | `imu` | [`ImuSample`] | ingest | gyro, accel |
-//! | `mag` | [`MagSample`] | ingest | fuser |
-//! | `gnss` | [`GnssFix`] | ingest | fuser, course |
-//! | `reference` | [`Reference`] | ingest, where the source knows the truth | supervisor |
-//! | `gyro` | [`GyroStep`] | gyro | fuser |
-//! | `accel` | [`AccelPoint`] | accel | fuser |
-//! | `fused` | [`FusedState`] | fuser | course |
-//! | `attitude` | [`AttitudeOutput`] | course | whoever asks |
-//! | `credit` | [`Credit`] | supervisor | ingest |
-//! | `checkpoint` | [`Checkpoint`] | every slot | supervisor |
-//! | `difference` | [`Difference`] | a candidate | supervisor |
-//! | `control` | [`Control`] | supervisor | every slot |
-//! | `health` | [`Health`] | every service | supervisor |
+//! Which topic carries which payload, and from whom to whom, is the table of [`graph`]; [`dispatch!`] goes from a topic to its payload's type.
 #![forbid(unsafe_code)]
 
-mod convert;
+mod binding;
 mod flags;
 mod layout;
-mod topics;
+mod payloads;
 
-pub use convert::{finite, pair};
+#[doc(hidden)]
+pub use graph;
+
+use graph::{Entry, Topic};
+
 pub use flags::Flags;
 pub use layout::{Field, Layout};
-pub use topics::{
+pub use payloads::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
     FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading,
     State,
 };
 
-macro_rules! topics {
-    ($($name:ident)*) => {
-        /// Every topic, in the order of the table above.
-        pub const TOPICS: &[&str] = &[$($name::TOPIC),*];
-
-        /// The layout of every topic's payload.
-        pub fn layouts() -> Vec<Layout> {
-            vec![$($name::layout()),*]
-        }
-
-        /// Hands the payload's type of a topic to `visitor`; `None` where there is no such topic.
-        pub fn with_type<V: Visitor>(topic: &str, visitor: V) -> Option<V::Output> {
-            match topic {
-                $($name::TOPIC => Some(visitor.visit::<$name>()),)*
-                _ => None,
-            }
-        }
-    };
+/// The layout of every topic's payload, in the order of the table.
+pub fn layouts() -> Vec<Layout> {
+    Topic::ALL.iter().map(|topic| layout(*topic)).collect()
 }
 
-topics! {
-    SensorReading ReceiverReading ImuSample MagSample GnssFix Reference GyroStep AccelPoint FusedState AttitudeOutput
-    Credit Checkpoint Difference Control Health
+/// The layout of a topic's payload.
+pub fn layout(topic: Topic) -> Layout {
+    dispatch!(topic, M => M::layout())
 }
 
-/// Topics with one message of every tick.
-pub const EVERY_TICK: [&str; 5] =
-    [ImuSample::TOPIC, GyroStep::TOPIC, AccelPoint::TOPIC, FusedState::TOPIC, AttitudeOutput::TOPIC];
-
-/// What is to be done with the payload's type of a topic known by its name.
-pub trait Visitor {
-    /// What comes of it.
-    type Output;
-    /// Does it.
-    fn visit<M: Message>(self) -> Self::Output;
+/// The length of a topic's payload, bytes.
+pub fn size(topic: Topic) -> usize {
+    dispatch!(topic, M => size_of::<M>())
 }
 
 /// A payload of a topic.
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
-    /// The topic's name.
-    const TOPIC: &'static str;
+    /// What the table says of the topic that carries it.
+    const TOPIC: &'static Entry;
     /// The type's name with its version; a change of meaning changes it.
     const TYPE: &'static str;
 
     /// Names, types and places of the fields.
     fn layout() -> Layout;
+
+    /// Of when it is on the source's clock, ns, where it says so; ticks come `rate_hz` times a second.
+    fn source_time_ns(&self, _rate_hz: f64) -> Option<i64> {
+        None
+    }
 }
 
 /// A message that descends from one IMU sample.
 pub trait Ticked: Message {
+    /// The flag of the ticks that have one; none where every tick has.
+    const FLAG: Flags;
+
     /// Where it comes from.
     fn header(&self) -> &Header;
     /// Where it comes from.
@@ -104,10 +78,11 @@ pub trait Ticked: Message {
 /// FNV-1a, 64 bits, continued from `hash`; start with [`HASH_START`].
 pub fn hash(mut hash: u64, bytes: &[u8]) -> u64 {
     for byte in bytes {
-        hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        hash = (hash ^ u64::from(*byte)).wrapping_mul(HASH_PRIME);
     }
     hash
 }
 
 /// The hash of nothing.
 pub const HASH_START: u64 = 0xcbf2_9ce4_8422_2325;
+const HASH_PRIME: u64 = 0x0000_0100_0000_01b3;

@@ -1,7 +1,7 @@
 //! Which field of a row is what.
 
 use crate::{
-    error::{Fault, Place, excerpt},
+    error::{Fault, Position, excerpt},
     input::unquoted,
 };
 use csv::ByteRecord;
@@ -48,13 +48,13 @@ pub(crate) fn names(
     header: &ByteRecord,
     line: u64,
     known: &'static [&'static str],
-) -> Result<Vec<&'static str>, (Place, Fault)> {
+) -> Result<Vec<&'static str>, (Position, Fault)> {
     let mut names = Vec::with_capacity(header.len());
     for (index, field) in header.iter().enumerate() {
         let field = if index == 0 { field.strip_prefix(BYTE_ORDER_MARK).unwrap_or(field) } else { field };
-        let name = name(unquoted(field), known).map_err(|fault| (Place::field(line, index, None), fault))?;
+        let name = name(unquoted(field), known).map_err(|fault| (Position::field(line, index, None), fault))?;
         if let Some(first) = names.iter().position(|&earlier| earlier == name) {
-            return Err((Place::field(line, index, Some(name)), Fault::RepeatedColumn { first: first + 1 }));
+            return Err((Position::field(line, index, Some(name)), Fault::RepeatedColumn { first: first + 1 }));
         }
         names.push(name);
     }

@@ -21,7 +21,7 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
         /// Where in it.
-        place: Place,
+        place: Position,
         /// What was found there and what was expected.
         fault: Fault,
     },
@@ -36,11 +36,31 @@ pub enum RecordingError {
         /// The rows it has.
         rows: u64,
     },
+    /// The file cannot be made or written.
+    #[error("writing {}: {cause}; make room, or name another place", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        cause: io::Error,
+    },
+    /// A row that would not be read as it is.
+    #[error("writing {}: row {row}: found {found}, expected {expected}", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// The row, from 1.
+        row: u64,
+        /// What it has.
+        found: String,
+        /// What can be written.
+        expected: &'static str,
+    },
 }
 
 /// A place in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct Position {
     /// Line, from 1.
     pub line: u64,
     /// Field, from 1; `None` for the line as a whole.
@@ -49,7 +69,7 @@ pub struct Place {
     pub name: Option<&'static str>,
 }
 
-impl Place {
+impl Position {
     pub(crate) fn line(line: u64) -> Self {
         Self { line, column: None, name: None }
     }
@@ -60,7 +80,7 @@ impl Place {
     }
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Position {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "line {}", self.line)?;
         if let Some(column) = self.column {

@@ -6,7 +6,13 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{columns::indices, error::RecordingError, table::Table, time};
+use crate::{
+    columns::indices,
+    error::RecordingError,
+    output::{Output, number},
+    table::Table,
+    time,
+};
 
 const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
 const LATITUDE: &str = "lat_deg";
@@ -82,6 +88,53 @@ pub fn beside(recording: &Path) -> Option<PathBuf> {
     GNSS_ENDS.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
 }
 
+/// Where the fixes of a recording are to be written so that [`beside`] finds them; `None` for a recording whose name does not end in
+/// `_imu.csv` or `_imu.csv.gz`.
+pub fn place(recording: &Path) -> Option<PathBuf> {
+    let name = recording.file_name()?.to_str()?;
+    let stem = IMU_ENDS.iter().find_map(|end| name.strip_suffix(end))?;
+    Some(recording.with_file_name(format!("{stem}{}", GNSS_ENDS[0])))
+}
+
+/// Writes fixes that [`Fixes`] gives back one for one: for this user's eyes only, in place once they are whole. Without
+/// [`Writer::finish`] there is no file.
+pub struct Writer {
+    output: Output,
+    rows: u64,
+}
+
+impl Writer {
+    /// Begins a file in place of the one that may be there.
+    pub fn create(path: &Path) -> Result<Self, RecordingError> {
+        let mut output = Output::create(path)?;
+        output.write(&KNOWN.join(","))?;
+        output.write("\n")?;
+        Ok(Self { output, rows: 0 })
+    }
+
+    /// Writes the next fix. Longitude in degrees, east positive, and altitude in m are for others to read; nan where they are not known.
+    pub fn write(&mut self, fix: &Fix, longitude_deg: f64, altitude_m: f64) -> Result<(), RecordingError> {
+        self.rows += 1;
+        if !time::is_readable(fix.t_ns) {
+            return Err(RecordingError::Unwritable {
+                path: self.output.path().to_owned(),
+                row: self.rows,
+                found: format!("the time {} ns", fix.t_ns),
+                expected: time::EXPECTED,
+            });
+        }
+        let [east, north, up] = fix.velocity_m_s.map(number);
+        let latitude = number(fix.latitude_deg.unwrap_or(f64::NAN));
+        let (t_s, longitude, altitude) = (time::Seconds(fix.t_ns), number(longitude_deg), number(altitude_m));
+        self.output.write(&format!("{t_s},{east},{north},{up},{latitude},{longitude},{altitude}\n"))
+    }
+
+    /// Puts the file in its place.
+    pub fn finish(self) -> Result<(), RecordingError> {
+        self.output.finish()
+    }
+}
+
 /// Reads a file from end to end, so that whatever is malformed in it is found now.
 pub fn check(path: &Path) -> Result<(), RecordingError> {
     let mut fixes = Fixes::open(path)?;
@@ -107,7 +160,7 @@ mod tests {
             "t_s,ve,vn,vu,lat_deg,lon_deg,alt_m\n0.1,1,2,3,-37.8,145,80\n0.2,4,5,6,nan,145,80\n0.25,7,8,9,0,0,0\n",
         );
         let mut fixes = Fixes::open(file.path()).unwrap();
-        let mut until = |t_ms: i64| fixes.until(t_ms * 1_000_000).unwrap();
+        let mut until = |t_ms: i64| fixes.until(t_ms.saturating_mul(1_000_000)).unwrap();
         assert_eq!(until(99), None);
         let first = Fix { t_ns: 100_000_000, velocity_m_s: [1.0, 2.0, 3.0], latitude_deg: Some(-37.8) };
         assert_eq!(until(100), Some(first));

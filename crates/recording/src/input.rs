@@ -3,7 +3,7 @@
 //! Input: bytes, gzip if they begin with its magic number. Output: the fields of every line that is not blank, with the
 //! line's number. Failure: a damaged stream, or a line that would not fit into [`LINE_MAX_BYTES`].
 
-use crate::error::{Fault, Place};
+use crate::error::{Fault, Position};
 use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator};
 use flate2::read::MultiGzDecoder;
 use std::{
@@ -53,13 +53,13 @@ impl Lines {
     }
 
     /// The next line that is not blank and its number; `None` at the end.
-    pub(crate) fn next(&mut self, record: &mut ByteRecord) -> Result<Option<u64>, (Place, Fault)> {
+    pub(crate) fn next(&mut self, record: &mut ByteRecord) -> Result<Option<u64>, (Position, Fault)> {
         loop {
             match self.records.read_byte_record(record) {
                 Ok(false) => return Ok(None),
                 Ok(true) if record.len() == 1 && record[0].trim_ascii().is_empty() => {}
                 Ok(true) => return Ok(Some(self.line() - 1)),
-                Err(error) => return Err((Place::line(self.line()), fault(error))),
+                Err(error) => return Err((Position::line(self.line()), fault(error))),
             }
         }
     }

@@ -4,10 +4,13 @@ use std::path::Path;
 
 use crate::{
     columns::Columns,
-    error::{Fault, Place, RecordingError},
+    error::{Fault, Position, RecordingError},
     table::{Fields, Table},
     time,
 };
+
+/// What rounding alone makes of the length of a unit quaternion.
+const LENGTH_ERROR: f64 = 4.0 * f64::EPSILON;
 
 /// One sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +54,7 @@ impl Iterator for Reader {
     }
 }
 
-fn row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Place, Fault)> {
+fn row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Position, Fault)> {
     Ok(Row {
         t_ns: fields.parsed(columns.time, time::EXPECTED, time::parse_ns)?,
         rate_rad_s: fields.numbers(columns.rate)?,
@@ -61,13 +64,13 @@ fn row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Place, Fault)> {
     })
 }
 
-fn field(fields: &Fields<'_>, columns: &Columns) -> Result<Option<[f64; 3]>, (Place, Fault)> {
+fn field(fields: &Fields<'_>, columns: &Columns) -> Result<Option<[f64; 3]>, (Position, Fault)> {
     let Some(indices) = columns.field else { return Ok(None) };
     let field = fields.numbers(indices)?;
     Ok((!field.iter().any(|part| part.is_nan())).then_some(field))
 }
 
-fn reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Reference>, (Place, Fault)> {
+fn reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Reference>, (Position, Fault)> {
     let scored = match columns.scored {
         Some(index) => fields.parsed(index, "0 or 1", flag)?,
         None => true,
@@ -76,7 +79,10 @@ fn reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Reference>
     let quaternion = fields.numbers(indices)?;
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     let turns = length > 0.0 && length.is_finite();
-    Ok(turns.then(|| Reference { quaternion: quaternion.map(|part| part / length), scored }))
+    // To divide one of unit length by its rounded length would change its last digits at every reading.
+    let is_unit = (length - 1.0).abs() <= LENGTH_ERROR;
+    let unit = if is_unit { quaternion } else { quaternion.map(|part| part / length) };
+    Ok(turns.then_some(Reference { quaternion: unit, scored }))
 }
 
 fn flag(text: &str) -> Option<bool> {

@@ -9,7 +9,7 @@ use csv::ByteRecord;
 
 use crate::{
     columns,
-    error::{Fault, Place, RecordingError},
+    error::{Fault, Position, RecordingError},
     input::{Lines, unquoted},
 };
 
@@ -39,8 +39,8 @@ impl<C> Table<C> {
         let mut record = ByteRecord::new();
         let header = match lines.next(&mut record) {
             Ok(Some(line)) => columns::names(&record, line, known)
-                .and_then(|names| Ok((columns(&names).map_err(|fault| (Place::line(line), fault))?, names))),
-            Ok(None) => Err((Place::line(1), Fault::Empty)),
+                .and_then(|names| Ok((columns(&names).map_err(|fault| (Position::line(line), fault))?, names))),
+            Ok(None) => Err((Position::line(1), Fault::Empty)),
             Err(malformed) => Err(malformed),
         };
         match header {
@@ -54,7 +54,7 @@ impl<C> Table<C> {
     /// What `row` makes of the next line; `None` at the end.
     pub(crate) fn next<T>(
         &mut self,
-        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Place, Fault)>,
+        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, Fault)>,
     ) -> Option<Result<T, RecordingError>> {
         if self.ended {
             return None;
@@ -69,10 +69,10 @@ impl<C> Table<C> {
 
     fn next_row<T>(
         &mut self,
-        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Place, Fault)>,
-    ) -> Result<Option<T>, (Place, Fault)> {
+        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, Fault)>,
+    ) -> Result<Option<T>, (Position, Fault)> {
         let Some(line) = self.lines.next(&mut self.record)? else {
-            return if self.rows == 0 { Err((Place::line(self.lines.line() - 1), Fault::NoRows)) } else { Ok(None) };
+            return if self.rows == 0 { Err((Position::line(self.lines.line() - 1), Fault::NoRows)) } else { Ok(None) };
         };
         self.rows += 1;
         let fields = Fields { record: &self.record, names: &self.names, line };
@@ -99,7 +99,7 @@ pub(crate) struct Fields<'a> {
 
 impl Fields<'_> {
     /// Refuses a line that is not as long as the header, or no text.
-    fn check(&self) -> Result<(), (Place, Fault)> {
+    fn check(&self) -> Result<(), (Position, Fault)> {
         let (found, expected) = (self.record.len(), self.names.len());
         if found != expected {
             return Err((self.place(found.min(expected)), Fault::RowLength { found, expected }));
@@ -110,7 +110,7 @@ impl Fields<'_> {
         Ok(())
     }
 
-    pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<[f64; N], (Place, Fault)> {
+    pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<[f64; N], (Position, Fault)> {
         let mut values = [0.0; N];
         for (value, index) in values.iter_mut().zip(indices) {
             *value = self.parsed(index, "a number", |text| text.parse().ok())?;
@@ -123,17 +123,17 @@ impl Fields<'_> {
         index: usize,
         expected: &'static str,
         parse: impl Fn(&str) -> Option<T>,
-    ) -> Result<T, (Place, Fault)> {
+    ) -> Result<T, (Position, Fault)> {
         let text = self.text(index)?;
         parse(text).ok_or_else(|| (self.place(index), Fault::value(text.as_bytes(), expected)))
     }
 
-    fn text(&self, index: usize) -> Result<&str, (Place, Fault)> {
+    fn text(&self, index: usize) -> Result<&str, (Position, Fault)> {
         let field = unquoted(&self.record[index]);
         str::from_utf8(field).map_err(|_| (self.place(index), Fault::value(field, "UTF-8 text")))
     }
 
-    fn place(&self, index: usize) -> Place {
-        Place::field(self.line, index, self.names.get(index).copied())
+    fn place(&self, index: usize) -> Position {
+        Position::field(self.line, index, self.names.get(index).copied())
     }
 }

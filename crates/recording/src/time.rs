@@ -1,5 +1,7 @@
 //! Times as recordings write them.
 
+use std::fmt;
+
 /// Whole seconds from here on leave no room in 64 bits of nanoseconds.
 const END_S: i64 = 9_000_000_000;
 const NS_PER_S: i64 = 1_000_000_000;
@@ -32,9 +34,53 @@ pub(crate) fn parse_ns(text: &str) -> Option<i64> {
     Some(sign * (whole_s * NS_PER_S + fraction_ns + carry_ns))
 }
 
+/// [`parse_ns`] takes the seconds of this time.
+pub(crate) fn is_readable(t_ns: i64) -> bool {
+    t_ns.unsigned_abs() / NS_PER_S.unsigned_abs() < END_S.unsigned_abs()
+}
+
+/// A time in ns, as [`parse_ns`] reads it: seconds with as many digits as it needs.
+pub(crate) struct Seconds(pub(crate) i64);
+
+impl fmt::Display for Seconds {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let per_s = NS_PER_S.unsigned_abs();
+        let (whole_s, mut fraction) = (self.0.unsigned_abs() / per_s, self.0.unsigned_abs() % per_s);
+        write!(f, "{}{whole_s}", if self.0 < 0 { "-" } else { "" })?;
+        if fraction == 0 {
+            return Ok(());
+        }
+        let mut digits = 9;
+        while fraction.is_multiple_of(10) {
+            (fraction, digits) = (fraction / 10, digits - 1);
+        }
+        write!(f, ".{fraction:0digits$}")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_time_is_written_with_the_digits_it_needs() {
+        for (t_ns, text) in [
+            (0, "0"),
+            (3_500_000, "0.0035"),
+            (-500_000_000, "-0.5"),
+            (1_700_000_000_123_456_789, "1700000000.123456789"),
+            (7_000_000_000, "7"),
+            (1, "0.000000001"),
+        ] {
+            assert_eq!(Seconds(t_ns).to_string(), text);
+            assert_eq!(parse_ns(text), Some(t_ns));
+        }
+        let end_ns = END_S * NS_PER_S;
+        for (t_ns, readable) in [(end_ns - 1, true), (end_ns, false), (-end_ns, false), (i64::MIN, false)] {
+            assert_eq!(is_readable(t_ns), readable);
+            assert_eq!(parse_ns(&Seconds(t_ns).to_string()), readable.then_some(t_ns));
+        }
+    }
 
     #[test]
     fn decimals_keep_every_nanosecond() {

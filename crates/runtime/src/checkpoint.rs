@@ -7,7 +7,7 @@ use attitude::stage::{RestoreError, STATE_LIMIT, Snapshot, Stage};
 use launch::Service;
 use messages::{CHECKPOINT_WORDS, Checkpoint};
 
-use crate::{slot::Slot, words::Words};
+use crate::{slot::Slot, state_words::Words};
 
 /// How much a slot took over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,12 +35,13 @@ pub enum ResumeError {
     Stage(#[from] RestoreError),
 }
 
-/// The checkpoint of a slot.
-pub fn checkpoint<S: Slot>(slot: &mut S, service: Service, incarnation: u32) -> Checkpoint {
+/// The checkpoint of a slot; `swapped` while its first output is to come that says that another stage than before has made it.
+pub fn checkpoint<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swapped: bool) -> Checkpoint {
     let mut record = Checkpoint {
         next_tick: slot.sequence().next_tick,
         service: service as u32,
         incarnation,
+        swapped: swapped.into(),
         ..bytemuck::Zeroable::zeroed()
     };
     for (place, byte) in record.stage.iter_mut().zip(slot.stage().name().bytes()) {
@@ -59,32 +60,42 @@ pub fn checkpoint<S: Slot>(slot: &mut S, service: Service, incarnation: u32) -> 
 }
 
 /// Goes on from a checkpoint: bit for bit if it is of the same stage, else with what every stage can take over.
-pub fn resume<S: Slot + Clone>(slot: &mut S, service: Service, record: &Checkpoint) -> Result<Resumed, ResumeError> {
+pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     if record.service != service as u32 {
         return Err(ResumeError::OtherSlot);
     }
+    let mut before = Vec::new();
+    slot.visit_own(&mut |word| before.push(*word));
+    let resumed = take_over(slot, record);
+    if resumed.is_err() {
+        // They are as many as were read.
+        fill(&before, |visit| slot.visit_own(visit))?;
+    }
+    resumed
+}
+
+/// The same, but for the slot's own words, which stay where the stage or they themselves refuse. The stage comes last: a stage that refuses is as
+/// it was.
+fn take_over<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     let [own, common, numbers] = parts(record)?;
-    let mut resumed = slot.clone();
-    fill(own, |visit| resumed.visit_own(visit))?;
-    if resumed.sequence().next_tick != record.next_tick {
+    fill(own, |visit| slot.visit_own(visit))?;
+    if slot.sequence().next_tick != record.next_tick {
         return Err(ResumeError::Damaged);
     }
-    if let Some(flaw) = resumed.own_flaw() {
+    if let Some(flaw) = slot.own_flaw() {
         return Err(ResumeError::Flaw(flaw));
     }
-    let how = if record.stage() == resumed.stage().name() {
-        resumed.stage_mut().restore(&snapshot(slot.stage().name(), numbers)?)?;
-        Resumed::Whole
-    } else {
-        let mut shared = resumed.stage().common();
-        fill(common, |visit| shared.visit(visit))?;
-        if resumed.has_begun() {
-            resumed.stage_mut().adopt(&shared)?;
-        }
-        Resumed::Common
-    };
-    *slot = resumed;
-    Ok(how)
+    if record.stage() == slot.stage().name() {
+        let record = snapshot(slot.stage().name(), numbers)?;
+        slot.stage_mut().restore(&record)?;
+        return Ok(Resumed::Whole);
+    }
+    let mut shared = slot.stage().common();
+    fill(common, |visit| shared.visit(visit))?;
+    if slot.has_begun() {
+        slot.stage_mut().adopt(&shared)?;
+    }
+    Ok(Resumed::Common)
 }
 
 /// What every stage of the slot can go on with, in the place of what `common` holds.

@@ -1,6 +1,6 @@
-//! The monotonic clock: for stamps, waits and paces, never for a result.
+//! The monotonic clock, and the time of processors: for stamps, waits, paces and figures, never for a result.
 
-use std::time::Duration;
+use std::{fs, time::Duration};
 
 use rustix::{
     thread::clock_nanosleep_absolute,
@@ -20,6 +20,17 @@ pub fn sleep_until_ns(at_ns: u64, limit: Duration) {
     let at = Timespec { tv_sec: (at_ns / 1_000_000_000) as i64, tv_nsec: (at_ns % 1_000_000_000) as i64 };
     // Woken early by a signal: the caller looks at the clock again.
     let _ = clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &at);
+}
+
+/// Processor time that the threads of a process have had, ns; `None` where there is no such process.
+pub fn cpu_ns(pid: u32) -> Option<u64> {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
+    let had_ns = threads.flatten().filter_map(|thread| {
+        // One that has just ended is not counted.
+        let text = fs::read_to_string(thread.path().join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<u64>().ok()
+    });
+    Some(had_ns.sum())
 }
 
 /// Asks the kernel to end this thread's sleeps on time instead of up to 50 µs late.

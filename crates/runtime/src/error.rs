@@ -12,9 +12,9 @@ pub enum RuntimeError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The orders on standard input were not those of a supervisor.
-    #[error("reading the orders of service {service}: {cause}; services are started by `plumb up`")]
-    Orders {
+    /// The configuration on standard input were not those of a supervisor.
+    #[error("reading the configuration of service {service}: {cause}; services are started by `plumb up`")]
+    ServiceConfig {
         /// Who was to read them.
         service: Service,
         /// What is wrong with them.
@@ -36,15 +36,16 @@ pub enum RuntimeError {
         /// The name asked for.
         stage: String,
     },
-    /// A program of the user's, where there are no processes.
-    #[error(
-        "filling the slot `{slot}`: `{stage}` is a program of its own and runs only as a process; leave out --in-process"
-    )]
-    Program {
+    /// A stage that is a program of its own does not start.
+    #[error(transparent)]
+    Program(#[from] host::HostError),
+    /// A stage cannot go on.
+    #[error("filling the slot `{slot}`: {why}")]
+    Failed {
         /// The slot.
         slot: Service,
-        /// The name asked for.
-        stage: String,
+        /// Why not.
+        why: String,
     },
     /// A parameter that the stage does not take.
     #[error("setting `{name}` of the stage `{stage}` in the slot `{slot}`: {cause}")]

@@ -7,42 +7,49 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`slot`] | a slot's work without clock or bus |
-//! | [`words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
+//! | [`state_words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`prior`] | what is known of the sensors before the first sample |
-//! | [`orders`] | what a service is told at its start, and what follows from it |
-//! | [`said`] | what it says on standard error |
-//! | [`member`] | a service's place in a running system |
+//! | [`quantities`] | what messages mean in the mathematics |
+//! | [`service_config`] | what a service is told at its start, and what follows from it |
+//! | [`stderr_tail`] | what it says on standard error |
+//! | [`service_context`] | a service's place in a running system |
 //! | [`reader`] | a topic as a slot reads it |
+//! | [`slot_service`] | a slot's service without bus and clock: its work, who owns it, its checkpoints |
 //! | [`service`] | the loop over the bus |
+//! | [`comparable`] | what of two outputs can be compared |
 //! | [`shadow`] | a candidate beside the stage that owns the slot |
 //! | [`stage`] | filling a slot with what the launch file names |
-//! | [`clock`] | the monotonic clock |
+//! | [`clock`] | the monotonic clock, and the time of processors |
 #![forbid(unsafe_code)]
 
 pub mod checkpoint;
 pub mod clock;
+pub mod comparable;
 mod error;
 pub mod join;
-pub mod member;
-pub mod orders;
 pub mod prior;
+pub mod quantities;
 pub mod reader;
-pub mod said;
 pub mod service;
+pub mod service_config;
+pub mod service_context;
 pub mod shadow;
 pub mod slot;
+pub mod slot_service;
 pub mod stage;
-pub mod words;
+pub mod state_words;
+pub mod stderr_tail;
 
 pub use error::RuntimeError;
-pub use join::{Beside, Join, Joined};
-pub use member::Member;
-pub use orders::{Orders, Pace, Role};
+pub use join::{Join, Joined, Lane, Lanes};
 pub use prior::{Known, Prior};
 pub use reader::{Input, Reader};
 pub use service::serve;
-pub use slot::{EachTick, Sequence, Slot, Work};
+pub use service_config::{Pace, Role, ServiceConfig};
+pub use service_context::ServiceContext;
+pub use slot::{EachTick, Slot, Work};
+pub use swap::Sequence;
 
 /// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.
 pub const BRIDGE_S: f64 = 1.0;

@@ -1,12 +1,15 @@
 //! A topic as a slot reads it: each tick once, in order, whoever publishes.
 
-use std::{cell::RefCell, time::Duration};
+use std::{cell::RefCell, collections::VecDeque, time::Duration};
 
 use bus::{BusError, Subscriber, Woken};
 use messages::{Message, Ticked};
-use swap::Inlet;
+use swap::{ReorderBuffer, Sequence};
 
-use crate::{orders::Orders, service::FIRST_EPOCH};
+use crate::service_config::{FIRST_EPOCH, ServiceConfig};
+
+/// Publishers of a topic whose messages may wait at once: an owner that has ended, one that has been swapped, the next.
+const PUBLISHERS_MAX: usize = 3;
 
 /// A topic that a slot reads.
 pub trait Input<I> {
@@ -16,7 +19,7 @@ pub trait Input<I> {
     fn wait(&self, limit: Duration) -> Woken;
     /// The tick after the newest one that was ever about to be published.
     fn next_tick(&self) -> u64;
-    /// Messages left out because they came again: by fault, and because another life said them again.
+    /// Messages left out because they came again: by fault, and because another incarnation said them again.
     fn repeated(&self) -> [u64; 2] {
         [0; 2]
     }
@@ -26,30 +29,91 @@ pub trait Input<I> {
 #[derive(Debug)]
 pub struct Reader<M: Ticked> {
     subscriber: Subscriber<M>,
-    inlet: RefCell<Inlet<M>>,
+    /// Messages read at a time: what the buffers of its publishers hold.
+    read_max: usize,
+    stream: RefCell<Stream<M>>,
+}
+
+/// One stream out of what several publishers have sent, whatever the order in which it is read.
+///
+/// A reader that was away finds the messages of one publisher before those of another. What is there is brought into the order of ticks
+/// before any of it counts as missing.
+#[derive(Debug, Clone)]
+pub struct Stream<M> {
+    reorder_buffer: ReorderBuffer<M>,
+    staged: VecDeque<M>,
+}
+
+impl<M: Ticked> Stream<M> {
+    /// Begins with `next_tick`; before `expected_until` everything has been published, and is on its way.
+    pub fn new(next_tick: u64, expected_until: u64, config: &ServiceConfig) -> Self {
+        let mut reorder_buffer = ReorderBuffer::starting(next_tick, FIRST_EPOCH, config.lateness_ticks() / 2);
+        reorder_buffer.expect_until(expected_until);
+        Self { reorder_buffer, staged: VecDeque::new() }
+    }
+
+    /// Takes all that is there from `read`, and hands what has its turn of at most `limit` messages to `take`.
+    pub fn advance<E>(
+        &mut self,
+        limit: usize,
+        read: impl FnOnce(&mut dyn FnMut(M)) -> Result<(), E>,
+        take: &mut dyn FnMut(M),
+    ) -> Result<(), E> {
+        let Self { reorder_buffer, staged } = self;
+        let mut in_order = true;
+        let result = read(&mut |message| {
+            in_order &= staged.back().is_none_or(|last| last.header().tick <= message.header().tick);
+            staged.push_back(message);
+        });
+        if !in_order {
+            staged.make_contiguous().sort_by_key(|message| message.header().tick);
+        }
+        for message in staged.drain(..limit.min(staged.len())) {
+            reorder_buffer.offer(message, &mut |message, _| take(message));
+        }
+        result
+    }
+
+    /// Hands over what still waits for ticks before it: nothing more comes.
+    pub fn finish(&mut self, take: &mut dyn FnMut(M)) {
+        let Self { reorder_buffer, staged } = self;
+        staged.drain(..).for_each(|message| reorder_buffer.offer(message, &mut |message, _| take(message)));
+        reorder_buffer.finish(&mut |message, _| take(message));
+    }
+
+    /// There is something that was not handed over yet.
+    pub fn is_staged(&self) -> bool {
+        !self.staged.is_empty()
+    }
+
+    /// The stream so far.
+    pub fn sequence(&self) -> &Sequence {
+        self.reorder_buffer.sequence()
+    }
 }
 
 impl<M: Ticked> Reader<M> {
     /// Begins with `next_tick`.
-    pub fn new(subscriber: Subscriber<M>, next_tick: u64, orders: &Orders) -> Self {
-        let inlet = Inlet::starting(next_tick, FIRST_EPOCH, orders.lateness_ticks() / 2);
-        Self { subscriber, inlet: RefCell::new(inlet) }
+    pub fn new(subscriber: Subscriber<M>, next_tick: u64, config: &ServiceConfig) -> Self {
+        let read_max = PUBLISHERS_MAX * config.buffer_ticks();
+        let stream = Stream::new(next_tick, subscriber.next_tick(), config);
+        Self { subscriber, read_max, stream: RefCell::new(stream) }
     }
 
     /// Hands over what still waits for ticks before it: nothing more comes.
     pub fn finish(&self, take: &mut dyn FnMut(M)) {
-        self.inlet.borrow_mut().finish(&mut |message, _| take(message));
+        self.stream.borrow_mut().finish(take);
     }
 }
 
 impl<I: From<M>, M: Ticked> Input<I> for Reader<M> {
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
-        let mut inlet = self.inlet.borrow_mut();
-        self.subscriber.drain(limit, |message| inlet.offer(message, &mut |message, _| take(message.into())))
+        let read = |stage: &mut dyn FnMut(M)| self.subscriber.drain(self.read_max, stage);
+        self.stream.borrow_mut().advance(limit, read, &mut |message| take(message.into()))
     }
 
     fn wait(&self, limit: Duration) -> Woken {
-        self.subscriber.wait(limit)
+        if self.stream.borrow().is_staged() { Woken::Work } else { self.subscriber.wait(limit) }
     }
 
     fn next_tick(&self) -> u64 {
@@ -57,8 +121,9 @@ impl<I: From<M>, M: Ticked> Input<I> for Reader<M> {
     }
 
     fn repeated(&self) -> [u64; 2] {
-        let counts = *self.inlet.borrow().counts();
-        [counts.duplicated, counts.repeated + counts.superseded]
+        let stream = self.stream.borrow();
+        let Sequence { duplicated, repeated, .. } = *stream.sequence();
+        [duplicated, repeated]
     }
 }
 

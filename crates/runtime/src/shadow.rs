@@ -5,48 +5,16 @@
 
 use std::collections::VecDeque;
 
-use attitude::{Quaternion, metrics::AttitudeError, state::Attitude};
+use attitude::{Quaternion, metrics::AttitudeError};
 use bus::{Publisher, Subscriber};
-use messages::{AccelPoint, AttitudeOutput, Difference, FusedState, GyroStep, Header, Ticked};
+use messages::{Difference, Header, Ticked};
 
-use crate::{Member, RuntimeError, clock::monotonic_ns, orders::BUFFER_BESIDE};
+use crate::{RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::BUFFER_BESIDE};
 
 /// How often the difference is said.
 const INTERVAL_NS: u64 = 100_000_000;
 /// Ticks that wait for the other's.
 const WAITING_MAX: usize = 4096;
-
-/// An output with an attitude in it.
-pub trait Comparable {
-    /// The attitude, body → reference; `None` when a number is not finite.
-    fn attitude(&self) -> Option<Quaternion<f64>>;
-}
-
-impl Comparable for GyroStep {
-    fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(self.motion(0.0)?.attitude.quaternion())
-    }
-}
-
-impl Comparable for AccelPoint {
-    fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(Attitude::levelled(self.point()?).quaternion())
-    }
-}
-
-impl Comparable for FusedState {
-    fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(FusedState::attitude(self)?.quaternion())
-    }
-}
-
-impl Comparable for AttitudeOutput {
-    fn attitude(&self) -> Option<Quaternion<f64>> {
-        let [w, x, y, z] = self.quaternion;
-        let sound = [w, x, y, z, self.course_rad].iter().all(|number| number.is_finite());
-        sound.then(|| Quaternion::new(w, x, y, z))
-    }
-}
 
 /// Compares a candidate with the owner.
 pub(crate) struct Shadowing<O: Ticked + Comparable> {
@@ -67,15 +35,15 @@ struct Sums {
 }
 
 impl<O: Ticked + Comparable> Shadowing<O> {
-    pub(crate) fn begin(member: &Member) -> Result<Self, RuntimeError> {
+    pub(crate) fn begin(context: &ServiceContext) -> Result<Self, RuntimeError> {
         let message = Difference {
-            service: member.service as u32,
-            incarnation: member.orders.incarnation,
+            service: context.service as u32,
+            incarnation: context.config.incarnation,
             ..bytemuck::Zeroable::zeroed()
         };
         Ok(Self {
-            owner: member.bus.late_subscriber(member.orders.buffer_ticks())?,
-            said: member.bus.publisher(BUFFER_BESIDE)?,
+            owner: context.bus.late_subscriber(context.config.buffer_ticks())?,
+            said: context.bus.publisher(BUFFER_BESIDE)?,
             waiting: VecDeque::new(),
             sums: Sums::default(),
             message,

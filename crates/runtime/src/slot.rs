@@ -1,9 +1,10 @@
 //! A slot's work without clock or bus: messages in, messages out, in the order of ticks.
 
-use attitude::stage::Stage;
-use messages::{Flags, Header, Ticked};
+use attitude::stage::{Sound, Stage};
+use messages::{Header, Ticked};
+use swap::Sequence;
 
-use crate::{shadow::Comparable, words::Words};
+use crate::{comparable::Comparable, stage::Filled, state_words::Words};
 
 /// The work of a slot. What it gives out depends on what it was offered, and on nothing else.
 pub trait Slot {
@@ -14,7 +15,7 @@ pub trait Slot {
     /// What fills it.
     type Stage: Stage<Common: Words> + Clone;
 
-    /// Takes a message; hands every output that has become certain to `publish`.
+    /// Takes a message; hands every output that has become certain to `publish`, as long as its stage can go on.
     fn offer(&mut self, input: Self::Input, publish: &mut dyn FnMut(Self::Output));
 
     /// The stream it gives out, so far.
@@ -24,6 +25,9 @@ pub trait Slot {
     fn lacks(&self) -> usize {
         0
     }
+
+    /// Why nothing more comes of it: its stage cannot go on.
+    fn failure(&self) -> Option<String>;
 
     /// The stage.
     fn stage(&self) -> &Self::Stage;
@@ -55,23 +59,24 @@ pub trait Work {
     /// What it publishes.
     type Output: Ticked + Comparable;
     /// What does it.
-    type Stage: Stage<Common: Words> + Clone;
+    type Stage: Stage<Common: Words, Output: Sound> + Clone;
 
-    /// The work of one tick. `header` is the output's, with what the input said; ticks missing before it are flagged.
-    fn work(&mut self, input: &Self::Input, header: Header) -> Self::Output;
+    /// The work of one tick; `None` where the stage cannot go on. `header` is the output's, with what the input said; ticks missing before it
+    /// are flagged.
+    fn work(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
-    /// The stage.
-    fn stage(&self) -> &Self::Stage;
+    /// The stage in the slot.
+    fn filled(&self) -> &Filled<Self::Stage>;
 
-    /// The stage, to be given a state.
-    fn stage_mut(&mut self) -> &mut Self::Stage;
+    /// The same, to be given a state.
+    fn filled_mut(&mut self) -> &mut Filled<Self::Stage>;
 
     /// Hands every word to `visit` that the next output depends on, beside the stage.
     fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64));
 }
 
 /// A slot with one input, which it takes in the order of ticks.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct EachTick<W> {
     work: W,
     sequence: Sequence,
@@ -92,8 +97,14 @@ impl<W: Work> Slot for EachTick<W> {
     fn offer(&mut self, input: W::Input, publish: &mut dyn FnMut(W::Output)) {
         if let Some(missing) = self.sequence.admit(input.header()) {
             let header = self.sequence.mark(*input.header(), missing);
-            publish(self.work.work(&input, header));
+            if let Some(output) = self.work.work(&input, header) {
+                publish(output);
+            }
         }
+    }
+
+    fn failure(&self) -> Option<String> {
+        self.work.filled().failure()
     }
 
     fn sequence(&self) -> &Sequence {
@@ -101,59 +112,15 @@ impl<W: Work> Slot for EachTick<W> {
     }
 
     fn stage(&self) -> &W::Stage {
-        self.work.stage()
+        &self.work.filled().stage
     }
 
     fn stage_mut(&mut self) -> &mut W::Stage {
-        self.work.stage_mut()
+        &mut self.work.filled_mut().stage
     }
 
     fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.sequence.visit(visit);
         self.work.visit_own(visit);
-    }
-}
-
-/// A stream in the order of ticks: what is next, what is missing, what came again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Sequence {
-    /// The tick that comes next when nothing is lost.
-    pub next_tick: u64,
-    /// Ticks in the stream.
-    pub ticks: u64,
-    /// Ticks that never came.
-    pub lost: u64,
-    /// Messages left out because they came again, or too late.
-    pub duplicated: u64,
-    /// Messages left out because another life of their sender had sent them already.
-    pub repeated: u64,
-    /// The life that sent the last tick; 0 before the first.
-    pub sender: u32,
-}
-
-impl Sequence {
-    /// Admits a tick to the stream and tells how many before it are missing; `None` for one that has had its turn.
-    pub fn admit(&mut self, header: &Header) -> Option<u64> {
-        let Some(missing) = header.tick.checked_sub(self.next_tick) else {
-            self.refuse(header.incarnation, self.sender);
-            return None;
-        };
-        self.lost += missing;
-        self.ticks += 1;
-        self.next_tick = header.tick.saturating_add(1);
-        self.sender = header.incarnation;
-        Some(missing)
-    }
-
-    /// Leaves out a message whose tick has had its turn: what a new life says again is no fault.
-    pub(crate) fn refuse(&mut self, sender: u32, usual: u32) {
-        let count = if sender == usual { &mut self.duplicated } else { &mut self.repeated };
-        *count += 1;
-    }
-
-    /// A header of the tick just admitted that says what is missing before it.
-    pub fn mark(&self, header: Header, missing: u64) -> Header {
-        let flags = header.flags | Flags::LOST_BEFORE.when(missing > 0);
-        Header { lost_upstream: self.lost, flags, ..header }
     }
 }

@@ -1,4 +1,4 @@
-//! The exchange of a slot's stage as a machine of states, each with a deadline and a way back.
+//! The swap of a slot's stage as a machine of states, each with a deadline and a way back.
 //!
 //! Input: events, with the supervisor's time. Output: actions. Time: told with each event; grows. Failure: until the commitment every
 //! failure gives the slot back to the active stage under a newer decision; after it the candidate is the slot's owner like any other.
@@ -8,14 +8,14 @@ mod change;
 mod state;
 
 use crate::{
-    Control, Standing,
+    Control, OwnershipStatus,
     event::{Action, Event, Limits, Outcome, Reason, Request},
 };
 
 pub use state::State;
 use state::Swap;
 
-/// Exchanges the stage of one slot.
+/// Swaps the stage of one slot.
 #[derive(Debug, Clone)]
 pub struct Coordinator {
     limits: Limits,
@@ -24,7 +24,7 @@ pub struct Coordinator {
     /// The first tick that the slot's owner publishes when it is restarted.
     from_tick: u64,
     active: Option<u32>,
-    standing: Option<Standing>,
+    status: Option<OwnershipStatus>,
     /// The decision under which the active stage is known to own the slot.
     active_epoch: u32,
     checkpoint_tick: u64,
@@ -46,7 +46,7 @@ impl Coordinator {
             epoch,
             from_tick: 0,
             active: Some(active),
-            standing: None,
+            status: None,
             active_epoch: epoch,
             checkpoint_tick: 0,
             newest_input_tick: 0,
@@ -57,7 +57,7 @@ impl Coordinator {
         }
     }
 
-    /// Where the exchange is.
+    /// Where the swap is.
     pub fn state(&self) -> State {
         self.swap.as_ref().map_or(State::Idle, |swap| swap.state)
     }
@@ -67,7 +67,7 @@ impl Coordinator {
         self.epoch
     }
 
-    /// The life that owns the slot, unless it is being restarted.
+    /// The incarnation that owns the slot, unless it is being restarted.
     pub fn active(&self) -> Option<u32> {
         self.active
     }
@@ -90,16 +90,16 @@ impl Coordinator {
     /// Takes an event, then looks at the deadlines; what is to be done comes in order.
     pub fn handle(&mut self, now_ms: u64, event: Event) -> Vec<Action> {
         let mut actions = Vec::new();
-        self.hear(now_ms, event, &mut actions);
+        self.apply(now_ms, event, &mut actions);
         self.go_on(now_ms, &mut actions);
         actions
     }
 
-    fn hear(&mut self, now_ms: u64, event: Event, actions: &mut Vec<Action>) {
+    fn apply(&mut self, now_ms: u64, event: Event, actions: &mut Vec<Action>) {
         match event {
             Event::Request(request) => self.begin(now_ms, request, actions),
             Event::Restarted { incarnation } => {
-                (self.active, self.standing, self.active_epoch) = (Some(incarnation), None, self.epoch);
+                (self.active, self.status, self.active_epoch) = (Some(incarnation), None, self.epoch);
                 self.vacant = false;
             }
             Event::Vacated => {
@@ -111,22 +111,22 @@ impl Coordinator {
             Event::Published { next_tick } => self.published_tick = self.published_tick.max(next_tick),
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
             Event::ReadersKeep { next_tick } => self.readers_tick = self.readers_tick.max(next_tick),
-            Event::Passage => {}
+            Event::Time => {}
             Event::Cancel => {
                 // A shadow that somebody has promoted is not the canceller's any more.
                 if self.swap.as_ref().is_some_and(|swap| swap.request.shadow_only) {
                     self.abort(now_ms, Reason::Cancelled, actions);
                 }
             }
-            Event::Died { incarnation } => self.mourn(now_ms, incarnation, actions),
-            Event::Health { incarnation, standing, flawed } => {
+            Event::Died { incarnation } => self.on_died(now_ms, incarnation, actions),
+            Event::Health { incarnation, status, flawed } => {
                 if self.active == Some(incarnation) {
-                    if standing.decided_epoch == self.epoch && !standing.missed {
+                    if status.decided_epoch == self.epoch && !status.missed {
                         self.active_epoch = self.epoch;
                     }
-                    self.standing = Some(standing);
+                    self.status = Some(status);
                 } else if let Some(swap) = self.swap.as_mut().filter(|swap| swap.candidate == Some(incarnation)) {
-                    swap.standing = Some(standing);
+                    swap.status = Some(status);
                     if flawed {
                         self.abort(now_ms, Reason::Flawed, actions);
                     }
@@ -185,9 +185,9 @@ impl Coordinator {
         actions.push(self.answer(&request, Outcome::Refused, Some(reason), None, 0));
     }
 
-    fn mourn(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
+    fn on_died(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
         if self.active == Some(incarnation) {
-            (self.active, self.standing) = (None, None);
+            (self.active, self.status) = (None, None);
             let goes_on = |swap: &Swap| swap.is_open() && swap.state != State::Aborting && !swap.request.shadow_only;
             if self.swap.as_ref().is_some_and(goes_on) {
                 self.replace(now_ms, actions);
@@ -200,25 +200,41 @@ impl Coordinator {
                 swap.candidate = None;
                 self.abort(now_ms, Reason::CandidateDied, actions);
             } else if matches!(swap.state, State::Committed { old } | State::Retiring { old } if old == incarnation) {
+                // One that was asked to go had stayed long enough.
+                let unasked = matches!(swap.state, State::Committed { .. });
                 self.swap = None;
+                if unasked {
+                    self.make_again(actions);
+                }
             }
         }
     }
 
     /// The slot's owner begins anew from its checkpoint, under the last decision.
     fn restart(&mut self, actions: &mut Vec<Action>) {
-        (self.active, self.standing) = (None, None);
+        (self.active, self.status) = (None, None);
         actions.push(Action::RestartActive { epoch: self.epoch, from_tick: self.from_tick });
+    }
+
+    /// The stage that had the slot is gone before its readers have passed what it alone held for them: the owner makes that again, under a
+    /// decision of its own.
+    fn make_again(&mut self, actions: &mut Vec<Action>) {
+        if self.vacant || self.readers_tick >= self.from_tick {
+            return;
+        }
+        self.epoch += 1;
+        self.from_tick = self.readers_tick;
+        self.restart(actions);
     }
 
     /// Looks at what is reached and what is overdue.
     fn go_on(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let limits = self.limits;
         let lag_ticks = self.lag_ticks();
-        let behind_ticks = self.standing.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
+        let behind_ticks = self.status.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
         let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.lag_max_ticks);
         // Before its first tick nobody knows at which one a slot could change hands.
-        let begun = self.standing.is_some_and(|active| active.next_tick > 0);
+        let begun = self.status.is_some_and(|active| active.next_tick > 0);
         let Some(swap) = &mut self.swap else { return };
         if matches!(swap.state, State::CatchingUp | State::Shadowing) && !begun {
             swap.since_ms = now_ms;
@@ -265,7 +281,7 @@ impl Coordinator {
 
     /// How far the candidate is behind the active stage, where both are known.
     fn lag_ticks(&self) -> Option<u64> {
-        let candidate = self.swap.as_ref()?.standing?;
-        Some(self.standing?.next_tick.saturating_sub(candidate.next_tick))
+        let candidate = self.swap.as_ref()?.status?;
+        Some(self.status?.next_tick.saturating_sub(candidate.next_tick))
     }
 }

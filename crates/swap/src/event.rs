@@ -1,12 +1,12 @@
-//! What the coordinator hears, what it asks for, and how an exchange went.
+//! What the coordinator hears, what it asks for, and how a swap went.
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Control, Standing};
+use crate::{Control, OwnershipStatus};
 
-/// Deadlines and distances of an exchange.
+/// Deadlines and distances of a swap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
     /// Time for the candidate to start and open its topics, ms.
@@ -17,7 +17,7 @@ pub struct Limits {
     pub shadow_ms: u64,
     /// Time from the decision to the report of the first tick published under it, ms.
     pub commit_ms: u64,
-    /// Time for the active stage to take the slot back after an exchange that failed; then it is restarted, ms.
+    /// Time for the active stage to take the slot back after a swap that failed; then it is restarted, ms.
     pub restore_ms: u64,
     /// Longest time that the old stage stays, silent, after the commitment, for readers that restart, ms.
     pub linger_ms: u64,
@@ -29,7 +29,7 @@ pub struct Limits {
     pub margin_ticks: u64,
 }
 
-/// An exchange that somebody asks for.
+/// A swap that somebody asks for.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Request {
     /// The number under which it is answered.
@@ -56,7 +56,7 @@ pub enum Event {
     Cancel,
     /// The candidate runs.
     Spawned {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
     },
     /// The candidate could not be started.
@@ -66,26 +66,26 @@ pub enum Event {
     },
     /// The candidate has opened its topics.
     Ready {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
     },
     /// A service says how it is.
     Health {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
         /// How it stands to the slot.
-        standing: Standing,
+        status: OwnershipStatus,
         /// It has given out what cannot be: NaN, infinity, or a state that is none.
         flawed: bool,
     },
     /// A service has ended.
     Died {
-        /// The life that it was.
+        /// The incarnation that it was.
         incarnation: u32,
     },
     /// The active stage runs again: the answer to [`Action::RestartActive`].
     Restarted {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
     },
     /// The slot's owner has ended and is not started again.
@@ -106,13 +106,13 @@ pub enum Event {
         next_tick: u64,
     },
     /// Time has passed.
-    Passage,
+    Time,
 }
 
 /// What the supervisor is to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Start the stage as a candidate: `Tenure::candidate(its incarnation, epoch, …)`.
+    /// Start the stage as a candidate: `OutputGate::candidate(its incarnation, epoch, …)`.
     SpawnCandidate {
         /// The stage.
         stage: String,
@@ -120,7 +120,7 @@ pub enum Action {
         epoch: u32,
     },
     /// Start the stage in the place of the owner that has ended, from the same checkpoint as [`Action::RestartActive`]:
-    /// `Tenure::owner(its incarnation, epoch, from_tick, …)`. A candidate that is there by now is killed, and the former owner is not
+    /// `OutputGate::owner(its incarnation, epoch, from_tick, …)`. A candidate that is there by now is killed, and the former owner is not
     /// started while the stage lives.
     SpawnOwner {
         /// The stage.
@@ -134,15 +134,15 @@ pub enum Action {
     PublishControl(Control),
     /// End the candidate, by force if it has to be.
     EndCandidate {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
     },
     /// End the stage that had the slot.
     RetireOld {
-        /// Its life.
+        /// Its incarnation.
         incarnation: u32,
     },
-    /// Start the slot's owner anew from its last checkpoint, `Tenure::owner(its incarnation, epoch, from_tick, …)`; end it first if it
+    /// Start the slot's owner anew from its last checkpoint, `OutputGate::owner(its incarnation, epoch, from_tick, …)`; end it first if it
     /// still runs.
     RestartActive {
         /// The decision under which it publishes.
@@ -189,7 +189,7 @@ pub enum Outcome {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Reason {
-    /// Another exchange of this slot is under way.
+    /// Another swap of this slot is under way.
     Busy {
         /// That request's number.
         id: u64,

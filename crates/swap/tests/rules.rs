@@ -1,6 +1,6 @@
 //! The rules of a reader and of a service, one by one.
 
-use swap::{Answer, Control, Counts, Inlet, Stamped, Tenure};
+use swap::{Answer, Control, OutputGate, ReorderBuffer, Sequence, Stamped};
 
 /// Tick, epoch, incarnation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,93 +25,99 @@ impl Stamped for Tick {
 }
 
 /// What the reader delivers for a message: ticks, each with what is missing before it.
-fn offer(inlet: &mut Inlet<Tick>, tick: u64, epoch: u32, incarnation: u32) -> Vec<(u64, u64)> {
+fn offer(reorder_buffer: &mut ReorderBuffer<Tick>, tick: u64, epoch: u32, incarnation: u32) -> Vec<(u64, u64)> {
     let mut delivered = Vec::new();
-    inlet.offer(Tick(tick, epoch, incarnation), &mut |message, missing| delivered.push((message.0, missing)));
+    reorder_buffer.offer(Tick(tick, epoch, incarnation), &mut |message, missing| delivered.push((message.0, missing)));
     delivered
 }
 
 #[test]
 fn a_reader_that_joins_late_begins_with_any_tick_and_counts_those_before_it_as_lost() {
-    let mut inlet = Inlet::joining(1, 10);
-    assert_eq!(offer(&mut inlet, 7, 1, 1), [(7, 7)]);
-    assert_eq!(*inlet.counts(), Counts { next_tick: 8, ticks: 1, lost: 7, ..Counts::default() });
+    let mut reorder_buffer = ReorderBuffer::joining(1, 10);
+    assert_eq!(offer(&mut reorder_buffer, 7, 1, 1), [(7, 7)]);
+    assert_eq!(
+        *reorder_buffer.sequence(),
+        Sequence { next_tick: 8, ticks: 1, lost: 7, sender: 1, ..Sequence::default() }
+    );
 }
 
 #[test]
 fn a_gap_in_the_ticks_of_one_publisher_is_a_loss_and_told_at_once() {
-    let mut inlet = Inlet::starting(0, 1, 10);
-    let delivered = [0, 1, 4, 4, 5].map(|tick| offer(&mut inlet, tick, 1, 1));
+    let mut reorder_buffer = ReorderBuffer::starting(0, 1, 10);
+    let delivered = [0, 1, 4, 4, 5].map(|tick| offer(&mut reorder_buffer, tick, 1, 1));
     assert_eq!(delivered.concat(), [(0, 0), (1, 0), (4, 2), (5, 0)]);
-    assert_eq!((inlet.counts().lost, inlet.counts().duplicated, inlet.counts().repeated), (2, 1, 0));
+    assert_eq!(
+        (reorder_buffer.sequence().lost, reorder_buffer.sequence().duplicated, reorder_buffer.sequence().repeated),
+        (2, 1, 0)
+    );
 }
 
 #[test]
 fn a_restarted_publisher_repeats_and_fills_up_without_a_gap() {
-    let mut inlet = Inlet::starting(0, 1, 10);
+    let mut reorder_buffer = ReorderBuffer::starting(0, 1, 10);
     let offers = [(0, 1), (1, 1), (3, 2), (2, 1), (4, 2), (3, 1)];
-    let delivered = offers.map(|(tick, incarnation)| offer(&mut inlet, tick, 1, incarnation));
+    let delivered = offers.map(|(tick, incarnation)| offer(&mut reorder_buffer, tick, 1, incarnation));
     assert_eq!(delivered.concat(), [(0, 0), (1, 0), (2, 0), (3, 0), (4, 0)]);
-    assert_eq!((inlet.counts().lost, inlet.counts().repeated), (0, 1));
+    assert_eq!((reorder_buffer.sequence().lost, reorder_buffer.sequence().repeated), (0, 1));
 }
 
 #[test]
 fn what_never_comes_is_waited_for_no_longer_than_agreed() {
-    let mut inlet = Inlet::starting(0, 1, 4);
-    assert_eq!(offer(&mut inlet, 0, 1, 1), [(0, 0)]);
-    assert_eq!(offer(&mut inlet, 3, 2, 2), []);
-    assert_eq!(offer(&mut inlet, 4, 2, 2), []);
-    assert_eq!(offer(&mut inlet, 5, 2, 2), [(3, 2), (4, 0), (5, 0)]);
+    let mut reorder_buffer = ReorderBuffer::starting(0, 1, 4);
+    assert_eq!(offer(&mut reorder_buffer, 0, 1, 1), [(0, 0)]);
+    assert_eq!(offer(&mut reorder_buffer, 3, 2, 2), []);
+    assert_eq!(offer(&mut reorder_buffer, 4, 2, 2), []);
+    assert_eq!(offer(&mut reorder_buffer, 5, 2, 2), [(3, 2), (4, 0), (5, 0)]);
 }
 
 #[test]
 fn the_displaced_owner_is_not_heard_any_more() {
-    let mut inlet = Inlet::starting(0, 1, 10);
+    let mut reorder_buffer = ReorderBuffer::starting(0, 1, 10);
     let offers = [(0, 1, 1), (1, 2, 2), (2, 1, 1), (2, 2, 2)];
-    let delivered = offers.map(|(tick, epoch, incarnation)| offer(&mut inlet, tick, epoch, incarnation));
+    let delivered = offers.map(|(tick, epoch, incarnation)| offer(&mut reorder_buffer, tick, epoch, incarnation));
     assert_eq!(delivered.concat(), [(0, 0), (1, 0), (2, 0)]);
-    assert_eq!(inlet.counts().superseded, 1);
+    assert_eq!(reorder_buffer.sequence().repeated, 1);
 }
 
 /// What a service publishes for the ticks computed, then for the decision.
-fn decide(tenure: &mut Tenure<Tick>, ticks: std::ops::Range<u64>, control: Control) -> (Option<Answer>, Vec<Tick>) {
-    ticks.for_each(|tick| tenure.take(Tick(tick, 0, 0), &mut |_| ()));
+fn decide(gate: &mut OutputGate<Tick>, ticks: std::ops::Range<u64>, control: Control) -> (Option<Answer>, Vec<Tick>) {
+    ticks.for_each(|tick| gate.take(Tick(tick, 0, 0), &mut |_| ()));
     let mut published = Vec::new();
-    let answer = tenure.decide(control, &mut |message| published.push(message));
+    let answer = gate.decide(control, &mut |message| published.push(message));
     (answer, published)
 }
 
 #[test]
 fn a_candidate_publishes_what_it_has_kept_from_the_tick_on() {
-    let mut tenure = Tenure::candidate(2, 1, 8);
-    let answered = decide(&mut tenure, 0..6, Control { epoch: 2, owner: 2, from_tick: 4 });
+    let mut gate = OutputGate::candidate(2, 1, 8);
+    let answered = decide(&mut gate, 0..6, Control { epoch: 2, owner: 2, from_tick: 4 });
     assert_eq!(answered, (Some(Answer::Armed), vec![Tick(4, 2, 2), Tick(5, 2, 2)]));
-    assert_eq!(tenure.standing().published_from, Some(4));
+    assert_eq!(gate.status().published_from, Some(4));
 }
 
 #[test]
 fn a_candidate_that_no_longer_keeps_the_tick_says_so_and_stays_silent() {
-    let mut tenure = Tenure::candidate(2, 1, 3);
-    let answered = decide(&mut tenure, 0..6, Control { epoch: 2, owner: 2, from_tick: 2 });
+    let mut gate = OutputGate::candidate(2, 1, 3);
+    let answered = decide(&mut gate, 0..6, Control { epoch: 2, owner: 2, from_tick: 2 });
     assert_eq!(answered, (Some(Answer::Missed), vec![]));
-    assert!(tenure.standing().missed && !tenure.publishes());
+    assert!(gate.status().missed && !gate.publishes());
 }
 
 #[test]
 fn an_owner_that_stopped_gives_everything_when_the_slot_comes_back() {
-    let mut tenure = Tenure::owner(1, 1, 0, 8);
-    assert_eq!(decide(&mut tenure, 0..3, Control { epoch: 2, owner: 2, from_tick: 4 }).0, Some(Answer::Armed));
+    let mut gate = OutputGate::owner(1, 1, 0, 8);
+    assert_eq!(decide(&mut gate, 0..3, Control { epoch: 2, owner: 2, from_tick: 4 }).0, Some(Answer::Armed));
     let back = Control { epoch: 3, owner: 1, from_tick: 4 };
-    let answered = decide(&mut tenure, 3..7, back);
+    let answered = decide(&mut gate, 3..7, back);
     assert_eq!(answered, (Some(Answer::Armed), vec![Tick(4, 3, 1), Tick(5, 3, 1), Tick(6, 3, 1)]));
-    assert_eq!(decide(&mut tenure, 7..8, back), (None, vec![]), "the same decision again");
+    assert_eq!(decide(&mut gate, 7..8, back), (None, vec![]), "the same decision again");
 }
 
 #[test]
 fn an_owner_that_has_passed_the_tick_goes_on_and_can_repeat_it_under_a_later_decision() {
-    let mut tenure = Tenure::owner(1, 1, 0, 8);
-    assert_eq!(decide(&mut tenure, 0..6, Control { epoch: 2, owner: 2, from_tick: 4 }).0, Some(Answer::Missed));
-    assert!(tenure.publishes());
-    let answered = decide(&mut tenure, 6..6, Control { epoch: 3, owner: 1, from_tick: 4 });
+    let mut gate = OutputGate::owner(1, 1, 0, 8);
+    assert_eq!(decide(&mut gate, 0..6, Control { epoch: 2, owner: 2, from_tick: 4 }).0, Some(Answer::Missed));
+    assert!(gate.publishes());
+    let answered = decide(&mut gate, 6..6, Control { epoch: 3, owner: 1, from_tick: 4 });
     assert_eq!(answered, (Some(Answer::Armed), vec![Tick(4, 3, 1), Tick(5, 3, 1)]));
 }

@@ -12,8 +12,8 @@ use std::time::Instant;
 use common::{Dice, Drawn, for_every_message};
 use wire::{
     Refusal, Refusals,
-    command::Letter,
-    v1::{Envelope, GatewayReport, Services, Standing, SwapAnswer, SwapRequest},
+    command::ControlMessage,
+    v1::{Envelope, GatewayReport, ServiceStatus, Services, SwapAnswer, SwapRequest},
 };
 
 /// Whether the bytes were taken.
@@ -31,7 +31,7 @@ fn batch<M: Drawn>(bytes: &[u8]) -> Result<(), Refusal> {
     wire::open::<M>(bytes).map(|(_, samples)| assert!(samples.len() <= wire::SAMPLES_MAX))
 }
 
-fn letter<L: Letter>(bytes: &[u8]) -> Result<(), Refusal> {
+fn letter<L: ControlMessage>(bytes: &[u8]) -> Result<(), Refusal> {
     L::decoded(bytes).map(drop)
 }
 
@@ -46,7 +46,7 @@ fn corpus() -> Vec<Sound> {
         let alone = messages.iter().map(|sound| (sound.encoded(), message::<M> as Decoder));
         alone.chain([(joined, batch::<M> as Decoder)]).collect()
     }
-    fn alone<L: Letter>(sound: &L) -> Sound {
+    fn alone<L: ControlMessage>(sound: &L) -> Sound {
         (sound.encoded(), letter::<L>)
     }
     let request = SwapRequest {
@@ -58,7 +58,7 @@ fn corpus() -> Vec<Sound> {
         t_deadline_ns: 1,
     };
     let services =
-        Services { t_now_ns: 1, services: vec![Standing { service: "fuser".into(), ..Standing::default() }] };
+        Services { t_now_ns: 1, services: vec![ServiceStatus { service: "fuser".into(), ..ServiceStatus::default() }] };
     let report = GatewayReport { envelope: Some(Envelope::default()), ..GatewayReport::default() };
     let answer = SwapAnswer { request_id: "1".into(), ..SwapAnswer::default() };
     let letters = [alone(&request), alone(&services), alone(&report), alone(&answer)];

@@ -1,5 +1,6 @@
 //! Samples in an envelope by which a loss is proved: `<Message>Batch` of the schema, whatever the message.
 
+use graph::Topic;
 use prost::{
     Message as _,
     encoding::{self, DecodeContext, WireType},
@@ -7,7 +8,6 @@ use prost::{
 
 use crate::{
     BYTES_MAX, Payload, Refusal, SAMPLES_MAX,
-    payload::{Visitor, with_payload},
     refusal::{malformed, within_samples, within_size},
     v1::Envelope,
 };
@@ -65,21 +65,10 @@ pub fn open<M: Payload>(bytes: &[u8]) -> Result<(Envelope, Vec<M>), Refusal> {
     Ok((envelope.ok_or(Refusal::Missing { field: "envelope" })?, samples))
 }
 
-/// The same for a topic known by its name, the samples as the bytes that they are on the bus, one after the other; `None` where there is
-/// no such topic.
-pub fn open_topic(topic: &str, bytes: &[u8]) -> Option<Result<(Envelope, Vec<u8>), Refusal>> {
-    struct Opened<'b>(&'b [u8]);
-
-    impl Visitor for Opened<'_> {
-        type Output = Result<(Envelope, Vec<u8>), Refusal>;
-
-        fn visit<M: Payload>(self) -> Self::Output {
-            let (envelope, samples) = open::<M>(self.0)?;
-            Ok((envelope, bytemuck::cast_slice(&samples).to_vec()))
-        }
-    }
-
-    with_payload(topic, Opened(bytes))
+/// The same for a topic, the samples as the bytes that they are on the bus, one after the other.
+pub fn open_topic(topic: Topic, bytes: &[u8]) -> Result<(Envelope, Vec<u8>), Refusal> {
+    messages::dispatch!(topic, M => open::<M>(bytes)
+        .map(|(envelope, samples)| (envelope, bytemuck::cast_slice(&samples).to_vec())))
 }
 
 /// A field of a later version.

@@ -18,7 +18,7 @@ const SERVICES_MAX: usize = 64;
 const REASON_MAX: usize = 4096;
 
 /// A message that is sent alone.
-pub trait Letter: Message + Default {
+pub trait ControlMessage: Message + Default {
     /// Its name in `plumbline.v1`.
     const NAME: &'static str;
 
@@ -39,7 +39,7 @@ pub trait Letter: Message + Default {
     }
 }
 
-impl Letter for SwapRequest {
+impl ControlMessage for SwapRequest {
     const NAME: &'static str = "SwapRequest";
 
     fn check(&self) -> Result<(), Refusal> {
@@ -66,7 +66,7 @@ impl Letter for SwapRequest {
     }
 }
 
-impl Letter for SwapAnswer {
+impl ControlMessage for SwapAnswer {
     const NAME: &'static str = "SwapAnswer";
 
     fn check(&self) -> Result<(), Refusal> {
@@ -76,7 +76,7 @@ impl Letter for SwapAnswer {
     }
 }
 
-impl Letter for Services {
+impl ControlMessage for Services {
     const NAME: &'static str = "Services";
 
     fn check(&self) -> Result<(), Refusal> {
@@ -87,7 +87,7 @@ impl Letter for Services {
     }
 }
 
-impl Letter for GatewayReport {
+impl ControlMessage for GatewayReport {
     const NAME: &'static str = "GatewayReport";
 
     fn check(&self) -> Result<(), Refusal> {

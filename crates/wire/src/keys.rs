@@ -6,7 +6,7 @@
 //! | `gateway` | how the gateway is; likewise |
 //! | `schema` | query: the descriptors |
 //! | `services` | query: how the services are |
-//! | `command/swap` | query: exchange what fills a slot |
+//! | `command/swap` | query: swap what fills a slot |
 //! | `@carry` | ticks for slots on another host; a query with `from` and `to` gives those that are kept |
 //! | `@live`, `@live/<service>` | liveliness of the vehicle and of each service |
 //!
@@ -21,7 +21,7 @@ pub const GATEWAY: &str = "gateway";
 pub const SCHEMA: &str = "schema";
 /// The query for the services.
 pub const SERVICES: &str = "services";
-/// The query that exchanges what fills a slot.
+/// The query that swaps what fills a slot.
 pub const SWAP: &str = "command/swap";
 /// Ticks for slots on another host.
 pub const CARRY: &str = "@carry";

@@ -33,26 +33,6 @@ pub trait Payload: Message {
     }
 }
 
-/// What is to be done with the payload's type of a topic known by its name.
-pub trait Visitor {
-    /// What comes of it.
-    type Output;
-    /// Does it.
-    fn visit<M: Payload>(self) -> Self::Output;
-}
-
-/// Hands the payload's type of a topic to `visitor`; `None` where there is no such topic.
-pub fn with_payload<V: Visitor>(topic: &str, visitor: V) -> Option<V::Output> {
-    macro_rules! topics {
-        ($($name:ident)*) => { match topic {
-            $($name::TOPIC => Some(visitor.visit::<$name>()),)*
-            _ => None,
-        } };
-    }
-    topics!(SensorReading ReceiverReading ImuSample MagSample GnssFix Reference GyroStep AccelPoint FusedState
-        AttitudeOutput Credit Checkpoint Difference Control Health)
-}
-
 /// Numbers of `any` may be NaN: what a sensor says, and what may be unknown.
 macro_rules! payloads {
     ($($name:ident { $($field:ident),* } $(any { $($any:ident),* })?;)*) => { $(
@@ -95,7 +75,7 @@ payloads! {
         header, quaternion, yaw_rad, pitch_rad, roll_rad, course_rad, course_reference, course_sd_rad, declination_rad,
         rate_rad_s, inclination_sd_rad, reset_counter, jump
     };
-    Credit { ticks };
+    Credit { ticks, ends };
     Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation };
     Health {
         ticks, lost, duplicated, repeated, next_tick, refused, late_wakes, flags, service, state, incarnation, pid, epoch, missed,
@@ -123,7 +103,8 @@ impl Payload for Checkpoint {
     type Form = v1::Checkpoint;
 
     fn form(&self) -> v1::Checkpoint {
-        let Self { next_tick, checksum, service, incarnation, slot_words, common_words, stage_words, .. } = *self;
+        let Self { next_tick, checksum, service, incarnation, slot_words, common_words, stage_words, swapped, .. } =
+            *self;
         let len = self.words.iter().rposition(|word| *word != 0).map_or(0, |last| last + 1);
         v1::Checkpoint {
             next_tick,
@@ -135,13 +116,14 @@ impl Payload for Checkpoint {
             common_words,
             stage_words,
             words: self.words.iter().take(len).copied().collect(),
+            swapped,
         }
     }
 
     /// The checksum goes with the message and is not looked at here: whoever goes on from it does.
     fn of_form(form: v1::Checkpoint) -> Result<Self, Refusal> {
-        let v1::Checkpoint { next_tick, checksum, service, incarnation, slot_words, common_words, stage_words, .. } =
-            form;
+        let v1::Checkpoint { next_tick, checksum, service, incarnation, swapped, .. } = form;
+        let v1::Checkpoint { slot_words, common_words, stage_words, .. } = form;
         let (mut stage, mut words) = ([0; 32], [0; CHECKPOINT_WORDS]);
         let too_many = |what, max| Refusal::TooMany { message: Self::NAME, what, max };
         let letters = form.stage.as_bytes();
@@ -162,7 +144,7 @@ impl Payload for Checkpoint {
             slot_words,
             common_words,
             stage_words,
-            reserved: 0,
+            swapped,
             words,
         })
     }

@@ -4,77 +4,62 @@
 //! trust 0 and its flag.
 #![forbid(unsafe_code)]
 
-use attitude::{
-    Vector3,
-    accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
-    point::Point,
-    stage::Stage,
-};
+use attitude::accel::{Accelerometer, FORCE_MIN_M_S2};
+use host::AnyStage;
 use launch::Service;
-use messages::{AccelPoint, Flags, Header, ImuSample, pair};
-use runtime::{EachTick, Member, Orders, RuntimeError, Work, serve, stage};
-
-/// A stage that the slot takes.
-pub trait AccelStage: Stage<Input = Vector3<f64>, Output = Inclination, Common = Point> + Clone {}
-
-impl<S: Stage<Input = Vector3<f64>, Output = Inclination, Common = Point> + Clone> AccelStage for S {}
+use messages::{AccelPoint, Flags, Header, ImuSample};
+use runtime::{
+    EachTick, RuntimeError, ServiceConfig, ServiceContext, Work,
+    quantities::{chart_of, pair},
+    serve,
+    stage::{self, Filled},
+};
 
 /// The work of the slot.
-#[derive(Debug, Clone)]
-pub struct AccelWork<S = Accelerometer> {
-    stage: S,
+#[derive(Debug)]
+pub struct AccelWork {
+    filled: Filled<AnyStage<Accelerometer>>,
 }
 
-/// The slot with the stage that `orders` name.
-pub fn slot(orders: &Orders) -> Result<EachTick<AccelWork>, RuntimeError> {
-    slot_with(orders, Accelerometer::named)
-}
-
-fn slot_with<S: AccelStage>(
-    orders: &Orders,
-    named: impl FnOnce(&str) -> Option<S>,
-) -> Result<EachTick<AccelWork<S>>, RuntimeError> {
-    let stage = stage::filled(Service::Accel, &orders.launch.accel, named)?;
-    Ok(EachTick::new(AccelWork { stage }))
+/// The slot with the stage that `config` names.
+pub fn slot(config: &ServiceConfig) -> Result<EachTick<AccelWork>, RuntimeError> {
+    let filled = Filled::new(stage::chosen(Service::Accel, &config.launch, Accelerometer::named)?);
+    Ok(EachTick::new(AccelWork { filled }))
 }
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
-    run_with(Accelerometer::named)
+    let context = ServiceContext::join(Service::Accel)?;
+    let slot = slot(&context.config)?;
+    let imu = context.subscriber::<ImuSample>()?;
+    serve(context, slot, &[&imu])
 }
 
-/// The service with stages of one's own: `named` makes the one of that name.
-pub fn run_with<S: AccelStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
-    let member = Member::join(Service::Accel)?;
-    let slot = slot_with(&member.orders, named)?;
-    let imu = member.subscriber::<ImuSample>()?;
-    serve(member, slot, &[&imu])
-}
-
-impl<S: AccelStage> Work for AccelWork<S> {
+impl Work for AccelWork {
     type Input = ImuSample;
     type Output = AccelPoint;
-    type Stage = S;
+    type Stage = AnyStage<Accelerometer>;
 
-    fn work(&mut self, input: &ImuSample, mut header: Header) -> AccelPoint {
-        let seen = self.stage.step(&input.force_m_s2.into());
+    fn work(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
+        let (seen, anew) = self.filled.step(&input.force_m_s2.into())?;
+        header.flags |= Flags::RESET.when(anew);
         header.flags |= Flags::FORCE_SMALL.when(seen.norm_m_s2 < FORCE_MIN_M_S2);
-        AccelPoint {
+        Some(AccelPoint {
             header,
             w: pair(seen.up.w),
-            chart: seen.up.chart.into(),
+            chart: chart_of(seen.up.chart),
             norm_m_s2: seen.norm_m_s2,
             trust: seen.trust,
             force_m_s2: input.force_m_s2,
-        }
+        })
     }
 
-    fn stage(&self) -> &S {
-        &self.stage
+    fn filled(&self) -> &Filled<AnyStage<Accelerometer>> {
+        &self.filled
     }
 
-    fn stage_mut(&mut self) -> &mut S {
-        &mut self.stage
+    fn filled_mut(&mut self) -> &mut Filled<AnyStage<Accelerometer>> {
+        &mut self.filled
     }
 
     fn visit_own(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}

@@ -4,19 +4,23 @@
 //! set anew. Time: the samples' own. Failure: a state that is not an attitude repeats the last one, flagged.
 #![forbid(unsafe_code)]
 
-use std::collections::VecDeque;
-
 use attitude::{
     Vector3,
-    course::{Course, CourseInput, LastReading, Reading, Reference},
+    course::{Course, CourseInput},
     gnss::Fix,
-    stage::Stage,
     state::Attitude,
     turn::Turn,
 };
+use host::AnyStage;
 use launch::Service;
-use messages::{AttitudeOutput, CourseReference, Flags, FusedState, GnssFix, Header, Ticked};
-use runtime::{Beside, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words};
+use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
+use runtime::{
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
+    join::QUEUE_MAX,
+    lanes, quantities, serve,
+    stage::{self, Filled},
+    state_words::Words,
+};
 
 /// What the slot reads.
 #[derive(Debug, Clone, Copy)]
@@ -39,108 +43,94 @@ impl From<GnssFix> for CourseMessage {
     }
 }
 
-/// A stage that the slot takes.
-pub trait CourseStage: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone {}
-
-impl<S: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone> CourseStage for S {}
+lanes! {
+    /// What the slot joins, in the order in which it is read.
+    Inputs => Tick { fused: FusedState, gnss: GnssFix, }
+}
 
 /// The slot.
-#[derive(Debug, Clone)]
-pub struct CourseSlot<S = Course> {
-    queue: VecDeque<FusedState>,
-    fixes: Beside<GnssFix>,
-    sequence: Sequence,
-    stage: S,
-    declination_rad: f64,
+#[derive(Debug)]
+pub struct CourseSlot {
+    join: Join<Inputs>,
+    filled: Filled<AnyStage<Course>>,
     attitude: Attitude,
     /// The fuser's, and those of the course itself.
     resets: [u64; 2],
     jump: [f64; 4],
     /// The decision under which the fuser published last, and how often another kind of fuser took over.
     epoch: u32,
-    exchanges: u64,
+    swaps: u64,
 }
 
-/// The slot with the stage that `orders` name.
-pub fn slot(orders: &Orders) -> Result<CourseSlot, RuntimeError> {
-    slot_with(orders, Course::named)
-}
-
-fn slot_with<S: CourseStage>(
-    orders: &Orders,
-    named: impl FnOnce(&str) -> Option<S>,
-) -> Result<CourseSlot<S>, RuntimeError> {
+/// The slot with the stage that `config` names.
+pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     Ok(CourseSlot {
-        queue: VecDeque::new(),
-        fixes: Beside::new(Flags::FIX, orders.lateness_ticks()),
-        sequence: Sequence::default(),
-        stage: stage::filled(Service::Course, &orders.launch.course, named)?,
-        declination_rad: orders.launch.course.set.get("declination_deg").map_or(0.0, |deg| deg.to_radians()),
+        join: Join::new(Inputs::default(), config.lateness_ticks()),
+        filled: Filled::new(stage::chosen(Service::Course, &config.launch, Course::named)?),
         attitude: Attitude::default(),
         resets: [0; 2],
         jump: [1.0, 0.0, 0.0, 0.0],
-        epoch: runtime::service::FIRST_EPOCH,
-        exchanges: 0,
+        epoch: runtime::service_config::FIRST_EPOCH,
+        swaps: 0,
     })
 }
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
-    run_with(Course::named)
+    let context = ServiceContext::join(Service::Course)?;
+    let slot = slot(&context.config)?;
+    let (fused, gnss) = (context.reader::<FusedState>()?, context.subscriber::<GnssFix>()?);
+    serve(context, slot, &[&fused, &gnss])
 }
 
-/// The service with stages of one's own: `named` makes the one of that name.
-pub fn run_with<S: CourseStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
-    let member = Member::join(Service::Course)?;
-    let slot = slot_with(&member.orders, named)?;
-    let (fused, gnss) = (member.reader::<FusedState>()?, member.subscriber::<GnssFix>()?);
-    serve(member, slot, &[&fused, &gnss])
-}
-
-impl<S: CourseStage> Slot for CourseSlot<S> {
+impl Slot for CourseSlot {
     type Input = CourseMessage;
     type Output = AttitudeOutput;
-    type Stage = S;
+    type Stage = AnyStage<Course>;
 
     fn offer(&mut self, input: CourseMessage, publish: &mut dyn FnMut(AttitudeOutput)) {
         match input {
-            CourseMessage::Fused(message) => self.queue.push_back(message),
-            CourseMessage::Gnss(message) => self.fixes.offer(message),
+            CourseMessage::Fused(message) => self.join.offer(|inputs| Some(&mut inputs.fused), message),
+            CourseMessage::Gnss(message) => self.join.offer(|inputs| Some(&mut inputs.gnss), message),
         }
-        while !self.waits_for_fix() {
-            let Some(state) = self.queue.pop_front() else { break };
-            if let Some(missing) = self.sequence.admit(&state.header) {
-                let mut header = self.sequence.mark(state.header, missing);
-                let fix = self.fixes.take(header.tick).and_then(|gnss| gnss.fix());
-                header.flags |= Flags::AIDING_MISSING.when(header.flags.any(Flags::FIX) && fix.is_none());
-                publish(self.read(&state, header, fix));
+        while let Some(Joined { missing, parts: Tick { fused, gnss }, .. }) = self.join.take() {
+            let Some(state) = fused else { continue };
+            let mut header = self.join.sequence().mark(state.header, missing);
+            let fix = gnss.as_ref().and_then(quantities::fix);
+            header.flags |= Flags::AIDING_MISSING.when(header.flags.any(Flags::FIX) && fix.is_none());
+            if let Some(output) = self.read(&state, header, fix) {
+                publish(output);
             }
         }
     }
 
     fn sequence(&self) -> &Sequence {
-        &self.sequence
+        self.join.sequence()
     }
 
     fn lacks(&self) -> usize {
-        usize::from(self.waits_for_fix())
+        self.join.lacks()
     }
 
-    fn stage(&self) -> &S {
-        &self.stage
+    fn failure(&self) -> Option<String> {
+        self.filled.failure()
     }
 
-    fn stage_mut(&mut self) -> &mut S {
-        &mut self.stage
+    fn stage(&self) -> &AnyStage<Course> {
+        &self.filled.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut AnyStage<Course> {
+        &mut self.filled.stage
     }
 
     fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        self.sequence.visit(visit);
+        self.join.sequence_mut().visit(visit);
         self.attitude.visit(visit);
         self.resets.visit(visit);
         self.jump.visit(visit);
         self.epoch.visit(visit);
-        self.exchanges.visit(visit);
+        self.swaps.visit(visit);
     }
 
     fn own_flaw(&self) -> Option<&'static str> {
@@ -149,23 +139,17 @@ impl<S: CourseStage> Slot for CourseSlot<S> {
     }
 
     fn expect_until(&mut self, tick: u64) {
-        self.fixes.expect_until(tick);
+        self.join.expect_until(tick, QUEUE_MAX as u64);
     }
 }
 
-impl<S: CourseStage> CourseSlot<S> {
-    /// The next tick has a fix that has not come yet.
-    fn waits_for_fix(&self) -> bool {
-        let newest_tick = self.queue.back().map_or(0, |state| state.header().tick);
-        self.queue.front().is_some_and(|state| !self.fixes.is_ready(state.header(), newest_tick))
-    }
-
-    fn read(&mut self, input: &FusedState, mut header: Header, fix: Option<Fix>) -> AttitudeOutput {
-        let seen = input.attitude();
+impl CourseSlot {
+    fn read(&mut self, input: &FusedState, mut header: Header, fix: Option<Fix>) -> Option<AttitudeOutput> {
+        let seen = quantities::attitude(input);
         header.flags |= Flags::RESET.when(seen.is_none());
         let attitude = seen.unwrap_or(self.attitude);
-        let exchanged = header.flags.any(Flags::EXCHANGED) && header.epoch != self.epoch;
-        let reset = input.reset_counter != self.resets[0] || exchanged;
+        let swapped = header.flags.any(Flags::SWAPPED) && header.epoch != self.epoch;
+        let reset = input.reset_counter != self.resets[0] || swapped;
         self.epoch = header.epoch;
         if reset {
             let rotation_rad = Vector3::from(input.rate_rad_s) * header.dt_s();
@@ -173,35 +157,50 @@ impl<S: CourseStage> CourseSlot<S> {
             let jump = Turn::between(expected, attitude).quaternion();
             self.jump = [jump.w, jump.i, jump.j, jump.k];
             self.resets[0] = input.reset_counter;
-            self.exchanges += u64::from(exchanged);
+            self.swaps += u64::from(swapped);
         }
         self.attitude = attitude;
-        let reading = self.stage.step(&CourseInput {
+        let (reading, anew) = self.filled.step(&CourseInput {
             attitude,
-            reference: input.course_reference.into(),
+            reference: quantities::course_reference(input.course_reference),
             heading_sd_rad: input.heading_sd_rad,
             fix,
             dt_s: header.dt_s(),
-        });
+        })?;
         // Where the attitude was set anew too, it counts once.
         self.resets[1] += u64::from(reading.aligned && !reset);
-        header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal) | Flags::ALIGNED.when(reading.aligned);
-        let made_true = input.course_reference == CourseReference::MAGNETIC && reading.reference == Reference::True;
+        header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal)
+            | Flags::ALIGNED.when(reading.aligned)
+            | Flags::RESET.when(anew);
         let q = reading.quaternion;
-        AttitudeOutput {
+        Some(AttitudeOutput {
             header,
             quaternion: [q.w, q.i, q.j, q.k],
             yaw_rad: reading.angles.yaw_rad,
             pitch_rad: reading.angles.pitch_rad,
             roll_rad: reading.angles.roll_rad,
             course_rad: reading.course_rad,
-            course_reference: reading.reference.into(),
+            course_reference: quantities::course_reference_of(reading.reference),
             course_sd_rad: reading.course_sd_rad,
-            declination_rad: if made_true { self.declination_rad } else { 0.0 },
+            declination_rad: reading.declination_rad,
             rate_rad_s: input.rate_rad_s,
             inclination_sd_rad: input.inclination_sd_rad,
-            reset_counter: self.resets.iter().sum::<u64>() + self.exchanges,
+            reset_counter: self.resets.iter().sum::<u64>() + self.swaps,
             jump: self.jump,
-        }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slot_joins_the_inputs_that_the_graph_gives_it() {
+        let mut joined = Inputs::TOPICS.to_vec();
+        let mut inputs: Vec<_> = Service::Course.inputs().map(graph::Topic::name).collect();
+        joined.sort_unstable();
+        inputs.sort_unstable();
+        assert_eq!(joined, inputs);
     }
 }

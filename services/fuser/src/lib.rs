@@ -5,18 +5,23 @@
 #![forbid(unsafe_code)]
 
 use attitude::{
-    Vector3,
     accel::Inclination,
     fuser::{Fused, Fuser, FuserInput, FuserStage, innovation_rad},
-    gnss::Fix,
     gyro::Motion,
     state::Attitude,
     turn::Turn,
 };
+use host::AnyStage;
 use launch::Service;
-use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked, finite, pair};
+use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
 use runtime::{
-    BRIDGE_S, Beside, Join, Joined, Member, Orders, RuntimeError, Sequence, Slot, serve, stage, words::Words,
+    BRIDGE_S, Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
+    join::QUEUE_MAX,
+    lanes,
+    quantities::{self, chart_of, course_reference_of, finite, pair},
+    serve,
+    stage::{self, Filled},
+    state_words::Words,
 };
 
 /// A time without a rate after which the attitude may be anywhere, s.
@@ -72,15 +77,16 @@ impl From<GnssFix> for FuserMessage {
     }
 }
 
+lanes! {
+    /// What the slot joins, in the order in which it is read.
+    Inputs => Tick { gyro: GyroStep, accel: AccelPoint, mag: MagSample, gnss: GnssFix, }
+}
+
 /// The slot.
-#[derive(Debug, Clone)]
-pub struct FuserSlot<S = Fuser> {
-    join: Join<GyroStep, AccelPoint>,
-    field: Beside<MagSample>,
-    fixes: Beside<GnssFix>,
-    stage: S,
-    /// The stage as it began.
-    fresh: S,
+#[derive(Debug)]
+pub struct FuserSlot {
+    join: Join<Inputs>,
+    filled: Filled<AnyStage<Fuser>>,
     gyro_before: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
@@ -92,26 +98,15 @@ pub struct FuserSlot<S = Fuser> {
     turned: bool,
 }
 
-/// The slot with the stage that `orders` name.
-pub fn slot(orders: &Orders) -> Result<FuserSlot, RuntimeError> {
-    slot_with(orders, Fuser::named)
-}
-
-fn slot_with<S: FuserStage>(
-    orders: &Orders,
-    named: impl FnOnce(&str) -> Option<S>,
-) -> Result<FuserSlot<S>, RuntimeError> {
-    let mut stage = stage::filled(Service::Fuser, &orders.launch.fuser, named)?;
-    if let Some(Err(error)) = orders.prior.map(|prior| stage.begin_with(&prior.estimate())) {
+/// The slot with the stage that `config` names.
+pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
+    let mut stage = stage::chosen(Service::Fuser, &config.launch, Fuser::named)?;
+    if let Some(Err(error)) = config.prior.map(|prior| stage.begin_with(&prior.estimate())) {
         eprintln!("the service fuser begins without what an earlier run has found: {error}");
     }
-    let lateness_ticks = orders.lateness_ticks();
     Ok(FuserSlot {
-        join: Join::new(lateness_ticks),
-        field: Beside::new(Flags::FIELD, lateness_ticks),
-        fixes: Beside::new(Flags::FIX, lateness_ticks),
-        fresh: stage.clone(),
-        stage,
+        join: Join::new(Inputs::default(), config.lateness_ticks()),
+        filled: Filled::new(stage),
         gyro_before: None,
         aligned: false,
         reset_counter: 0,
@@ -124,34 +119,28 @@ fn slot_with<S: FuserStage>(
 
 /// The service.
 pub fn run() -> Result<(), RuntimeError> {
-    run_with(Fuser::named)
+    let context = ServiceContext::join(Service::Fuser)?;
+    let slot = slot(&context.config)?;
+    let (gyro, accel) = (context.reader::<GyroStep>()?, context.reader::<AccelPoint>()?);
+    let (mag, gnss) = (context.subscriber::<MagSample>()?, context.subscriber::<GnssFix>()?);
+    let control = context.control()?;
+    serve(context, slot, &[&gyro, &accel, &mag, &gnss, &control])
 }
 
-/// The service with stages of one's own: `named` makes the one of that name.
-pub fn run_with<S: FuserStage>(named: impl FnOnce(&str) -> Option<S>) -> Result<(), RuntimeError> {
-    let member = Member::join(Service::Fuser)?;
-    let slot = slot_with(&member.orders, named)?;
-    let (gyro, accel) = (member.reader::<GyroStep>()?, member.reader::<AccelPoint>()?);
-    let (mag, gnss) = (member.subscriber::<MagSample>()?, member.subscriber::<GnssFix>()?);
-    let control = member.control()?;
-    serve(member, slot, &[&gyro, &accel, &mag, &gnss, &control])
-}
-
-impl<S: FuserStage> Slot for FuserSlot<S> {
+impl Slot for FuserSlot {
     type Input = FuserMessage;
     type Output = FusedState;
-    type Stage = S;
+    type Stage = AnyStage<Fuser>;
 
     fn offer(&mut self, input: FuserMessage, publish: &mut dyn FnMut(FusedState)) {
         match input {
-            FuserMessage::Gyro(message) => self.join.offer_first(message),
-            FuserMessage::Accel(message) => self.join.offer_second(message),
-            FuserMessage::Mag(message) => self.field.offer(message),
-            FuserMessage::Gnss(message) => self.fixes.offer(message),
-            FuserMessage::Control(message) => self.heed(&message),
+            FuserMessage::Gyro(message) => self.join.offer(|inputs| Some(&mut inputs.gyro), message),
+            FuserMessage::Accel(message) => self.join.offer(|inputs| Some(&mut inputs.accel), message),
+            FuserMessage::Mag(message) => self.join.offer(|inputs| Some(&mut inputs.mag), message),
+            FuserMessage::Gnss(message) => self.join.offer(|inputs| Some(&mut inputs.gnss), message),
+            FuserMessage::Control(message) => self.on_control(&message),
         }
-        while self.waits_for().is_none() {
-            let Some(tick) = self.join.take() else { break };
+        while let Some(tick) = self.join.take() {
             if let Some(state) = self.fuse(&tick) {
                 publish(state);
             }
@@ -163,15 +152,19 @@ impl<S: FuserStage> Slot for FuserSlot<S> {
     }
 
     fn lacks(&self) -> usize {
-        self.waits_for().unwrap_or_else(|| self.join.lacks())
+        self.join.lacks()
     }
 
-    fn stage(&self) -> &S {
-        &self.stage
+    fn failure(&self) -> Option<String> {
+        self.filled.failure()
     }
 
-    fn stage_mut(&mut self) -> &mut S {
-        &mut self.stage
+    fn stage(&self) -> &AnyStage<Fuser> {
+        &self.filled.stage
+    }
+
+    fn stage_mut(&mut self) -> &mut AnyStage<Fuser> {
+        &mut self.filled.stage
     }
 
     fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
@@ -196,75 +189,58 @@ impl<S: FuserStage> Slot for FuserSlot<S> {
     }
 
     fn expect_until(&mut self, tick: u64) {
-        self.join.expect_until(tick);
-        self.field.expect_until(tick);
-        self.fixes.expect_until(tick);
+        self.join.expect_until(tick, QUEUE_MAX as u64);
     }
 }
 
-impl<S: FuserStage> FuserSlot<S> {
+impl FuserSlot {
     /// A slot that nobody owns any more is not waited for, until somebody owns it again.
-    fn heed(&mut self, control: &Control) {
+    fn on_control(&mut self, control: &Control) {
         let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
-        if control.service == Service::Gyro as u32 {
-            self.join.first_is_absent_from(absent_from);
-        } else if control.service == Service::Accel as u32 {
-            self.join.second_is_absent_from(absent_from);
+        match Service::at(control.service) {
+            Some(Service::Gyro) => self.join.lanes_mut().gyro.is_absent_from(absent_from),
+            Some(Service::Accel) => self.join.lanes_mut().accel.is_absent_from(absent_from),
+            Some(Service::Ingest | Service::Fuser | Service::Course | Service::Gateway) | None => {}
         }
     }
 
-    /// Which of `mag` and `gnss` the next tick waits for, although motion and point are there.
-    fn waits_for(&self) -> Option<usize> {
-        let (next, newest_tick) = (self.join.peek()?, self.join.newest_tick());
-        if !self.field.is_ready(&next, newest_tick) {
-            return Some(2);
-        }
-        (!self.fixes.is_ready(&next, newest_tick)).then_some(3)
-    }
-
-    fn fuse(&mut self, tick: &Joined<GyroStep, AccelPoint>) -> Option<FusedState> {
-        let origin = tick.first.as_ref().map(Ticked::header).or(tick.second.as_ref().map(Ticked::header))?;
-        let mut header = self.join.sequence().mark(*origin, tick.missing);
-        if let Some(accel) = &tick.second {
+    fn fuse(&mut self, joined: &Joined<Tick>) -> Option<FusedState> {
+        let Tick { gyro, accel, mag, gnss } = &joined.parts;
+        let origin = gyro.as_ref().map(Ticked::header).or(accel.as_ref().map(Ticked::header))?;
+        let mut header = self.join.sequence().mark(*origin, joined.missing);
+        if let Some(accel) = accel {
             header.flags |= accel.header.flags;
         }
-        let motion = tick.first.as_ref().and_then(|gyro| self.motion(gyro));
-        let inclination = tick.second.as_ref().and_then(|accel| self.inclination(accel, motion.as_ref(), header.flags));
-        header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(tick.second.is_none());
+        let motion = gyro.as_ref().and_then(|gyro| self.motion(gyro));
+        let inclination = accel.as_ref().and_then(|accel| self.inclination(accel, motion.as_ref(), header.flags));
+        header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(accel.is_none());
         let over_gap =
             header.flags.any(Flags::GAP | Flags::LOST_BEFORE) && motion.is_some_and(|motion| motion.dt_s == 0.0);
         if over_gap || self.is_astray(&header, inclination.as_ref()) {
-            self.stage.realign();
+            self.filled.stage.realign();
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
         let rest_credible = !header.flags.any(suspect);
         let rate_credible = !is_blind(&header);
-        let (field_ut, fix) = self.aiding(&mut header);
+        let (field_ut, fix) = (mag.as_ref().and_then(quantities::field_ut), gnss.as_ref().and_then(quantities::fix));
+        let missing =
+            header.flags.any(Flags::FIELD) && field_ut.is_none() || header.flags.any(Flags::FIX) && fix.is_none();
+        header.flags |= Flags::AIDING_MISSING.when(missing);
         let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
-        let fused = self.step(&input, &mut header);
+        let fused = self.step(&input, &mut header)?;
         Some(FusedState {
             header,
             w: pair(fused.attitude.up.w),
             z_rad: fused.attitude.z_rad,
-            chart: fused.attitude.up.chart.into(),
+            chart: chart_of(fused.attitude.up.chart),
             rate_rad_s: fused.rate_rad_s.into(),
             bias_rad_s: fused.bias_rad_s.into(),
             innovation_rad: fused.innovation_rad,
             inclination_sd_rad: fused.inclination_sd_rad,
             heading_sd_rad: fused.heading_sd_rad,
-            course_reference: fused.reference.into(),
+            course_reference: course_reference_of(fused.reference),
             reset_counter: self.reset_counter,
         })
-    }
-
-    /// The field and the fix of a tick whose flags say that it has them.
-    fn aiding(&mut self, header: &mut Header) -> (Option<Vector3<f64>>, Option<Fix>) {
-        let field_ut = self.field.take(header.tick).and_then(|mag| mag.field_ut());
-        let fix = self.fixes.take(header.tick).and_then(|gnss| gnss.fix());
-        let missing =
-            header.flags.any(Flags::FIELD) && field_ut.is_none() || header.flags.any(Flags::FIX) && fix.is_none();
-        header.flags |= Flags::AIDING_MISSING.when(missing);
-        (field_ut, fix)
     }
 
     /// The inclination of a point, unless its flags say that it is not one.
@@ -278,7 +254,7 @@ impl<S: FuserStage> FuserSlot<S> {
             return None;
         }
         let force_m_s2 = finite(accel.force_m_s2)?;
-        Some(Inclination { up: accel.point()?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
+        Some(Inclination { up: quantities::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
     }
 
     /// The gyro is back after a time without a rate, or after a gap, and the body has turned away from what the attitude followed.
@@ -292,14 +268,10 @@ impl<S: FuserStage> FuserSlot<S> {
             .is_some_and(|inclination| blind_s > BLIND_S && innovation_rad(inclination, self.attitude) > ASTRAY_RAD)
     }
 
-    /// One step of the stage. A stage that leaves the finite numbers is replaced by a fresh one.
-    fn step(&mut self, input: &FuserInput, header: &mut Header) -> Fused {
-        let mut fused = self.stage.step(input);
-        if !is_finite(&fused) {
-            header.flags |= Flags::RESET;
-            self.stage = self.fresh.clone();
-            fused = self.stage.step(input);
-        }
+    /// One step of the stage; `None` where it cannot go on.
+    fn step(&mut self, input: &FuserInput, header: &mut Header) -> Option<Fused> {
+        let (fused, anew) = self.filled.step(input)?;
+        header.flags |= Flags::RESET.when(anew);
         self.attitude = fused.attitude;
         let aligned_now = fused.corrections.aligned;
         self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
@@ -308,14 +280,14 @@ impl<S: FuserStage> FuserSlot<S> {
             | Flags::UNALIGNED.when(!self.aligned)
             | Flags::AT_REST.when(fused.corrections.rest)
             | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed);
-        fused
+        Some(fused)
     }
 
     /// The motion since the last tick that was fused. Where ticks are missing on the way here, the gyro's own attitude still knows
     /// how far the body turned.
     fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
         let header = gyro.header;
-        let mut motion = gyro.motion(header.dt_s())?;
+        let mut motion = quantities::motion(gyro, header.dt_s())?;
         let before = self.gyro_before.replace((motion.attitude, header.t_end_ns));
         if let Some((attitude, t_end_ns)) = before.filter(|(_, t_end_ns)| *t_end_ns != header.t_start_ns) {
             motion.turn = Turn::between(attitude, motion.attitude);
@@ -334,12 +306,6 @@ fn is_blind(header: &Header) -> bool {
     header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING)
 }
 
-fn is_finite(fused: &Fused) -> bool {
-    let q = fused.attitude.quaternion();
-    let numbers = [fused.innovation_rad, fused.inclination_sd_rad, fused.heading_sd_rad];
-    q.coords.iter().chain(&fused.bias_rad_s).chain(&fused.rate_rad_s).chain(&numbers).all(|x| x.is_finite())
-}
-
 #[cfg(test)]
 mod tests {
     use attitude::Complex;
@@ -352,7 +318,7 @@ mod tests {
         let mut launch = Launch::default();
         launch.fuser.stage = stage.into();
         let (rate_hz, pace, role) = (100.0, Pace::Max, Role::Owner { from_tick: 0 });
-        let orders = Orders {
+        let config = ServiceConfig {
             launch,
             rate_hz,
             pace,
@@ -364,12 +330,21 @@ mod tests {
             resume: None,
             supervisor_pid: 0,
         };
-        slot(&orders).unwrap()
+        slot(&config).unwrap()
+    }
+
+    #[test]
+    fn the_slot_joins_the_inputs_that_the_graph_gives_it() {
+        let mut joined = Inputs::TOPICS.to_vec();
+        let mut inputs: Vec<_> = Service::Fuser.inputs().map(graph::Topic::name).collect();
+        joined.sort_unstable();
+        inputs.sort_unstable();
+        assert_eq!(joined, inputs);
     }
 
     #[test]
     fn who_goes_on_from_a_stage_that_was_never_level_sets_the_level_itself() {
-        let nothing_yet = checkpoint::checkpoint(&mut slot_with("wz"), Service::Fuser, 1);
+        let nothing_yet = checkpoint::checkpoint(&mut slot_with("wz"), Service::Fuser, 1, false);
         let mut other = slot_with("wz-closed");
         checkpoint::resume(&mut other, Service::Fuser, &nothing_yet).unwrap();
         let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };

@@ -2,21 +2,21 @@
 
 use std::sync::Arc;
 
+use control::ControlRequest;
 use link::{Answering, Link, LinkError, Question};
 use runtime::clock::monotonic_ns;
-use supervisor::Ask;
 use wire::{
-    command::Letter,
+    command::ControlMessage,
     keys, schema,
-    v1::{Services, Standing, SwapAnswer, SwapRequest},
+    v1::{ServiceStatus, Services, SwapAnswer, SwapRequest},
 };
 
-use crate::{Shared, clerks::Clerks, locked, sender::Last};
+use crate::{Shared, locked, sender::Last, worker_pool::WorkerPool};
 
 /// Answers until the result is dropped.
 pub(crate) fn open(link: &Link, shared: &Arc<Shared>, last: Last) -> Result<[Answering; 2], LinkError> {
     // Who waits for a swap keeps nobody from looking.
-    let [lookers, commanders] = [(); 2].map(|()| Clerks::new(&shared.turned_away));
+    let [lookers, commanders] = [(); 2].map(|()| WorkerPool::new(&shared.turned_away));
     let looking = link.answering(&keys::key(&shared.vehicle, "*"), {
         let shared = shared.clone();
         move |question| {
@@ -47,9 +47,9 @@ fn look(question: &Question, shared: &Shared, last: &Last) {
     }
     let key = keys::key(vehicle, keys::SERVICES);
     if question.is_about(&key) {
-        match supervisor::ask::<Vec<supervisor::Standing>>(system, &Ask::Ps) {
-            Ok(standings) => {
-                let services = standings.into_iter().map(standing).collect();
+        match control::ask::<Vec<control::ServiceStatus>>(system, &ControlRequest::Ps) {
+            Ok(statuses) => {
+                let services = statuses.into_iter().map(status).collect();
                 let services = Services { t_now_ns: monotonic_ns(), services };
                 question.answer(&key, &format!("plumbline.v1.{}", Services::NAME), services.encoded());
             }
@@ -65,7 +65,7 @@ fn own<K: Clone, V: Clone>((key, value): (&K, &V)) -> (K, V) {
 fn swap(question: &Question, shared: &Shared) {
     match SwapRequest::decoded(&question.payload()) {
         Ok(request) => {
-            let answer = shared.desk.answer(request);
+            let answer = shared.swaps.answer(request);
             let key = keys::key(&shared.vehicle, keys::SWAP);
             question.answer(&key, &format!("plumbline.v1.{}", SwapAnswer::NAME), answer.encoded());
         }
@@ -76,8 +76,8 @@ fn swap(question: &Question, shared: &Shared) {
     }
 }
 
-fn standing(of: supervisor::Standing) -> Standing {
-    let supervisor::Standing { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
+fn status(of: control::ServiceStatus) -> ServiceStatus {
+    let control::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
     let (stage, at) = (stage.unwrap_or_default(), at.unwrap_or_default());
-    Standing { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at }
+    ServiceStatus { service, stage, state, pid: pid.unwrap_or_default(), restarts, incarnation, epoch, ticks, lost, at }
 }

@@ -15,22 +15,22 @@
 //! | `queue` | between bus and network; newest wins |
 //! | `sender` | to the network, each message in its envelope |
 //! | `answers` | last values, schema, services |
-//! | `clerks` | who answers, so that the network waits for no reader |
+//! | `worker_pool` | who answers, so that the network waits for no reader |
 //! | `memory` | how much memory it may take |
-//! | `desk` | requests for a swap, each carried out once |
+//! | `idempotent_swaps` | requests for a swap, each carried out once |
 //! | [`split`] | one system on several hosts: ticks from one gateway to another |
 #![forbid(unsafe_code)]
 
 mod answers;
-mod clerks;
-pub mod desk;
+pub mod decimator;
+pub mod idempotent_swaps;
 mod memory;
 mod pace;
 pub mod queue;
 mod sender;
 pub mod split;
 mod tap;
-pub mod thinning;
+mod worker_pool;
 
 use std::{
     sync::{
@@ -42,16 +42,17 @@ use std::{
 };
 
 use bus::BusError;
+use control::ControlRequest;
+use graph::Topic;
 use keys::access::AccessList;
 use launch::{Launch, Service};
 use link::LinkError;
 use messages::{Health, State};
-use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
-use supervisor::Ask;
+use runtime::{RuntimeError, ServiceContext, service_config::BUFFER_BESIDE};
 use wire::Refusals;
 
 use crate::{
-    desk::Desk,
+    idempotent_swaps::IdempotentSwaps,
     memory::Memory,
     pace::Pace,
     queue::Queue,
@@ -104,7 +105,7 @@ pub(crate) struct Shared {
     pub(crate) system: String,
     pub(crate) vehicle: String,
     pub(crate) queue: Queue,
-    pub(crate) desk: Arc<Desk>,
+    pub(crate) swaps: Arc<IdempotentSwaps>,
     /// Messages from outside that were none.
     pub(crate) refusals: Mutex<Refusals>,
     /// Questions beyond those that were being seen to.
@@ -128,7 +129,7 @@ impl Shared {
         Service::ALL.into_iter().zip(heard.iter()).filter(|(_, at)| lives(at)).map(|(service, _)| service).collect()
     }
 
-    fn hear(&self, health: &Health) {
+    fn on_health(&self, health: &Health) {
         if let Some(at) = locked(&self.heard).get_mut(health.service as usize) {
             *at = Some(Instant::now());
         }
@@ -145,64 +146,70 @@ pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// The service.
 pub fn run() -> Result<(), GatewayError> {
-    let mut member = Member::join(Service::Gateway)?;
-    let launch = member.orders.launch.clone();
+    let mut context = ServiceContext::join(Service::Gateway)?;
+    let launch = context.config.launch.clone();
     let is_split = launch.gateway.is_split();
     if !is_split {
         // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
         let _ = rustix::process::nice(NICENESS);
     }
-    let mut taps = Taps::open(&member)?;
-    let health = member.bus.subscriber::<Health>(BUFFER_BESIDE)?;
+    let mut taps = Taps::open(&context)?;
+    let health = context.bus.subscriber::<Health>(BUFFER_BESIDE)?;
     let shared = Arc::new(Shared {
         system: launch.name.clone(),
         vehicle: launch.gateway.vehicle.clone().unwrap_or_else(|| launch.name.clone()),
-        queue: Queue::new(QUEUE_MAX, messages::TOPICS.len()),
-        desk: Arc::new(Desk::new(ask_for_swap(launch.name.clone()))),
+        queue: Queue::new(QUEUE_MAX, Topic::ALL.len()),
+        swaps: Arc::new(IdempotentSwaps::new(ask_for_swap(launch.name.clone()))),
         refusals: Mutex::default(),
         turned_away: Arc::default(),
         heard: Mutex::default(),
         dropped: AtomicU64::new(0),
         ends: AtomicBool::new(false),
     });
-    let mut split = Split::open(&member, &shared)?;
+    let mut split = Split::open(&context, &shared)?;
     let sending = Sending::default();
     let network = thread::spawn({
-        let (shared, end, life) = (shared.clone(), split.end(), runtime::clock::monotonic_ns());
+        let (shared, end, start_ns) = (shared.clone(), split.end(), runtime::clock::monotonic_ns());
         let sending = sending.clone();
-        move || send(&shared, &sending, &end, &launch, life)
+        move || send(&shared, &sending, &end, &launch, start_ns)
     });
-    let mut pace = Pace::of(&member.orders);
+    let mut pace = Pace::of(&context.config);
     let mut memory = Memory::new(is_split);
-    while !member.ends() && !network.is_finished() {
+    while !context.ends() && !network.is_finished() {
         memory.check()?;
         taps.look(&shared.queue)?;
         match sending.get().map(Mutex::try_lock) {
             Some(Ok(mut sender)) => sender.empty(),
             _ => shared.queue.wake(),
         }
-        health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.hear(&health))?;
-        split.turn(&member)?;
+        health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.on_health(&health))?;
+        split.poll(&context)?;
         let (ticks, lost) =
             split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), shared.dropped.load(Ordering::Relaxed)));
         let refused = locked(&shared.refusals).total() + shared.turned_away.load(Ordering::Relaxed);
         let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
-        member.say(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
+        context.publish_health(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
         pace.rest(|limit| split.wait(&taps, limit));
     }
     if let Some((ticks, lost)) = split.ticks_and_lost() {
-        split.turn(&member)?;
-        member.say_last(|health| (health.ticks, health.lost) = (ticks, lost))?;
+        split.poll(&context)?;
+        context.publish_last_health(|health| (health.ticks, health.lost) = (ticks, lost))?;
     }
     shared.ends.store(true, Ordering::SeqCst);
     network.join().unwrap_or(Err(GatewayError::Sender))
 }
 
 /// The network's side, to the end.
-fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, life: u64) -> Result<(), GatewayError> {
+fn send(
+    shared: &Arc<Shared>,
+    sending: &Sending,
+    end: &End,
+    launch: &Launch,
+    start_ns: u64,
+) -> Result<(), GatewayError> {
     let gateway = &launch.gateway;
-    let tls = gateway.tls.clone().map(|tls| link::ends::Tls { ca: tls.ca, cert: tls.cert, key: tls.key });
-    let ends = link::Ends {
+    let tls = gateway.tls.clone().map(|tls| link::endpoints::Tls { ca: tls.ca, cert: tls.cert, key: tls.key });
+    let endpoints = link::Endpoints {
         listen: gateway.listen.clone(),
         connect: gateway.connect.clone(),
         tls,
@@ -210,24 +217,27 @@ fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, lif
         plain: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
         client: false,
     };
-    let ends = ends.with_free_ports()?;
-    let link = link::Link::open(&ends)?;
-    let at = ends.listen.join(" ");
-    tell(shared.clone(), Ask::At { service: Service::Gateway.name().into(), at });
-    let carrying = end.carry(&link, &ends, shared)?;
-    let sender = Sender::open(&link, shared.clone(), launch, life)?;
+    let endpoints = endpoints.with_free_ports()?;
+    let link = link::Link::open(&endpoints)?;
+    let at = endpoints.listen.join(" ");
+    notify_supervisor(shared.clone(), ControlRequest::At { service: Service::Gateway.name().into(), at });
+    let carrying = end.carry(&link, &endpoints, shared)?;
+    let sender = Sender::open(&link, shared.clone(), launch, start_ns)?;
     let _answering = answers::open(&link, shared, sender.last())?;
     let sender = sending.get_or_init(|| Mutex::new(sender));
     let (mut checked, mut flaw) = (None::<Instant>, None);
     while !shared.ends() {
         shared.queue.wait(sender::TURN_LIMIT);
-        locked(sender).turn()?;
+        locked(sender).poll()?;
         if checked.is_none_or(|checked| checked.elapsed() > CERTIFICATES_INTERVAL) {
             checked = Some(Instant::now());
             // Whoever is shown a certificate that has ended closes the door without a word.
-            let found = ends.check().err().map(|error| error.to_string());
+            let found = endpoints.check().err().map(|error| error.to_string());
             if let Some(what) = found.clone().filter(|_| found != flaw) {
-                tell(shared.clone(), Ask::Tell { service: Service::Gateway.name().into(), what });
+                notify_supervisor(
+                    shared.clone(),
+                    ControlRequest::Tell { service: Service::Gateway.name().into(), what },
+                );
             }
             flaw = found;
         }
@@ -239,18 +249,18 @@ fn send(shared: &Arc<Shared>, sending: &Sending, end: &End, launch: &Launch, lif
 }
 
 /// Tells the supervisor something, once it answers.
-pub(crate) fn tell(shared: Arc<Shared>, news: Ask) {
+pub(crate) fn notify_supervisor(shared: Arc<Shared>, news: ControlRequest) {
     thread::spawn(move || {
         let deadline = Instant::now() + DOOR_LIMIT;
-        while supervisor::ask::<()>(&shared.system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
+        while control::ask::<()>(&shared.system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
             thread::sleep(Duration::from_millis(100));
         }
     });
 }
 
 /// How the supervisor is asked for a swap.
-fn ask_for_swap(system: String) -> desk::Asking {
+fn ask_for_swap(system: String) -> idempotent_swaps::Asking {
     Box::new(move |wish| {
-        supervisor::ask::<supervisor::SwapReport>(&system, &Ask::Swap(wish)).map_err(|error| error.to_string())
+        control::ask::<control::SwapReport>(&system, &ControlRequest::Swap(wish)).map_err(|error| error.to_string())
     })
 }

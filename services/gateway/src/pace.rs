@@ -10,7 +10,7 @@ use std::{
 };
 
 use launch::Gateway;
-use runtime::Orders;
+use runtime::ServiceConfig;
 
 /// Longest time between two looks.
 const LOOK_LIMIT: Duration = Duration::from_millis(50);
@@ -23,9 +23,9 @@ pub(crate) struct Pace {
 }
 
 impl Pace {
-    pub(crate) fn of(orders: &Orders) -> Self {
-        let Gateway { messages_hz, import, .. } = &orders.launch.gateway;
-        let waits = import.is_some() || (!orders.lockstep() && orders.rate_hz <= *messages_hz);
+    pub(crate) fn of(config: &ServiceConfig) -> Self {
+        let Gateway { messages_hz, import, .. } = &config.launch.gateway;
+        let waits = import.is_some() || (!config.lockstep() && config.rate_hz <= *messages_hz);
         // Ticks that are waited for come unevenly, or many at once after a stall: half an interval is for those.
         let interval_s = if waits { 0.5 } else { 1.0 } / messages_hz;
         Self { waits, interval: Duration::from_secs_f64(interval_s).min(LOOK_LIMIT), looked: Instant::now() }
@@ -44,25 +44,25 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use launch::{Import, Launch};
-    use runtime::{Role, orders};
+    use runtime::{Role, service_config};
 
     use super::*;
 
-    fn waits(rate_hz: f64, pace: orders::Pace, gateway: Gateway) -> bool {
+    fn waits(rate_hz: f64, pace: service_config::Pace, gateway: Gateway) -> bool {
         let launch = Launch { gateway, ..Launch::default() };
         let (role, resume, ticks_max, prior) = (Role::Owner { from_tick: 0 }, None, None, None);
         let (incarnation, epoch, supervisor_pid) = (1, 1, 0);
-        let orders =
-            Orders { launch, rate_hz, pace, ticks_max, incarnation, epoch, role, prior, resume, supervisor_pid };
-        Pace::of(&orders).waits
+        let config =
+            ServiceConfig { launch, rate_hz, pace, ticks_max, incarnation, epoch, role, prior, resume, supervisor_pid };
+        Pace::of(&config).waits
     }
 
     #[test]
     fn a_path_that_is_faster_than_messages_may_go_never_has_to_wake_the_gateway() {
-        let live = orders::Pace::Speed(1.0);
+        let live = service_config::Pace::Speed(1.0);
         let gateway = |messages_hz| Gateway { messages_hz, ..Gateway::default() };
         assert!(waits(100.0, live, gateway(200.0)) && waits(1000.0, live, gateway(2000.0)));
-        assert!(!waits(1000.0, live, gateway(200.0)) && !waits(100.0, orders::Pace::Max, gateway(200.0)));
+        assert!(!waits(1000.0, live, gateway(200.0)) && !waits(100.0, service_config::Pace::Max, gateway(200.0)));
         assert!(waits(1000.0, live, Gateway { import: Some(Import::default()), ..gateway(200.0) }));
     }
 }

@@ -6,20 +6,18 @@ use std::{
     time::{Duration, Instant},
 };
 
+use graph::Topic;
 use launch::{Launch, Service};
-use link::{Link, LinkError, Outlet, Sign};
-use messages::TOPICS;
+use link::{Link, LinkError, Liveliness, Outlet};
 use runtime::clock::monotonic_ns;
 use wire::{
-    Payload,
     batch::batch_name,
-    command::Letter,
+    command::ControlMessage,
     keys,
-    payload::{Visitor, with_payload},
     v1::{Envelope, GatewayReport, TopicReport},
 };
 
-use crate::{QUEUE_MAX, Shared, locked, queue::Parcel};
+use crate::{QUEUE_MAX, Shared, locked, queue::Batch};
 
 /// Longest time between two turns.
 pub(crate) const TURN_LIMIT: Duration = Duration::from_millis(100);
@@ -35,10 +33,10 @@ pub(crate) struct Sender {
     shared: Arc<Shared>,
     outlets: Vec<Option<Channel>>,
     report: Channel,
-    life: u64,
+    start_ns: u64,
     last: Last,
-    signs: Vec<(Service, Sign)>,
-    _vehicle: Sign,
+    signs: Vec<(Service, Liveliness)>,
+    _vehicle: Liveliness,
     looked: Instant,
     reported: Instant,
 }
@@ -50,21 +48,22 @@ struct Channel {
     outlet: Outlet,
     messages: u64,
     samples: u64,
-    left_out: u64,
+    decimated: u64,
     dropped: u64,
 }
 
 impl Sender {
-    pub(crate) fn open(link: &Link, shared: Arc<Shared>, launch: &Launch, life: u64) -> Result<Self, LinkError> {
+    pub(crate) fn open(link: &Link, shared: Arc<Shared>, launch: &Launch, start_ns: u64) -> Result<Self, LinkError> {
         let vehicle = shared.vehicle.clone();
         let channel = |topic: &str, message: String| Channel::open(link, keys::key(&vehicle, topic), message);
         let rates = &launch.gateway.rates;
-        let outlets =
-            TOPICS.iter().map(|topic| rates.contains_key(*topic).then(|| channel(topic, batch_of(topic))).transpose());
+        let outlets = Topic::ALL
+            .iter()
+            .map(|topic| rates.contains_key(topic.name()).then(|| channel(topic.name(), batch_of(*topic))).transpose());
         Ok(Self {
             outlets: outlets.collect::<Result<_, _>>()?,
             report: channel(keys::GATEWAY, format!("plumbline.v1.{}", GatewayReport::NAME))?,
-            life,
+            start_ns,
             last: Last::default(),
             signs: Vec::new(),
             _vehicle: link.sign(&keys::key(&vehicle, keys::LIVE))?,
@@ -83,13 +82,13 @@ impl Sender {
     /// Sends what there is.
     pub(crate) fn empty(&mut self) {
         for _ in 0..QUEUE_MAX {
-            let Some((parcel, dropped)) = self.shared.queue.take() else { break };
-            self.send(&parcel, dropped);
+            let Some((batch, dropped)) = self.shared.queue.take() else { break };
+            self.send(&batch, dropped);
         }
     }
 
     /// Sends what there is, and from time to time what is not on the bus.
-    pub(crate) fn turn(&mut self) -> Result<(), LinkError> {
+    pub(crate) fn poll(&mut self) -> Result<(), LinkError> {
         self.empty();
         if self.looked.elapsed() > TURN_LIMIT {
             self.looked = Instant::now();
@@ -97,16 +96,16 @@ impl Sender {
         }
         if self.reported.elapsed() > REPORT_INTERVAL {
             self.reported = Instant::now();
-            self.tell();
+            self.publish_report();
         }
         Ok(())
     }
 
-    fn send(&mut self, parcel: &Parcel, dropped: u64) {
-        let Some(Some(channel)) = self.outlets.get_mut(parcel.topic) else { return };
-        (channel.left_out, channel.dropped) = (parcel.left_out, parcel.overwritten + dropped);
-        let bytes = wire::seal(&channel.envelope(self.life), &parcel.bytes);
-        channel.send(bytes, parcel.samples, &self.last);
+    fn send(&mut self, batch: &Batch, dropped: u64) {
+        let Some(Some(channel)) = self.outlets.get_mut(batch.topic) else { return };
+        (channel.decimated, channel.dropped) = (batch.decimated, batch.overwritten + dropped);
+        let bytes = wire::seal(&channel.envelope(self.start_ns), &batch.bytes);
+        channel.send(bytes, batch.samples, &self.last);
         let dropped = self.outlets.iter().flatten().map(|channel| channel.dropped).sum();
         self.shared.dropped.store(dropped, Ordering::Relaxed);
     }
@@ -123,22 +122,22 @@ impl Sender {
         Ok(())
     }
 
-    fn tell(&mut self) {
+    fn publish_report(&mut self) {
         let (queued, queue_max) = self.shared.queue.depth();
-        let [swaps_asked, swaps_answered_here] = self.shared.desk.counts();
-        let topic = |(topic, channel): (&&str, &Option<Channel>)| {
-            let Channel { messages, samples, left_out, dropped, .. } = *channel.as_ref()?;
-            Some(TopicReport { topic: (*topic).into(), messages, samples, left_out, dropped })
+        let [swaps_asked, swaps_answered_here] = self.shared.swaps.counts();
+        let topic = |(topic, channel): (&Topic, &Option<Channel>)| {
+            let Channel { messages, samples, decimated, dropped, .. } = *channel.as_ref()?;
+            Some(TopicReport { topic: topic.name().into(), messages, samples, decimated, dropped })
         };
         let report = GatewayReport {
-            envelope: Some(self.report.envelope(self.life)),
+            envelope: Some(self.report.envelope(self.start_ns)),
             queued: queued as u32,
             queue_max: queue_max as u32,
             refused: Some(*locked(&self.shared.refusals)),
             swaps_asked,
             swaps_answered_here,
             questions_turned_away: self.shared.turned_away.load(Ordering::Relaxed),
-            topics: TOPICS.iter().zip(&self.outlets).filter_map(topic).collect(),
+            topics: Topic::ALL.iter().zip(&self.outlets).filter_map(topic).collect(),
         };
         self.report.send(report.encoded(), 1, &self.last);
     }
@@ -147,13 +146,13 @@ impl Sender {
 impl Channel {
     fn open(link: &Link, key: String, message: String) -> Result<Self, LinkError> {
         let outlet = link.outlet(&key, &message)?;
-        Ok(Self { key, message, outlet, messages: 0, samples: 0, left_out: 0, dropped: 0 })
+        Ok(Self { key, message, outlet, messages: 0, samples: 0, decimated: 0, dropped: 0 })
     }
 
-    fn envelope(&self, life: u64) -> Envelope {
-        let Self { messages, samples, left_out, dropped, .. } = *self;
+    fn envelope(&self, start_ns: u64) -> Envelope {
+        let Self { messages, samples, decimated, dropped, .. } = *self;
         let t_sent_ns = monotonic_ns();
-        Envelope { sequence: messages, life, samples_before: samples, left_out, dropped, t_sent_ns }
+        Envelope { sequence: messages, start_ns, samples_before: samples, decimated, dropped, t_sent_ns }
     }
 
     fn send(&mut self, bytes: Vec<u8>, samples: u64, last: &Last) {
@@ -166,16 +165,6 @@ impl Channel {
 }
 
 /// The type of the messages under a topic's key.
-fn batch_of(topic: &str) -> String {
-    struct Named;
-
-    impl Visitor for Named {
-        type Output = String;
-
-        fn visit<M: Payload>(self) -> String {
-            batch_name::<M>()
-        }
-    }
-
-    with_payload(topic, Named).unwrap_or_default()
+fn batch_of(topic: Topic) -> String {
+    messages::dispatch!(topic, M => batch_name::<M>())
 }

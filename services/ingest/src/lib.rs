@@ -14,12 +14,13 @@ use std::time::Duration;
 use bus::{BusError, Publisher, Subscriber};
 use launch::{Service, Source};
 use messages::{
-    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading, State,
+    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, ReceiverReading, Reference,
+    SensorReading, State,
 };
 use runtime::{
-    Member, Orders, Pace, RuntimeError,
+    Pace, RuntimeError, ServiceConfig, ServiceContext,
     clock::{monotonic_ns, sleep_until_ns},
-    orders::{BUFFER_BESIDE, Resume},
+    service_config::{BUFFER_BESIDE, Resume},
 };
 
 use conditioner::{Conditioner, Sample};
@@ -47,15 +48,15 @@ impl From<BusError> for IngestError {
     }
 }
 
-/// The conditioner for the source that `orders` name.
-pub fn conditioner(orders: &Orders) -> Result<Conditioner, SourceError> {
-    Ok(Conditioner::new(&orders.launch.ingest, orders.rate_hz, orders.gyro_samples())?)
+/// The conditioner for the source that `config` names.
+pub fn conditioner(config: &ServiceConfig) -> Result<Conditioner, SourceError> {
+    Ok(Conditioner::new(&config.launch.ingest, config.rate_hz, config.gyro_samples())?)
 }
 
 /// The service.
 pub fn run() -> Result<(), IngestError> {
     let mut ingest = Ingest::join()?;
-    match ingest.member.orders.launch.ingest.source {
+    match ingest.context.config.launch.ingest.source {
         Source::Bus => ingest.relay()?,
         Source::Sim | Source::Replay => ingest.pace()?,
     }
@@ -63,7 +64,7 @@ pub fn run() -> Result<(), IngestError> {
 }
 
 struct Ingest {
-    member: Member,
+    context: ServiceContext,
     conditioner: Conditioner,
     imu: Publisher<ImuSample>,
     mag: Publisher<MagSample>,
@@ -71,42 +72,45 @@ struct Ingest {
     reference: Publisher<Reference>,
     checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
-    /// Ticks before this one were published by an earlier life.
+    /// Ticks before this one were published by an earlier incarnation.
     first_tick: u64,
     /// When the first tick was due, CLOCK_MONOTONIC, ns; 0 before.
     start_ns: u64,
     next_checkpoint: u64,
     allowed_ticks: u64,
+    /// The system is to end: ticks from this one on are not published.
+    end_tick: Option<u64>,
     published_ticks: u64,
     flags: Flags,
 }
 
 impl Ingest {
     fn join() -> Result<Self, IngestError> {
-        let member = Member::join(Service::Ingest)?;
+        let context = ServiceContext::join(Service::Ingest)?;
         runtime::clock::wake_on_time();
-        let mut conditioner = conditioner(&member.orders)?;
+        let mut conditioner = conditioner(&context.config)?;
         let (mut first_tick, mut start_ns) = (0, 0);
-        if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = member.orders.resume {
+        if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {
             (first_tick, start_ns) = (next_tick, since_ns);
-            if member.orders.launch.ingest.source == Source::Bus {
-                first_tick = member.bus.next_tick::<ImuSample>();
+            if context.config.launch.ingest.source == Source::Bus {
+                first_tick = context.bus.next_tick(ImuSample::TOPIC);
                 conditioner.continue_at(first_tick, offset_ns);
             }
         }
         Ok(Self {
             conditioner,
-            checkpoints: member.bus.publisher(BUFFER_BESIDE)?,
+            checkpoints: context.bus.publisher(BUFFER_BESIDE)?,
             first_tick,
             start_ns,
             next_checkpoint: 0,
-            imu: member.publisher()?,
-            mag: member.publisher()?,
-            gnss: member.publisher()?,
-            reference: member.bus.publisher(member.orders.buffer_ticks())?,
-            credit: member.bus.late_subscriber(BUFFER_BESIDE)?,
-            member,
+            imu: context.publisher()?,
+            mag: context.publisher()?,
+            gnss: context.publisher()?,
+            reference: context.bus.publisher(context.config.buffer_ticks())?,
+            credit: context.bus.late_subscriber(BUFFER_BESIDE)?,
+            context,
             allowed_ticks: 0,
+            end_tick: None,
             published_ticks: first_tick,
             flags: Flags::NONE,
         })
@@ -114,24 +118,27 @@ impl Ingest {
 
     /// Publishes the readings of a simulation or a recording when they are due.
     fn pace(&mut self) -> Result<(), IngestError> {
-        let mut readings = Readings::open(&self.member.orders.launch)?;
-        self.say(State::READY)?;
-        self.member.bus.wake_all();
+        let mut readings = Readings::open(&self.context.config.launch)?;
+        self.publish_health(State::READY)?;
+        self.context.bus.wake_all();
         let mut next = self.read(&mut readings)?;
         let Some(first_ns) = next.as_ref().map(|(sample, _)| sample.imu.header.t_end_ns) else { return Ok(()) };
-        // What an earlier life has published is made again, for the sake of what comes after it.
+        // What an earlier incarnation has published is made again, for the sake of what comes after it.
         while let (false, Some(_)) =
-            (self.member.ends(), next.take_if(|(sample, _)| sample.imu.header.tick < self.first_tick))
+            (self.context.ends(), next.take_if(|(sample, _)| sample.imu.header.tick < self.first_tick))
         {
             next = self.read(&mut readings)?;
-            self.say(State::READY)?;
+            self.publish_health(State::READY)?;
         }
-        while let (false, Some((sample, _))) = (self.member.ends(), &next) {
+        while let (false, Some((sample, _))) = (self.context.ends(), &next) {
             self.drain_credit()?;
-            self.greet()?;
+            self.deliver_history()?;
+            if self.end_tick.is_some_and(|end_tick| sample.imu.header.tick >= end_tick) {
+                break;
+            }
             if sample.imu.header.tick >= self.allowed_ticks {
-                self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
-                self.member.wait::<Credit>(&self.credit);
+                self.publish_health(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
+                self.context.wait::<Credit>(&self.credit);
                 continue;
             }
             let t_end_ns = sample.imu.header.t_end_ns;
@@ -139,16 +146,16 @@ impl Ingest {
             if self.start_ns == 0 {
                 self.start_ns = now_ns;
             }
-            let due_ns = match self.member.orders.pace {
+            let due_ns = match self.context.config.pace {
                 Pace::Max => 0,
                 Pace::Speed(speed) => self.due_ns(t_end_ns - first_ns, speed, now_ns),
             };
             if now_ns < due_ns {
                 sleep_until_ns(due_ns, SLEEP_LIMIT);
-                self.say(State::RUNNING)?;
+                self.publish_health(State::RUNNING)?;
                 continue;
             }
-            let batch = if self.member.orders.pace == Pace::Max { BATCH } else { 1 };
+            let batch = if self.context.config.pace == Pace::Max { BATCH } else { 1 };
             for _ in 0..batch {
                 let Some((sample, truth)) = next.take_if(|(sample, _)| sample.imu.header.tick < self.allowed_ticks)
                 else {
@@ -164,7 +171,7 @@ impl Ingest {
             if batch > 1 {
                 self.imu.wake();
             }
-            self.say(State::RUNNING)?;
+            self.publish_health(State::RUNNING)?;
         }
         Ok(())
     }
@@ -172,11 +179,11 @@ impl Ingest {
     /// When a reading is due that was taken so long after the first. What stood still with the machine goes on from where it was: the
     /// readings of that time would come at once, more of them than a reader that has just been replaced can be given.
     fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
-        let Orders { rate_hz, .. } = self.member.orders;
+        let ServiceConfig { rate_hz, .. } = self.context.config;
         let due_ns = self.start_ns + (after_first_ns as f64 / speed) as u64;
         let late_ns = now_ns.saturating_sub(due_ns);
         let late_ticks = late_ns as f64 * 1e-9 * speed * rate_hz;
-        if late_ticks < self.member.orders.buffer_ticks() as f64 / 2.0 {
+        if late_ticks < self.context.config.buffer_ticks() as f64 / 2.0 {
             return due_ns;
         }
         self.start_ns += late_ns;
@@ -185,15 +192,18 @@ impl Ingest {
 
     /// Publishes the readings of the topic `sensor` as they come.
     fn relay(&mut self) -> Result<(), IngestError> {
-        let sensor: Subscriber<SensorReading> = self.member.subscriber()?;
-        let receiver: Subscriber<ReceiverReading> = self.member.subscriber()?;
-        self.say(State::READY)?;
-        while !self.member.ends() {
+        let sensor: Subscriber<SensorReading> = self.context.subscriber()?;
+        let receiver: Subscriber<ReceiverReading> = self.context.subscriber()?;
+        self.publish_health(State::READY)?;
+        while !self.context.ends() {
             self.drain_credit()?;
-            self.greet()?;
-            self.say(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
+            self.deliver_history()?;
+            if self.end_tick.is_some() {
+                break;
+            }
+            self.publish_health(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
             if self.published_ticks >= self.allowed_ticks {
-                self.member.wait::<Credit>(&self.credit);
+                self.context.wait::<Credit>(&self.credit);
                 continue;
             }
             let (mut published, mut fix) = (Ok(()), None);
@@ -206,20 +216,20 @@ impl Ingest {
             })?;
             published?;
             self.imu.wake();
-            self.member.wait::<SensorReading>(&sensor);
+            self.context.wait::<SensorReading>(&sensor);
         }
         Ok(())
     }
 
-    /// Unless the service was asked to end before, the source is at its end; it stays until the last reader has what it sent.
+    /// The source is at its end, unless the service was asked to end before; it stays until the last reader has what it sent.
     fn finish(&mut self) -> Result<(), IngestError> {
-        while !self.member.ends() {
-            self.greet()?;
-            self.say(State::FINISHED)?;
-            self.member.wait::<Credit>(&self.credit);
+        while !self.context.ends() {
+            self.deliver_history()?;
+            self.publish_health(State::FINISHED)?;
+            self.context.wait::<Credit>(&self.credit);
         }
-        let standing = self.standing();
-        Ok(self.member.say_last(standing)?)
+        let counts = self.counts();
+        Ok(self.context.publish_last_health(counts)?)
     }
 
     /// The next reading that can be placed, as a sample.
@@ -243,7 +253,7 @@ impl Ingest {
             self.reference.send(&Reference { tick, scored: scored.into(), quaternion })?;
         }
         self.flags |= imu.header.flags;
-        self.member.stamp(&mut imu.header);
+        self.context.stamp(&mut imu.header);
         imu.header.t_born_ns = imu.header.t_sent_ns;
         // Before the tick that they go with, so that nobody has to wait for them.
         if let Some(mag) = mag {
@@ -254,22 +264,22 @@ impl Ingest {
             self.gnss.send(&GnssFix { header: imu.header, ..gnss })?;
             self.gnss.wake();
         }
-        self.imu.note(imu.header.tick);
+        self.imu.set_next_tick_after(imu.header.tick);
         self.imu.send(&imu)?;
         self.published_ticks += 1;
-        self.note()
+        self.publish_checkpoint()
     }
 
-    /// Tells from time to time what another life needs to go on.
-    fn note(&mut self) -> Result<(), IngestError> {
+    /// Tells from time to time what another incarnation needs to go on.
+    fn publish_checkpoint(&mut self) -> Result<(), IngestError> {
         if self.published_ticks < self.next_checkpoint {
             return Ok(());
         }
-        self.next_checkpoint = self.published_ticks + self.member.orders.checkpoint_ticks();
+        self.next_checkpoint = self.published_ticks + self.context.config.checkpoint_ticks();
         let mut checkpoint = Checkpoint {
             next_tick: self.published_ticks,
             service: Service::Ingest as u32,
-            incarnation: self.member.orders.incarnation,
+            incarnation: self.context.config.incarnation,
             slot_words: 2,
             ..bytemuck::Zeroable::zeroed()
         };
@@ -279,29 +289,33 @@ impl Ingest {
     }
 
     /// Hands what the topics hold to readers that have come.
-    fn greet(&self) -> Result<(), IngestError> {
-        self.imu.greet()?;
-        self.mag.greet()?;
-        Ok(self.gnss.greet()?)
+    fn deliver_history(&self) -> Result<(), IngestError> {
+        self.imu.deliver_history()?;
+        self.mag.deliver_history()?;
+        Ok(self.gnss.deliver_history()?)
     }
 
     fn drain_credit(&mut self) -> Result<(), IngestError> {
-        let allowed_ticks = &mut self.allowed_ticks;
-        Ok(self.credit.drain(BUFFER_BESIDE, |credit| *allowed_ticks = credit.ticks.max(*allowed_ticks))?)
+        let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
+        Ok(credit.drain(BUFFER_BESIDE, |credit| {
+            *allowed_ticks = credit.ticks.max(*allowed_ticks);
+            // What an earlier incarnation has published is made again.
+            *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
+        })?)
     }
 
-    fn say(&mut self, state: State) -> Result<(), IngestError> {
-        let standing = self.standing();
-        Ok(self.member.say(state, standing)?)
+    fn publish_health(&mut self, state: State) -> Result<(), IngestError> {
+        let counts = self.counts();
+        Ok(self.context.publish_health(state, counts)?)
     }
 
     /// How far it is.
-    fn standing(&self) -> impl FnOnce(&mut Health) + use<> {
+    fn counts(&self) -> impl FnOnce(&mut Health) + use<> {
         let (ticks, refused, flags) = (self.published_ticks, self.conditioner.refused(), self.flags);
         move |health| (health.ticks, health.next_tick, health.refused, health.flags) = (ticks, ticks, refused, flags)
     }
 
     fn ticks_max(&self) -> u64 {
-        self.member.orders.ticks_max.unwrap_or(u64::MAX)
+        self.context.config.ticks_max.unwrap_or(u64::MAX)
     }
 }

@@ -7,37 +7,25 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`plan`] | what is to run, checked before anything starts |
-//! | [`system`] | the services as processes on the bus |
+//! | [`system`] | the services as processes on the bus: the shell around `supervision`, which decides |
 //! | [`in_process`] | the same slots in this process, without the bus |
-//! | [`collector`], `out` | what becomes of the attitude: accuracy, latency; the file |
 //! | [`report`] | how it went, for scripts and for people |
-//! | `crew`, `lives`, `memory` | the processes; when one is started again; from where it goes on |
+//! | `processes` | the processes: started, ended, reaped |
 //! | `warm` | what outlives a stop of the whole system |
-//! | `cleaner` | what killed services leave on the bus |
-//! | `damage` | whether who starts can still join the bus |
-//! | `urgency` | which process runs first |
-//! | `exchange` | who owns a slot, and how it changes hands |
-//! | `door` | the socket at which others ask |
+//! | `reaper` | what killed services leave on the bus |
+//! | `scheduling` | which process runs first |
 //! | `view` | the terminal |
 //! | `notify` | what the service manager is told |
-mod cleaner;
-pub mod collector;
-mod crew;
-mod damage;
-mod door;
-mod exchange;
 pub mod in_process;
-mod lives;
-mod memory;
 mod notify;
-mod out;
 pub mod plan;
+mod processes;
+mod reaper;
 pub mod report;
+mod scheduling;
 pub mod system;
-mod urgency;
 mod view;
 mod warm;
-mod watch;
 
 use std::{
     io::{self, Write},
@@ -46,29 +34,33 @@ use std::{
 };
 
 use bus::BusError;
+use control::ControlError;
 use ingest::source::SourceError;
-use launch::{LaunchError, Service};
+use launch::LaunchError;
+use pipeline::CollectorError;
 use recording::RecordingError;
 use runtime::RuntimeError;
+use supervision::Failure;
 
-pub use collector::Record;
-pub use crew::Standing;
-pub use door::{Ask, DoorError, ask};
-pub use exchange::{SwapReport, Wish};
 pub use plan::{Plan, Request};
 pub use report::Report;
-pub use swap::Outcome;
 
 /// Runs what was asked for, to its end. What did not run is an error; of what did there is a report, which may have one too.
 pub fn up(request: &Request) -> Result<Report, UpError> {
     // From here on a signal ends it with a report.
     let ends = asked_to_end()?;
     let plan = Plan::new(request)?;
+    // A program says what is wrong with its parameters before anything starts; one that does not start is a matter of the rule for restarts.
+    if !plan.config.launch.stages.is_empty()
+        && let Err(error @ RuntimeError::Parameter { .. }) = pipeline::Path::new(&plan.config)
+    {
+        return Err(error.into());
+    }
     if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
 }
 
 /// Prints a line for people. One that nobody reads any more does not stop a system.
-pub fn tell(line: impl std::fmt::Display) {
+pub fn announce(line: impl std::fmt::Display) {
     let _ = writeln!(io::stderr(), "{line}");
 }
 
@@ -100,18 +92,9 @@ pub enum UpError {
     /// A slot could not be filled.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
-    /// A service ended by itself.
-    #[error("the service {service} (process {pid}) {how}; the system was stopped{said}")]
-    ServiceEnded {
-        /// Which one.
-        service: Service,
-        /// Its process.
-        pid: u32,
-        /// How it ended.
-        how: String,
-        /// What it said last, on lines of its own.
-        said: String,
-    },
+    /// It was ended before its time.
+    #[error(transparent)]
+    Failed(#[from] Failure),
     /// What was asked for needs all slots on this host.
     #[error("splitting the system over hosts: {why}; run it live, from \"sim\" or \"bus\"")]
     Split {
@@ -124,12 +107,6 @@ pub enum UpError {
         /// The file.
         path: PathBuf,
     },
-    /// The files of the bus were removed while the system ran.
-    #[error("{path} was removed while the system ran, so nobody who starts can join it")]
-    Damaged {
-        /// One of them.
-        path: PathBuf,
-    },
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -138,24 +115,12 @@ pub enum UpError {
         /// What the system answered.
         cause: io::Error,
     },
-    /// The file for the attitude cannot be made.
-    #[error("writing {path}: {cause}")]
-    Out {
-        /// The file.
-        path: PathBuf,
-        /// What the system answered.
-        cause: io::Error,
-    },
-    /// The attitude can be written no more.
-    #[error(
-        "writing {path}: {cause}; the file ends before its time, with a whole line, and nothing else does: make room, or give --out another place"
-    )]
-    OutEnds {
-        /// The file.
-        path: PathBuf,
-        /// What the system answered.
-        cause: io::Error,
-    },
+    /// The attitudes cannot be collected, or not be written any more.
+    #[error(transparent)]
+    Collector(#[from] CollectorError),
+    /// The control socket cannot be opened.
+    #[error(transparent)]
+    Control(#[from] ControlError),
     /// Ticks without an attitude.
     #[error(
         "{lost} of {ticks_in} ticks never came out: a service did not answer, or came back too late for what its topics hold"

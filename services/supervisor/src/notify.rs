@@ -32,6 +32,8 @@ pub(crate) struct Notifier {
     interval: Option<Duration>,
     fed: Instant,
     fed_tick: u64,
+    /// It has been told of the end.
+    stopping: bool,
 }
 
 impl Notifier {
@@ -42,12 +44,18 @@ impl Notifier {
             .map(|address| connect(&address))
             .transpose()
             .map_err(|cause| UpError::System { doing: "calling the service manager at NOTIFY_SOCKET".into(), cause })?;
-        Ok(Self { manager, interval: watchdog().map(|limit| limit / FEEDS), fed: Instant::now(), fed_tick: 0 })
+        Ok(Self {
+            manager,
+            interval: watchdog().map(|limit| limit / FEEDS),
+            fed: Instant::now(),
+            fed_tick: 0,
+            stopping: false,
+        })
     }
 
     /// Every service runs.
     pub(crate) fn ready(&mut self) {
-        self.tell("READY=1");
+        self.send("READY=1");
         self.fed = Instant::now();
     }
 
@@ -55,16 +63,18 @@ impl Notifier {
     pub(crate) fn flowing(&mut self, next_tick: u64) {
         if next_tick > self.fed_tick && self.interval.is_some_and(|interval| self.fed.elapsed() >= interval) {
             (self.fed, self.fed_tick) = (Instant::now(), next_tick);
-            self.tell("WATCHDOG=1");
+            self.send("WATCHDOG=1");
         }
     }
 
     /// The end has begun.
-    pub(crate) fn stopping(&self) {
-        self.tell("STOPPING=1");
+    pub(crate) fn stopping(&mut self) {
+        if !std::mem::replace(&mut self.stopping, true) {
+            self.send("STOPPING=1");
+        }
     }
 
-    fn tell(&self, state: &str) {
+    fn send(&self, state: &str) {
         if let Some(manager) = &self.manager {
             // A manager that cannot be told draws its own conclusions.
             let _ = manager.send(state.as_bytes());

@@ -1,13 +1,10 @@
 //! What is to run, checked before anything starts.
 
-use std::{
-    fs,
-    os::unix::fs::MetadataExt,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
-use launch::{Launch, Source};
-use runtime::{Orders, Pace};
+use launch::{Launch, Service, Source};
+use pipeline::is_same_file;
+use runtime::{Pace, ServiceConfig};
 
 use crate::{UpError, warm};
 
@@ -42,7 +39,7 @@ pub struct Request {
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// What every service is told.
-    pub orders: Orders,
+    pub config: ServiceConfig,
     /// Ticks that the source will give, as far as it is known.
     pub ticks: Option<u64>,
     /// After how much of the clock's time a source without an end is stopped, s.
@@ -93,13 +90,13 @@ impl Plan {
         let live = launch.ingest.source == Source::Bus;
         let wanted = request.duration_s.map(|duration_s| ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1));
         let ticks_max = wanted.filter(|_| !live);
-        let orders = Orders {
+        let config = ServiceConfig {
             launch,
             rate_hz,
             pace: request.pace.unwrap_or(Pace::Speed(1.0)),
             ticks_max,
             incarnation: 0,
-            epoch: runtime::service::FIRST_EPOCH,
+            epoch: runtime::service_config::FIRST_EPOCH,
             role: runtime::Role::Owner { from_tick: 0 },
             prior: None,
             resume: None,
@@ -108,13 +105,41 @@ impl Plan {
         Ok(Self {
             ticks: rows.into_iter().chain(ticks_max).min(),
             stop_after_s: request.duration_s.filter(|_| live),
-            has_reference: has_reference && orders.launch.gateway.import.is_none(),
+            has_reference: has_reference && config.launch.gateway.import.is_none(),
             out: request.out.clone(),
-            state_file: warm::place(&orders.launch, !orders.lockstep() && !request.in_process),
+            state_file: warm::place(&config.launch, !config.lockstep() && !request.in_process),
             cold: request.cold,
-            orders,
+            config,
         })
     }
+}
+
+/// What is wrong with the stage that fills a slot, for people.
+pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
+    // A program of the user's says itself what is wrong with its settings.
+    if launch.program(slot).is_some() {
+        return Ok(());
+    }
+    let config = ServiceConfig {
+        launch: launch.clone(),
+        rate_hz: 1000.0,
+        pace: Pace::Speed(1.0),
+        ticks_max: None,
+        incarnation: 0,
+        epoch: runtime::service_config::FIRST_EPOCH,
+        role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
+        resume: None,
+        supervisor_pid: 0,
+    };
+    let filled = match slot {
+        Service::Ingest | Service::Gateway => return Ok(()),
+        Service::Gyro => gyro::slot(&config).map(|_| ()),
+        Service::Accel => accel::slot(&config).map(|_| ()),
+        Service::Fuser => fuser::slot(&config).map(|_| ()),
+        Service::Course => course::slot(&config).map(|_| ()),
+    };
+    filled.map_err(|error| error.to_string())
 }
 
 fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
@@ -123,10 +148,4 @@ fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
         None if Path::new(LAUNCH_FILE).exists() => Ok(Launch::read(Path::new(LAUNCH_FILE))?),
         None => Ok(Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?),
     }
-}
-
-/// Two names of one file.
-pub fn is_same_file(one: &Path, other: &Path) -> bool {
-    let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
-    identity(one).is_some_and(|one| Some(one) == identity(other))
 }

@@ -3,9 +3,10 @@
 use std::fmt;
 
 use messages::Flags;
+use pipeline::Collector;
 use serde::Serialize;
 
-use crate::{UpError, collector::Collector};
+use crate::UpError;
 
 /// How a run went.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -72,8 +73,8 @@ pub struct ErrorDeg {
 pub struct ServiceReport {
     /// Its name.
     pub name: &'static str,
-    /// Its process.
-    pub pid: u32,
+    /// Its process, where there is one.
+    pub pid: Option<u32>,
     /// Times it was started again.
     pub restarts: u32,
 }
@@ -96,7 +97,7 @@ pub struct Account {
 impl Report {
     /// The report of a run that has come to its end, or to `failure`.
     pub fn new(mut collector: Collector, account: Account, failure: Option<UpError>) -> Self {
-        let unwritten = collector.finish().err();
+        let unwritten = collector.finish().err().map(UpError::from);
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();
         // What ingest said last may be older than what came out.
@@ -128,9 +129,9 @@ impl Report {
         }
     }
 
-    /// The report of what did not run.
-    pub fn none(error: &UpError) -> Self {
-        Self { error: Some(error.to_string()), exit_code: error.exit_code(), ..Self::default() }
+    /// The report of what did not run, and with which code it ends.
+    pub fn none(error: &dyn fmt::Display, exit_code: u8) -> Self {
+        Self { error: Some(error.to_string()), exit_code, ..Self::default() }
     }
 
     /// The report for scripts: one object on one line.

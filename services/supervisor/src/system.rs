@@ -1,4 +1,6 @@
-//! The services as processes on the bus, from the first to be started to the last to be reaped.
+//! The services as processes on the bus: what happens is told to [`Supervision`], and what it asks for is done.
+
+mod attached;
 
 use std::{
     sync::{
@@ -8,438 +10,358 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, Claim, Domain, Publisher, SharedMemory, Subscriber};
-use launch::{Launch, Service};
-use messages::{AttitudeOutput, Checkpoint, Credit, Difference, Health, ImuSample, Reference, State};
-use runtime::{Input, Orders, Reader, orders::BUFFER_BESIDE};
+use bus::{Claim, SharedMemory, SystemName};
+use launch::Service;
+use messages::Credit;
+use pipeline::Collector;
+use runtime::{Role, ServiceConfig};
+use rustix::process::Signal;
+use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
 
 use crate::{
     Plan, Report, UpError,
-    cleaner::Cleaner,
-    collector::Collector,
-    crew::{Crew, News, own_cpu_s},
-    damage::Damage,
-    door::{Ask, Door},
-    exchange::{Exchange, published_tick},
-    memory::Memory,
     notify::Notifier,
+    processes::{Processes, own_cpu_s},
     report::{Account, ServiceReport},
-    urgency,
+    scheduling::{self, SchedulingClass},
     view::View,
     warm::WarmStart,
-    watch::Watches,
 };
+use attached::Attached;
 
-/// Longest wait before looking at services, signals and messages.
-const ROUND: Duration = Duration::from_millis(20);
-/// The same while hands change.
-const ROUND_BUSY: Duration = Duration::from_millis(2);
-/// After the source's end, how long nothing may come before the rest is given up as lost: a service that was killed or has frozen is back by
-/// then.
-const DRAIN_LIMIT: Duration = Duration::from_secs(2);
 /// How often people see something new.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
+/// Between two looks whether the files of the bus are there while nobody ends.
+const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Runs the plan as processes.
 pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut system = System::start(plan, asked_to_end)?;
-    let ready = system.await_ready(&mut collector);
-    if ready.is_ok() {
-        (system.since, system.cpu_since_s) = (Instant::now(), own_cpu_s() + system.crew.cpu_s());
-    }
-    let mut run = ready.and_then(|()| system.operate(plan, &mut collector));
-    while let Err(UpError::Damaged { .. }) = run {
-        system = system.start_anew(collector.next_tick())?;
-        run = system.await_ready(&mut collector).and_then(|()| system.operate(plan, &mut collector));
-    }
-    let report = system.report(plan, collector, run);
+    let failure = system.run(&mut collector).err();
+    let report = system.report(collector, failure);
     system.end();
     Ok(report)
 }
 
-/// A running system. Its fields are dropped in this order: processes, ports, node, and last the name.
+/// A running system. Its fields are dropped in this order: processes, bus, and last the name.
 struct System {
-    crew: Crew,
-    cleaner: Cleaner,
-    ports: Ports,
-    memory: Memory,
+    processes: Processes,
+    /// `None` while there is none, and where no new one could be made.
+    attached: Option<Attached>,
+    supervision: Supervision,
+    started: Instant,
+    /// What every service is told.
+    config: ServiceConfig,
     warm: WarmStart,
-    exchange: Exchange,
-    watches: Watches,
-    door: Door,
-    /// Callers who wait for the answer to a request.
-    waiting: Vec<Waiting>,
     view: View,
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
-    /// From when on the cost of the processes counts, and what it was by then, CPU s.
+    cost: Cost,
+    looked: Instant,
+    shown: Instant,
+    finished: Option<Result<(), UpError>>,
+    claim: Option<Claim>,
+}
+
+/// What the processes cost, from when every one was ready until the first was asked to end.
+struct Cost {
     since: Instant,
     cpu_since_s: f64,
-    damage: Damage,
-    claim: Claim,
-}
-
-/// A caller who waits for the answer to a request.
-struct Waiting {
-    caller: u64,
-    request: u64,
-    /// The slot of a shadow, which ends with its caller.
-    shadow: Option<Service>,
-}
-
-struct Ports {
-    attitude: Reader<AttitudeOutput>,
-    reference: Subscriber<Reference>,
-    health: Subscriber<Health>,
-    checkpoints: Subscriber<Checkpoint>,
-    credit: Publisher<Credit>,
-    buffer: usize,
-    bus: Bus,
+    cpu_s_per_s: Option<f64>,
 }
 
 impl System {
     fn start(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
-        let domain = Domain::new(&plan.orders.launch.name)?;
-        SharedMemory::suffices(domain.name(), plan.orders.shared_memory_bytes())?;
-        let claim = domain.claim()?;
-        let ports = Ports::open(&domain, &plan.orders, 0)?;
-        let view = View::new(plan);
-        let control = ports.bus.publisher(BUFFER_BESIDE)?;
-        let watches = Watches::new(&plan.orders.launch, plan.orders.rate_hz, ports.differences(&plan.orders)?);
-        let door = Door::open(&domain)?;
-        let damage = Damage::new(domain.clone());
-        let cleaner = Cleaner::new(domain)?;
+        let system_name = SystemName::new(&plan.config.launch.name)?;
+        SharedMemory::suffices(system_name.name(), plan.config.shared_memory_bytes())?;
+        let claim = system_name.claim()?;
+        // All topics of its own are open before a service starts: to wait for one that a service is just making is what a signal would
+        // break off.
+        let attached = Attached::open(&system_name, &plan.config, 0)?;
+        let view = View::new(plan)?;
         let (warm, prior) = WarmStart::begin(plan)?;
-        let orders = Orders { prior, ..plan.orders.clone() };
-        urgency::set_own();
-        // All topics of its own are open by now: to wait for one that a service is just making is what a signal would break off.
-        let crew = Crew::start(&orders)?;
-        let exchange = Exchange::new(control, &orders, &crew);
-        let (memory, waiting) = (Memory::default(), Vec::new());
+        scheduling::set_own();
         Ok(Self {
-            crew,
-            cleaner,
-            ports,
-            memory,
+            processes: Processes::default(),
+            attached: Some(attached),
+            supervision: Supervision::new(decisions(plan), Duration::ZERO),
+            started: Instant::now(),
+            config: ServiceConfig { prior, ..plan.config.clone() },
             warm,
-            exchange,
-            watches,
-            door,
-            waiting,
             view,
             notifier,
             asked_to_end,
-            since: Instant::now(),
-            cpu_since_s: 0.0,
-            damage,
-            claim,
+            cost: Cost { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
+            looked: Instant::now(),
+            shown: Instant::now(),
+            finished: None,
+            claim: Some(claim),
         })
     }
 
-    /// The same system on another bus of its name, where somebody has removed the files of the one it had: every service goes on from its
-    /// checkpoint, and `next_tick` comes out next.
-    fn start_anew(self, next_tick: u64) -> Result<Self, UpError> {
-        let Self { mut crew, cleaner, ports, mut memory, exchange, mut watches, door, claim, .. } = self;
-        crew.leave_bus();
-        watches.leave_bus();
-        // What was open on the old bus is closed first: its topics have the names of the new ones.
-        drop((door, exchange, cleaner, ports));
-        let claim = claim.renew()?;
-        let domain = claim.domain();
-        let ports = Ports::open(domain, crew.orders(), next_tick)?;
-        let control = ports.bus.publisher(BUFFER_BESIDE)?;
-        watches.go_on_at(ports.differences(crew.orders())?);
-        let (door, cleaner, damage) = (Door::open(domain)?, Cleaner::new(domain.clone())?, Damage::new(domain.clone()));
-        crew.start_anew(&memory)?;
-        let mut exchange = Exchange::new(control, crew.orders(), &crew);
-        for service in crew.away() {
-            exchange.leave_empty(&ports.bus, service, &mut crew, &mut memory);
+    /// Runs to the end.
+    fn run(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+        self.handle(Event::Time, collector)?;
+        loop {
+            if let Some(finished) = self.finished.take() {
+                self.notifier.stopping();
+                return finished;
+            }
+            self.wait();
+            self.round(collector)?;
+            if self.shown.elapsed() > VIEW_INTERVAL && self.supervision.is_running() {
+                self.shown = Instant::now();
+                self.view.show(collector, Some(&self.supervision), self.started.elapsed());
+            }
         }
-        let waiting = Vec::new();
-        Ok(Self { crew, cleaner, ports, memory, exchange, watches, door, waiting, damage, claim, ..self })
     }
 
-    /// Waits until every service has opened its topics: from then on nothing that is published is missed. How long one may take, and what
-    /// comes then, is the rule of its lives.
-    fn await_ready(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        self.hear()?;
-        while !self.is_ready() && !self.asked_to_end.load(Ordering::SeqCst) {
-            self.tend(collector)?;
-            self.answer(collector);
-            std::thread::sleep(Duration::from_millis(1));
-            self.hear()?;
+    /// Tells what has happened since the last time.
+    fn round(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+        let exits = self.processes.reap();
+        let died = !exits.is_empty();
+        let Some(attached) = &mut self.attached else { return Ok(()) };
+        // Checkpoints before attitudes: what was published before a checkpoint has then been taken.
+        let mut events = attached.read()?;
+        if self.supervision.published_elsewhere().is_none() {
+            attached.collect(collector)?;
+        }
+        events.push(Event::Output(progress(collector)));
+        events.extend(exits.into_iter().map(Event::from));
+        if died {
+            attached.reaper.note_death();
+        }
+        for event in events {
+            self.handle(event, collector)?;
+        }
+        self.look(died, collector)?;
+        self.answer_callers(collector)?;
+        if self.asked_to_end.load(Ordering::SeqCst) {
+            self.handle(Event::EndAsked, collector)?;
+        }
+        self.handle(Event::Time, collector)?;
+        self.notifier.flowing(self.supervision.next_tick());
+        let lines = self.warm.keep_newest(self.supervision.newest_checkpoint(Service::Fuser));
+        self.view.announce(lines);
+        Ok(())
+    }
+
+    /// Sees whether somebody has removed files of the bus: now and then, and whenever a process has died.
+    fn look(&mut self, died: bool, collector: &mut Collector) -> Result<(), UpError> {
+        let Some(claim) = self.claim.as_ref().filter(|_| died || self.looked.elapsed() >= LOOK_INTERVAL) else {
+            return Ok(());
+        };
+        self.looked = Instant::now();
+        let services = self.supervision.entries().filter_map(|(_, entry)| entry.pid()).filter(|_| died);
+        let pids: Vec<_> = services.chain([std::process::id()]).collect();
+        match claim.system_name().removed(&pids) {
+            Some(path) => self.handle(Event::FilesRemoved { path }, collector),
+            None => Ok(()),
+        }
+    }
+
+    fn answer_callers(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+        let Some(attached) = &mut self.attached else { return Ok(()) };
+        let requests = attached.socket.requests();
+        let departed = attached.socket.departed();
+        for (caller, request) in requests {
+            self.handle(Event::Request { caller, request }, collector)?;
+        }
+        for caller in departed {
+            self.handle(Event::CallerGone { caller }, collector)?;
         }
         Ok(())
     }
 
-    /// Runs to the end; what the processes cost until the first of them was asked to end, CPU s per s.
-    fn operate(&mut self, plan: &Plan, collector: &mut Collector) -> Result<f64, UpError> {
-        let origin = plan.orders.launch.origin();
-        // After a cut an import has more to give than a topic holds.
-        let lockstep = plan.orders.lockstep() || origin == Service::Gateway;
-        let window = plan.orders.window_ticks();
-        let mut granted = if lockstep { self.next_tick(collector) + window } else { u64::MAX };
-        let mut stopping = false;
-        let (mut cpu_s_per_s, mut next_tick) = (None, 0);
-        let (mut progress, mut shown) = (Instant::now(), Instant::now());
-        // Asked to end before it was ready, it has nothing to give out.
-        let mut ended = !self.is_ready();
-        if !ended {
-            self.ports.grant(granted)?;
-            self.notifier.ready();
+    /// Tells an event, and does what is asked for.
+    fn handle(&mut self, event: Event, collector: &mut Collector) -> Result<(), UpError> {
+        for action in self.supervision.handle(self.started.elapsed(), event) {
+            self.act(action, collector)?;
         }
-        while !ended {
-            self.wait(lockstep);
-            self.ports.credit.greet()?;
-            self.collect(collector)?;
-            self.hear()?;
-            let before = std::mem::replace(&mut next_tick, self.next_tick(collector));
-            if next_tick != before {
-                progress = Instant::now();
-                self.notifier.flowing(next_tick);
+        Ok(())
+    }
+
+    fn act(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
+        // What was asked for before the end came is not done any more; who waits for an answer has it.
+        if self.finished.is_some() && !matches!(action, Action::Answer { .. }) {
+            return Ok(());
+        }
+        match action {
+            Action::Spawn(spawn) => {
+                let incarnation = spawn.incarnation;
+                let event = match self.spawn(*spawn) {
+                    Ok(pid) => Event::Spawned { incarnation, pid },
+                    Err(cause) => Event::SpawnFailed { incarnation, cause },
+                };
+                return self.handle(event, collector);
             }
-            if lockstep && next_tick + window >= granted + window / 4 {
-                granted = next_tick + window;
-                self.ports.grant(granted)?;
+            Action::Terminate { incarnation } => {
+                self.processes.schedule(incarnation, SchedulingClass::Leaving);
+                self.processes.signal(incarnation, Signal::TERM);
             }
-            let asked = self.asked_to_end.load(Ordering::SeqCst);
-            let over = plan.stop_after_s.is_some_and(|limit_s| self.since.elapsed().as_secs_f64() > limit_s);
-            if (asked || over) && !stopping {
-                stopping = true;
+            Action::Kill { incarnation } => self.processes.signal(incarnation, Signal::KILL),
+            Action::PublishControl(control) => {
+                self.processes.schedule(control.owner, SchedulingClass::Path);
+                self.attached.iter().for_each(|attached| attached.publish(&control));
+            }
+            Action::GrantCredit { ticks, ends } => {
+                self.attached
+                    .as_ref()
+                    .map_or(Ok(()), |attached| attached.grant(Credit { ticks, ends: ends.into() }))?;
+            }
+            Action::Answer { caller, reply } => self.answer(caller, &reply, collector),
+            Action::Announce(line) => self.view.announce([line]),
+            Action::Ready => {
+                self.notifier.ready();
+                if self.cost.cpu_since_s == 0.0 {
+                    (self.cost.since, self.cost.cpu_since_s) = (Instant::now(), own_cpu_s() + self.processes.cpu_s());
+                }
+            }
+            Action::Stopping => {
+                self.notifier.stopping();
                 // Before the first process is reaped, and its time with it.
-                cpu_s_per_s = Some(self.cpu_s_per_s());
-                self.crew.ask_to_end(origin);
-                progress = Instant::now();
+                self.cost.cpu_s_per_s = Some(self.cpu_s_per_s());
             }
-            let finished = self.health_of(origin).is_some_and(|health| health.state == State::FINISHED);
-            let dry = finished || stopping && self.crew.post(origin).has_ended();
-            let given_up = (stopping || dry) && progress.elapsed() > DRAIN_LIMIT;
-            ended = dry && next_tick >= self.ticks_in(origin) || given_up;
-            if !ended {
-                self.tend(collector)?;
-                self.answer(collector);
-                self.watch(collector)?;
+            Action::RenewBus => {
+                self.renew(collector.next_tick())?;
+                return self.handle(Event::BusRenewed, collector);
             }
-            if shown.elapsed() > VIEW_INTERVAL {
-                shown = Instant::now();
-                self.view.show(collector, Some(&self.crew));
-            }
+            Action::Finish(failure) => self.finished = Some(failure.map_or(Ok(()), |failure| Err(failure.into()))),
         }
-        self.notifier.stopping();
-        Ok(cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s()))
+        Ok(())
+    }
+
+    fn spawn(&mut self, spawn: Spawn) -> Result<u32, String> {
+        let Spawn { incarnation, service, stage, role, epoch, resume } = spawn;
+        let launch = self.supervision.launch().clone();
+        let resume = resume.map(resume_of);
+        let mut config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config.clone() };
+        if let Some((slot, stage)) = config.launch.slot_mut(service).zip(stage) {
+            *slot = stage;
+        }
+        let class = match role {
+            _ if service.is_beside() => SchedulingClass::Beside,
+            Role::Owner { .. } => SchedulingClass::Path,
+            Role::Candidate => SchedulingClass::Starting,
+        };
+        self.processes.start(service, &config, class)
+    }
+
+    fn answer(&mut self, caller: u64, reply: &Reply, collector: &Collector) {
+        let Some(attached) = &mut self.attached else { return };
+        let socket = &mut attached.socket;
+        match reply {
+            Reply::Swap(report) => socket.answer(caller, report),
+            Reply::Status(status) => socket.answer(caller, status),
+            Reply::ServiceConfig => {
+                socket.answer(
+                    caller,
+                    &ServiceConfig { launch: self.supervision.launch().clone(), ..self.config.clone() },
+                );
+            }
+            Reply::Record => {
+                let out_ended = collector.out_ended().map(ToString::to_string);
+                socket.answer(caller, &RecordStatus { not_recorded: collector.not_recorded(), out_ended });
+            }
+            Reply::Done => socket.answer(caller, &()),
+        }
+    }
+
+    /// Another bus of the name, in the place of one whose files somebody has removed; `next_tick` comes out next.
+    fn renew(&mut self, next_tick: u64) -> Result<(), UpError> {
+        self.processes.kill();
+        // What was open on the old bus is closed first: its topics have the names of the new ones.
+        self.attached = None;
+        let Some(claim) = self.claim.take() else { return Ok(()) };
+        let claim = self.claim.insert(claim.renew()?);
+        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick)?);
+        Ok(())
+    }
+
+    /// In lockstep the source waits for the attitude to be taken, so that wakes this; else it looks from time to time, and when a service
+    /// ends.
+    fn wait(&self) {
+        let limit = self.supervision.poll_interval();
+        match &self.attached {
+            Some(attached) if self.supervision.waits_for_output() => attached.wait(limit),
+            _ => self.processes.wait(limit),
+        }
     }
 
     /// How it went, to the end or to what ended it.
-    fn report(&self, plan: &Plan, mut collector: Collector, run: Result<f64, UpError>) -> Report {
-        let (cpu_s_per_s, failure) = match run {
-            Ok(cpu_s_per_s) => (cpu_s_per_s, None),
-            Err(error) => (self.cpu_s_per_s(), Some(error)),
+    fn report(&mut self, mut collector: Collector, failure: Option<UpError>) -> Report {
+        let cpu_s_per_s = self.cost.cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s());
+        let mut failure = failure;
+        if let Some(attached) = &self.attached {
+            if self.supervision.published_elsewhere().is_none() {
+                failure = failure.or(attached.collect(&mut collector).err());
+            }
+            // What waits for ticks that have not come is counted with them as lost.
+            attached.finish(&mut collector);
+        }
+        let ingest = self.attached.as_ref().filter(|_| self.supervision.launch().origin() == Service::Ingest);
+        let published = ingest.map_or(0, |attached| attached.published(Service::Ingest));
+        let services = self.supervision.entries().map(|(service, entry)| ServiceReport {
+            name: service.name(),
+            pid: entry.pid(),
+            restarts: entry.restarts(),
+        });
+        let account = Account {
+            ticks_in: self.supervision.ticks_in().max(published),
+            ticks_out: self.supervision.published_elsewhere(),
+            refused: self.supervision.refused(),
+            cpu_s_per_s,
+            services: services.collect(),
         };
-        let failure = failure.or(self.collect(&mut collector).err());
-        // What waits for ticks that have not come is counted with them as lost.
-        self.ports.attitude.finish(&mut |output| collector.attitude(&output));
-        Report::new(collector, self.account(cpu_s_per_s, &plan.orders.launch), failure)
+        Report::new(collector, account, failure)
     }
 
     fn cpu_s_per_s(&self) -> f64 {
-        (own_cpu_s() + self.crew.cpu_s() - self.cpu_since_s).max(0.0) / self.since.elapsed().as_secs_f64()
-    }
-
-    /// Takes the attitudes that have come, where they are made here.
-    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
-        if self.published_elsewhere().is_none() { self.ports.collect(collector) } else { Ok(()) }
-    }
-
-    /// Sees to the services and their slots, and says what happened to them.
-    fn tend(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { crew, cleaner, exchange, memory, warm, ports, view, damage, .. } = self;
-        view.announce(&warm.heed(memory));
-        let mut news = News::default();
-        news.lines.extend(damage.look());
-        let mut tended = crew.tend(&mut news);
-        if !news.deaths.is_empty() {
-            cleaner.heed();
-            tended = tended.and_then(|()| damage.assess(crew, &mut news));
-        }
-        if tended.is_ok() {
-            tended = exchange.go_on(&ports.bus, &mut news, collector, crew, memory);
-        }
-        // Also what led to an error.
-        view.announce(&news.lines);
-        tended
-    }
-
-    /// Lets stages take over that have proved themselves.
-    fn watch(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Self { watches, exchange, crew, memory, view, .. } = self;
-        let mut lines = Vec::new();
-        watches.go_on(exchange, collector, crew, memory, &mut lines)?;
-        view.announce(&lines);
-        Ok(())
-    }
-
-    /// Answers whoever asks.
-    fn answer(&mut self, collector: &mut Collector) {
-        let Self { door, exchange, crew, memory, waiting, watches, view, .. } = self;
-        for (caller, question) in door.questions() {
-            match question {
-                Ask::Swap(wish) => {
-                    let shadow = Service::named(&wish.slot).filter(|_| wish.shadow);
-                    if exchange.checked(&wish).is_ok() {
-                        watches.yield_to(&wish.slot, exchange, crew, memory);
-                    }
-                    let request = exchange.wish(wish, collector, crew, memory);
-                    waiting.push(Waiting { caller, request, shadow });
-                }
-                Ask::Cancel { slot } => {
-                    Service::named(&slot).into_iter().for_each(|slot| exchange.cancel(slot, crew, memory));
-                    door.answer(caller, &());
-                }
-                Ask::Ps => door.answer(caller, &exchange.ps(crew)),
-                Ask::Orders => door.answer(caller, crew.orders()),
-                Ask::Record => door.answer(caller, &collector.record()),
-                Ask::Tell { service, what } => {
-                    view.announce(&[format!("{service}: {what}")]);
-                    door.answer(caller, &());
-                }
-                Ask::At { service, at } => {
-                    view.announce(&[format!("{service}: {at}")]);
-                    crew.found(&service, at);
-                    door.answer(caller, &());
-                }
-            }
-        }
-        waiting.retain(|Waiting { caller, request, shadow }| match (exchange.take_answer(*request), shadow) {
-            (Some(report), _) => {
-                view.announce(&[report.to_string()]);
-                door.answer(*caller, &report);
-                false
-            }
-            (None, Some(slot)) if !door.is_waiting(*caller) => {
-                exchange.cancel(*slot, crew, memory);
-                false
-            }
-            (None, _) => true,
-        });
-    }
-
-    /// In lockstep the source waits for this reader, so it is woken; else it only looks from time to time, and when a service ends.
-    fn wait(&self, lockstep: bool) {
-        let round = if self.exchange.is_busy() { ROUND_BUSY } else { ROUND };
-        if lockstep {
-            Input::<AttitudeOutput>::wait(&self.ports.attitude, round);
-        } else {
-            self.crew.wait(round);
-        }
+        let Cost { since, cpu_since_s, .. } = self.cost;
+        (own_cpu_s() + self.processes.cpu_s() - cpu_since_s).max(0.0) / since.elapsed().as_secs_f64()
     }
 
     fn end(mut self) {
-        self.crew.end();
-        self.view.announce(&self.warm.end(&self.memory));
+        self.processes.end();
+        let lines = self.warm.end(self.supervision.newest_checkpoint(Service::Fuser));
+        self.view.announce(lines);
         self.view.end();
-    }
-
-    fn hear(&mut self) -> Result<(), UpError> {
-        let Self { ports, crew, memory, exchange, .. } = self;
-        ports.health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| crew.hear(health))?;
-        ports.checkpoints.drain(BUFFER_BESIDE * Service::ALL.len(), |checkpoint| {
-            let Checkpoint { service, incarnation, next_tick, .. } = checkpoint;
-            if !exchange.admits(service, incarnation, next_tick) {
-                return;
-            }
-            if crew.is_candidate(service, incarnation) {
-                memory.keep_candidate(checkpoint);
-            } else {
-                memory.keep(checkpoint);
-            }
-        })?;
-        Ok(())
-    }
-
-    fn is_ready(&self) -> bool {
-        self.crew.path().all(|(_, post)| post.is_settled())
-    }
-
-    fn health_of(&self, service: Service) -> Option<&Health> {
-        self.crew.post(service).heard()
-    }
-
-    /// The tick that comes out next.
-    fn next_tick(&self, collector: &Collector) -> u64 {
-        self.published_elsewhere().unwrap_or(collector.next_tick())
-    }
-
-    /// How far every slot here has published, if the attitude is made on another host.
-    fn published_elsewhere(&self) -> Option<u64> {
-        let path = || self.crew.path().map(|(service, _)| service).filter(|service| !service.is_beside());
-        let has_attitude = path().any(|service| service == Service::Course);
-        (!has_attitude).then(|| path().map(|service| published_tick(&self.ports.bus, service)).min()).flatten()
-    }
-
-    /// Ticks that have come in.
-    fn ticks_in(&self, origin: Service) -> u64 {
-        match origin {
-            // What ingest has published counts, whether or not it lives to say so.
-            Service::Ingest => self.ports.bus.next_tick::<ImuSample>(),
-            _ => self.health_of(origin).map_or(0, |health| health.ticks),
-        }
-    }
-
-    fn account(&self, cpu_s_per_s: f64, launch: &Launch) -> Account {
-        Account {
-            ticks_in: self.ticks_in(launch.origin()),
-            ticks_out: self.published_elsewhere(),
-            refused: self.health_of(launch.origin()).map_or(0, |health| health.refused),
-            cpu_s_per_s,
-            services: self
-                .crew
-                .posts()
-                .map(|(service, post)| ServiceReport {
-                    name: service.name(),
-                    pid: post.pid(),
-                    restarts: post.restarts(),
-                })
-                .collect(),
-        }
     }
 }
 
-impl Ports {
-    /// The first attitude to come is that of `next_tick`.
-    fn open(domain: &Domain, orders: &Orders, next_tick: u64) -> Result<Self, UpError> {
-        let bus = Bus::join(domain, "supervisor")?;
-        let buffer = orders.buffer_ticks();
-        Ok(Self {
-            attitude: Reader::new(bus.subscriber(buffer)?, next_tick, orders),
-            reference: bus.subscriber(buffer)?,
-            health: bus.subscriber(BUFFER_BESIDE)?,
-            checkpoints: bus.subscriber(BUFFER_BESIDE)?,
-            credit: bus.publisher(BUFFER_BESIDE)?,
-            buffer,
-            bus,
-        })
+/// What the supervision of a plan is told.
+fn decisions(plan: &Plan) -> Config {
+    let config = &plan.config;
+    Config {
+        launch: config.launch.clone(),
+        rate_hz: config.rate_hz,
+        lockstep: config.lockstep(),
+        window_ticks: config.window_ticks(),
+        stop_after: plan.stop_after_s.map(Duration::from_secs_f64),
+        validate: crate::plan::validate,
     }
+}
 
-    /// Where shadows say how far they are, if anybody wants to know.
-    fn differences(&self, orders: &Orders) -> Result<Option<Subscriber<Difference>>, UpError> {
-        let watched = !orders.launch.watch.is_empty();
-        Ok(watched.then(|| self.bus.subscriber(BUFFER_BESIDE)).transpose()?)
+fn progress(collector: &mut Collector) -> OutputProgress {
+    OutputProgress {
+        next_tick: collector.next_tick(),
+        lost: collector.lost(),
+        duplicated: collector.duplicated(),
+        gap_ns: collector.take_gap_ns(),
+        swapped: collector.swapped(),
     }
+}
 
-    fn grant(&self, ticks: u64) -> Result<(), UpError> {
-        self.credit.send(&Credit { ticks })?;
-        self.credit.wake();
-        Ok(())
-    }
-
-    fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
-        let mut outputs: Vec<AttitudeOutput> = Vec::new();
-        self.attitude.drain(self.buffer, &mut |output| outputs.push(output))?;
-        // A reference is published before its tick, so those of all these ticks are there.
-        self.reference.drain(self.buffer, |reference| collector.reference(reference))?;
-        outputs.iter().for_each(|output| collector.attitude(output));
-        Ok(())
+/// The same as a service is told.
+fn resume_of(resume: supervision::Resume) -> runtime::service_config::Resume {
+    use runtime::service_config::Resume;
+    match resume {
+        supervision::Resume::Fresh => Resume::Fresh,
+        supervision::Resume::Checkpoint(checkpoint) => Resume::Checkpoint(Box::new((&*checkpoint).into())),
+        supervision::Resume::Source { next_tick, start_ns, offset_ns } => {
+            Resume::Source { next_tick, start_ns, offset_ns }
+        }
     }
 }

@@ -1,32 +1,28 @@
 //! What people see while a system runs: a few live lines on a terminal, a line a second in a log; on standard error.
 
-use std::{
-    io::IsTerminal,
-    time::{Duration, Instant},
-};
+mod painter;
 
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::time::{Duration, Instant};
+
 use launch::{Service, Source};
 use messages::{Flags, Health};
+use pipeline::Collector;
 use runtime::Pace;
+use supervision::{ProcessEntry, Supervision};
 
-use crate::{
-    Plan,
-    collector::Collector,
-    crew::{Crew, Post},
-    report::LatencyUs,
-    tell,
-};
+use self::painter::{Painter, Picture};
+use crate::{Plan, UpError, report::LatencyUs};
 
-/// Terminal frames per second at most.
-const FRAMES_HZ: u8 = 10;
 /// A service that has said nothing for so long is shown as silent.
 const SILENT: Duration = Duration::from_millis(500);
+/// Lines above the services: head, attitude, error, flow.
+const HEAD_LINES: usize = 4;
 /// Between two lines of a log.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 pub(crate) struct View {
-    lines: Option<Lines>,
+    painter: Painter,
+    head: String,
     ticks: Option<u64>,
     rate_hz: f64,
     has_reference: bool,
@@ -37,79 +33,66 @@ pub(crate) struct View {
     out_ended: bool,
 }
 
-/// The live lines of a terminal.
-struct Lines {
-    all: MultiProgress,
-    text: Vec<ProgressBar>,
-    progress: Option<ProgressBar>,
-}
-
-/// Lines above the services: head, attitude, error, flow.
-const HEAD_LINES: usize = 4;
-
 impl View {
-    pub(crate) fn new(plan: &Plan) -> Self {
-        let lines = std::io::stderr().is_terminal().then(|| Lines::new(plan));
-        if lines.is_none() {
-            tell(head(plan));
+    pub(crate) fn new(plan: &Plan) -> Result<Self, UpError> {
+        let painter = Painter::new(HEAD_LINES + plan.config.launch.services.len(), plan.ticks)?;
+        let head = head(plan);
+        if !painter.is_terminal() {
+            painter.line(head.clone());
         }
-        Self {
-            lines,
+        Ok(Self {
+            painter,
+            head,
             ticks: plan.ticks,
-            rate_hz: plan.orders.rate_hz,
+            rate_hz: plan.config.rate_hz,
             has_reference: plan.has_reference,
             shown: Instant::now(),
             shown_ticks: 0,
             ticks_per_s: 0.0,
             out_ended: false,
-        }
+        })
     }
 
-    pub(crate) fn show(&mut self, collector: &Collector, crew: Option<&Crew>) {
+    /// Shows how it goes, and of processes how they are at `now`, the supervisor's time.
+    pub(crate) fn show(&mut self, collector: &Collector, supervision: Option<&Supervision>, now: Duration) {
         let elapsed_s = self.shown.elapsed().as_secs_f64();
         let ticks = collector.ticks();
         if let Some(error) = collector.out_ended().filter(|_| !std::mem::replace(&mut self.out_ended, true)) {
-            self.announce(&[error.to_string()]);
+            self.announce([error.to_string()]);
         }
-        if self.shown.elapsed() >= LINE_INTERVAL {
+        let is_new_line = self.shown.elapsed() >= LINE_INTERVAL;
+        if is_new_line {
             self.ticks_per_s = (ticks - self.shown_ticks) as f64 / elapsed_s;
             (self.shown, self.shown_ticks) = (Instant::now(), ticks);
-            if self.lines.is_none() {
-                let share = self.ticks.map_or(String::new(), |all| format!(" of {all}"));
-                let (attitude, error, flow) = (attitude(collector), self.error(collector), self.flow(collector));
-                tell(format_args!("tick {ticks}{share}: {attitude}; {error}; {flow}"));
-            }
         }
-        let flow = self.flow(collector);
-        let Some(lines) = &self.lines else { return };
-        lines.text[1].set_message(attitude(collector));
-        lines.text[2].set_message(self.error(collector));
-        lines.text[3].set_message(flow);
-        for (line, (service, post)) in lines.text[HEAD_LINES..].iter().zip(crew.into_iter().flat_map(Crew::posts)) {
-            line.set_message(service_line(service, post));
-        }
-        if let Some(progress) = &lines.progress {
-            progress.set_position(ticks);
-            progress.set_message(format!("{:.1} × real time", self.ticks_per_s / self.rate_hz));
+        let (attitude, error) = (attitude(collector), self.error(collector));
+        if self.painter.is_terminal() {
+            let services = supervision.into_iter().flat_map(Supervision::entries);
+            let services = services.map(|(service, entry)| service_line(service, entry, now));
+            self.painter.picture(Picture {
+                lines: [self.head.clone(), attitude, error, self.flow(collector)].into_iter().chain(services).collect(),
+                progress: self
+                    .ticks
+                    .map(|_| (collector.next_tick(), format!("{:.1} × real time", self.ticks_per_s / self.rate_hz))),
+            });
+        } else if is_new_line {
+            let share = self.ticks.map_or(String::new(), |all| format!(" of {all}"));
+            self.announce([format!(
+                "tick {}{share}: {attitude}; {error}; {}",
+                collector.next_tick(),
+                self.flow(collector)
+            )]);
         }
     }
 
     /// What has happened, on lines that stay.
-    pub(crate) fn announce(&self, news: &[String]) {
-        for line in news {
-            match &self.lines {
-                // A terminal that cannot be written to shows nothing.
-                Some(lines) => drop(lines.all.println(line)),
-                None => tell(line),
-            }
-        }
+    pub(crate) fn announce(&self, news: impl IntoIterator<Item = String>) {
+        news.into_iter().for_each(|line| self.painter.line(line));
     }
 
     /// The last picture stays.
-    pub(crate) fn end(&mut self) {
-        if let Some(lines) = &self.lines {
-            lines.text.iter().chain(&lines.progress).for_each(ProgressBar::abandon);
-        }
+    pub(crate) fn end(&self) {
+        self.painter.end();
     }
 
     fn error(&self, collector: &Collector) -> String {
@@ -132,38 +115,21 @@ impl View {
     }
 }
 
-impl Lines {
-    fn new(plan: &Plan) -> Self {
-        let all = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(FRAMES_HZ));
-        let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-        let text: Vec<_> = (0..HEAD_LINES + plan.orders.launch.services.len())
-            .map(|_| all.add(ProgressBar::new_spinner().with_style(style.clone())))
-            .collect();
-        text[0].set_message(head(plan));
-        let progress = plan.ticks.map(|ticks| {
-            let style = ProgressStyle::with_template("{bar:40} {percent:>3} % of {len} ticks, {msg}, {eta} left")
-                .unwrap_or_else(|_| ProgressStyle::default_bar());
-            all.add(ProgressBar::new(ticks).with_style(style))
-        });
-        Self { all, text, progress }
-    }
-}
-
 fn head(plan: &Plan) -> String {
-    let launch = &plan.orders.launch;
+    let launch = &plan.config.launch;
     let source = match launch.ingest.source {
         _ if launch.gateway.import.is_some() => "slots on another host".into(),
         Source::Sim => format!("simulation {}", launch.ingest.sim.scenario),
         Source::Replay => launch.ingest.replay.file.display().to_string(),
         Source::Bus => "sensors on the bus".into(),
     };
-    let pace = match plan.orders.pace {
+    let pace = match plan.config.pace {
         Pace::Max => ", as fast as possible".into(),
         Pace::Speed(1.0) => String::new(),
         Pace::Speed(speed) => format!(", speed {speed}"),
     };
     let [gyro, accel, fuser] = [&launch.gyro, &launch.accel, &launch.fuser].map(|slot| &slot.stage);
-    let rate_hz = plan.orders.rate_hz;
+    let rate_hz = plan.config.rate_hz;
     format!("{}: {source} at {rate_hz:.0} Hz{pace}; {gyro} + {accel} → {fuser}; Ctrl-C ends it", launch.name)
 }
 
@@ -177,12 +143,12 @@ fn attitude(collector: &Collector) -> String {
     )
 }
 
-fn service_line(service: Service, post: &Post) -> String {
-    let standing = post.standing(SILENT);
-    let restarts = if post.restarts() > 0 { format!("  restarts {}", post.restarts()) } else { String::new() };
-    let Some(health) = post.heard() else { return format!("  {service:<7} {standing}{restarts}") };
+fn service_line(service: Service, entry: &ProcessEntry, now: Duration) -> String {
+    let state = entry.state(now, SILENT);
+    let restarts = if entry.restarts() > 0 { format!("  restarts {}", entry.restarts()) } else { String::new() };
+    let Some(health) = entry.health() else { return format!("  {service:<7} {state}{restarts}") };
     let Health { ticks, lost, pid, late_wakes, .. } = *health;
     let notable = Flags(health.flags.0 & !Flags::USUAL.0);
     let late = if late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
-    format!("  {service:<7} {standing:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{restarts}{late}  {notable}")
+    format!("  {service:<7} {state:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{restarts}{late}  {notable}")
 }

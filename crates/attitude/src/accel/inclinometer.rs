@@ -10,11 +10,12 @@
 //! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation measuring systems with
 //! three-component accelerometers (matrix and quaternion methods).
 
-use super::{FORCE_MIN_M_S2, Inclination, finite, trust};
+use super::inclination::{FORCE_MIN_M_S2, Inclination, finite, trust};
 use crate::{
     Quaternion, Vector3,
+    numbers::Numbers,
     point::Point,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_flaw},
     state::Attitude,
 };
 

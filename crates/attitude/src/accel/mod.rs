@@ -11,34 +11,19 @@
 //!
 //! All three see the same point; they differ in what it costs.
 
+mod inclination;
 pub mod inclinometer;
 pub mod projector;
 
+pub use inclination::{FORCE_MIN_M_S2, Inclination};
 pub use projector::Projector;
 
 use crate::{
-    GRAVITY_M_S2, Vector3,
+    Vector3,
     point::Point,
     stage::{RestoreError, Stage},
 };
 use inclinometer::Inclinometer;
-
-/// Below this the direction of the force is noise, m/s²: free fall.
-pub const FORCE_MIN_M_S2: f64 = 0.5;
-
-/// Where up seems to be.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Inclination {
-    /// w_acc.
-    pub up: Point,
-    /// The specific force, m/s², body axes.
-    pub force_m_s2: Vector3<f64>,
-    /// |f|, m/s².
-    pub norm_m_s2: f64,
-    /// 1 at |f| = g, falling to 0 at a difference of g; 0 where `up` is not from this force. It judges the instant only: to
-    /// leave out what moves is a worse filter than to average it.
-    pub trust: f64,
-}
 
 /// An accelerometer stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,17 +87,4 @@ impl Stage for Accelerometer {
     fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
         each!(self, stage => stage.adopt(up))
     }
-}
-
-/// 1 at |f| = g, falling to 0 at a difference of g; 0 for a force that was not used.
-#[inline]
-fn trust(norm_m_s2: f64, used: bool) -> f64 {
-    let off = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();
-    if used { (1.0 - off).max(0.0) } else { 0.0 }
-}
-
-/// The force; none where it is not finite.
-#[inline]
-fn finite(force_m_s2: &Vector3<f64>) -> Vector3<f64> {
-    if force_m_s2.iter().all(|component| component.is_finite()) { *force_m_s2 } else { Vector3::zeros() }
 }

@@ -1,10 +1,11 @@
 //! The accelerometer stage `projector`.
 
-use super::{FORCE_MIN_M_S2, Inclination, finite, trust};
+use super::inclination::{FORCE_MIN_M_S2, Inclination, finite, trust};
 use crate::{
     Vector3,
+    numbers::Numbers,
     point::Point,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_flaw},
     state::Attitude,
 };
 

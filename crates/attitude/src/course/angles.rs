@@ -1,9 +1,14 @@
 //! The course stage `angles`: H = −ψ, and the declination.
 
-use super::{Continuity, CourseInput, LastReading, Reading, gyroscopic};
+use super::{
+    continuity::{Continuity, gyroscopic},
+    input::CourseInput,
+    reading::{LastReading, Reading},
+};
 use crate::{
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{Numbers, RestoreError, Stage},
+    stage::{RestoreError, Stage},
 };
 
 settings! {
@@ -42,7 +47,7 @@ impl Stage for OfAngles {
         let angles = input.attitude.angles();
         let bearing = gyroscopic(input, angles.yaw_rad, self.settings.declination_deg);
         let aligned = self.continuity.told && self.continuity.bearing.reference != bearing.reference;
-        self.continuity.read(input.attitude, angles, bearing, aligned)
+        self.continuity.read(input, angles, bearing, self.settings.declination_deg, aligned)
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

@@ -11,11 +11,17 @@
 //!
 //! The first track sets the course; so does a fuser whose heading becomes true. Both are jumps, and told.
 
-use super::{Continuity, CourseInput, LastReading, Reading, Reference, course_of_rad, gyroscopic};
+use super::{
+    continuity::{Continuity, GIMBAL_RAD, course_of_rad, gyroscopic},
+    input::CourseInput,
+    reading::{LastReading, Reading},
+    reference::Reference,
+};
 use crate::{
     gnss::Fix,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{Numbers, RestoreError, Stage},
+    stage::{RestoreError, Stage},
     state::wrapped_rad,
 };
 use core::f64::consts::{PI, TAU};
@@ -169,7 +175,7 @@ impl Stage for OfTrack {
         if bearing.reference != Reference::Arbitrary {
             self.drift_sd_rad = self.drift_sd_rad.min(bearing.sd_rad);
         }
-        let level_enough = libm::fabs(angles.pitch_rad) < super::GIMBAL_RAD;
+        let level_enough = libm::fabs(angles.pitch_rad) < GIMBAL_RAD;
         let tells = |fix: &&Fix| (self.settings.track_speed_m_s..SPEED_LIMIT_M_S).contains(&fix.speed_m_s());
         if let Some(fix) = input.fix.and_then(Fix::finite).as_ref().filter(tells).filter(|_| level_enough) {
             aligned |= self.follow(fix, gyroscopic_rad);
@@ -179,7 +185,7 @@ impl Stage for OfTrack {
             bearing.reference = Reference::True;
             bearing.sd_rad = self.sd_rad();
         }
-        self.continuity.read(input.attitude, angles, bearing, aligned)
+        self.continuity.read(input, angles, bearing, self.settings.declination_deg, aligned)
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {

@@ -2,14 +2,12 @@
 //! does not estimate it, or finds it less often.
 
 use super::{
-    BIAS_WALK_RAD_S, Estimate, FuserInput, HardIron,
+    estimate::{BIAS_WALK_RAD_S, Estimate},
+    hard_iron::HardIron,
+    input::FuserInput,
     rest::{Rest, SD_REST_RAD_S},
 };
-use crate::{
-    Vector3,
-    accel::Inclination,
-    stage::{Numbers, bias_flaw},
-};
+use crate::{Vector3, accel::Inclination, numbers::Numbers, stage::bias_flaw};
 
 /// More than an accelerometer measures, m/s², and than a body turns, rad/s.
 const FORCE_MAX_M_S2: f64 = 3000.0;
@@ -45,7 +43,7 @@ impl Carried {
     }
 
     /// One sample: time passes, and at rest the gyro reads its bias.
-    pub(super) fn heed(&mut self, input: &FuserInput) {
+    pub(super) fn observe(&mut self, input: &FuserInput) {
         let Some(motion) = &input.motion else { return };
         self.age_s += motion.dt_s;
         self.since_s += motion.dt_s;
@@ -60,7 +58,7 @@ impl Carried {
             self.rest.interrupt();
             return;
         };
-        self.rest.saw(motion.rate_rad_s, motion.dt_s);
+        self.rest.observe(motion.rate_rad_s, motion.dt_s);
         if self.since_s < INTERVAL_S {
             return;
         }

@@ -4,10 +4,12 @@
 //! w" — Matveev 2025, which says no more. Every field is believed.
 
 use super::{
-    Corrections, field_direction, low_pass_gain, north_rad,
+    field::{field_direction, north_rad},
+    fused::Corrections,
+    low_pass::low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
 };
-use crate::{Vector3, course::Reference, stage::Numbers, state::Attitude};
+use crate::{Vector3, course::Reference, numbers::Numbers, state::Attitude};
 
 /// What is known of the heading.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,7 +3,7 @@
 //! Input: what a stage is offered. Output: the same with finite numbers only. Time: an interval that is not finite or below zero is
 //! none. Failure: none.
 
-use super::FuserInput;
+use super::input::FuserInput;
 use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, turn::Turn};
 
 impl FuserInput {

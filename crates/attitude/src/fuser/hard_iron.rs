@@ -1,6 +1,6 @@
 //! The field that the body itself adds to the magnetometer's, as one fuser hands it over to the next.
 
-use crate::{Vector3, stage::Numbers};
+use crate::{Vector3, numbers::Numbers};
 
 /// More than a magnetometer can bear, µT.
 const MOST_UT: f64 = 1e4;

@@ -3,7 +3,7 @@
 //! A steady turn about the vertical, slower than 2 °/s and with no other motion, looks the same and is taken for a bias: the
 //! tilt does not suffer, heading does.
 
-use crate::{Vector3, stage::Numbers};
+use crate::{Vector3, numbers::Numbers};
 
 /// Time constant of the mean that samples are held against, s.
 const MEAN_S: f64 = 0.5;
@@ -52,7 +52,7 @@ impl Default for Rest {
 impl Rest {
     /// One sample.
     #[inline]
-    pub(super) fn saw(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
+    pub(super) fn observe(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
         let off_rad_s = rate_rad_s - self.rate_mean_rad_s;
         self.turned_rad += rate_rad_s * dt_s;
         self.moved |= off_rad_s.norm_squared() >= RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S;

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use crate::stage::Numbers;
+use crate::numbers::Numbers;
 
 /// Gyro bias that a stage without an estimate of it must reckon with, rad/s: a consumer MEMS gyro after its own calibration.
 pub(super) const BIAS_SD_RAD_S: f64 = 0.003;

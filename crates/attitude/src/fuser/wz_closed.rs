@@ -3,17 +3,20 @@
 //! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed; z likewise by the magnetic field, and by the gyro alone without.
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput,
     carried::Carried,
     compass::Compass,
-    innovation_rad, low_pass_gain,
+    estimate::Estimate,
+    fused::{Corrections, Fused, innovation_rad},
+    input::FuserInput,
+    low_pass::low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
 };
 use crate::{
     Vector3,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_flaw},
     state::{Attitude, wrapped_rad},
 };
 
@@ -88,7 +91,7 @@ impl Stage for WzClosed {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.heed(input);
+        self.carried.observe(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {

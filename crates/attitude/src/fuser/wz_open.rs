@@ -5,19 +5,22 @@
 //! time: that is the published method, kept for comparison.
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput,
     carried::Carried,
     compass::Compass,
-    innovation_rad, low_pass_gain,
+    estimate::Estimate,
+    fused::{Corrections, Fused, innovation_rad},
+    input::FuserInput,
+    low_pass::low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
     wz_closed::POINT_LIMIT,
 };
 use crate::{
     Complex, Vector3,
     gyro::Motion,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_flaw},
     state::{Attitude, wrapped_rad},
 };
 
@@ -131,7 +134,7 @@ impl Stage for WzOpen {
         }
         self.tilt.drift(BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.heed(input);
+        self.carried.observe(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             let Point { w, chart } = self.gyro.up;

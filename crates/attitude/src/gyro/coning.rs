@@ -15,8 +15,8 @@
 //!
 //! A constant error remains, of the order (Ω h)² beside the drift that is taken off, Ω the frequency of the coning.
 
-use super::{RateKind, RateSample};
-use crate::{Vector3, stage::Numbers};
+use super::motion::{RateKind, RateSample};
+use crate::{Vector3, numbers::Numbers};
 
 /// Intervals that differ by more than this factor tell nothing about each other's slope.
 const ALIKE: f64 = 2.0;

@@ -5,10 +5,14 @@
 //! the sample before; the attitude drifts with the gyro's bias, without bound.
 
 mod coning;
+mod motion;
+
+pub use motion::{Motion, RateKind, RateSample};
 
 use crate::{
     Vector3, kinematics,
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    numbers::Numbers,
+    stage::{RestoreError, Stage, attitude_flaw},
     state::Attitude,
     turn::Turn,
 };
@@ -16,43 +20,6 @@ use coning::Coning;
 
 /// Faster than any gyro's range, rad/s; what is beyond it is taken for this.
 const RATE_MAX_RAD_S: f64 = 1000.0;
-
-/// What a rate sample says about its interval.
-///
-/// It matters: an instant taken for a mean is half an interval late (at 4 rad/s and 100 Hz by 1.1°, with a wrong bias after it); a
-/// mean that is averaged with the one before is late by as much. A MEMS gyro that is read as often as it filters gives means, a
-/// simulation or a gyro read far more seldom gives instants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RateKind {
-    /// The mean over the interval, as an integrating or low-passed sensor gives it.
-    Mean,
-    /// The value at the interval's end; the mean is taken as that of both ends.
-    Instant,
-}
-
-/// One interval of the gyro.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RateSample {
-    /// Body rate, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Length of the interval, s; 0 for the first sample.
-    pub dt_s: f64,
-    /// What the rate means.
-    pub kind: RateKind,
-}
-
-/// The motion over one interval.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
-    /// Open-loop attitude at the interval's end.
-    pub attitude: Attitude,
-    /// The turn of the body over the interval.
-    pub turn: Turn,
-    /// Mean rate over the interval, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Length of the interval, s.
-    pub dt_s: f64,
-}
 
 /// How a gyro stage integrates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,9 +33,9 @@ enum Method {
 /// A gyro stage: `mobius`, `mobius-coning`, `rk4` or `euler`.
 ///
 /// `mobius` is exact for a constant rate. `mobius-coning` takes the turning of the rate's axis from the samples before into account,
-/// for bodies that vibrate. `rk4` is S1's own choice: in a rotation of 4 rad/s sampled at 286 Hz it drifts by some
-/// 2e-6° a minute. `euler` drifts by tens of degrees a minute at 4 rad/s; it is here
-/// because the article counts its operations on it.
+/// for bodies that vibrate. `rk4` is what the simulation S1 of Matveev 2025 uses: in a rotation of 4 rad/s sampled at 286 Hz it drifts
+/// by some 2e-6° a minute. `euler` drifts by tens of degrees a minute at 4 rad/s; it is here because the article counts its operations
+/// on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {
     method: Method,

@@ -2,5 +2,5 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod observer;
-mod own;
+mod owned_files;
 mod topics;

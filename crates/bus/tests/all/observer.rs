@@ -6,8 +6,9 @@ use std::{
     sync::atomic::{AtomicU32, Ordering},
 };
 
-use bus::{Bus, BusError, Claim, Domain, OBSERVERS, Observer, Publisher, Remains, Standing};
+use bus::{Bus, BusError, Claim, OBSERVERS, Observer, Publisher, StaleResources, SystemLiveness, SystemName};
 use bytemuck::Zeroable;
+use graph::Topic;
 use messages::ImuSample;
 
 const BUFFER: usize = 64;
@@ -16,18 +17,18 @@ const BUFFER: usize = 64;
 struct System {
     bus: Bus,
     claim: Claim,
-    domain: Domain,
+    system_name: SystemName,
 }
 
 fn system() -> System {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let name = format!("test-observer-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
-    begin(&Domain::new(&name).unwrap())
+    begin(&SystemName::new(&name).unwrap())
 }
 
-fn begin(domain: &Domain) -> System {
-    let claim = domain.claim().unwrap();
-    System { bus: Bus::join(domain, "service").unwrap(), claim, domain: domain.clone() }
+fn begin(system_name: &SystemName) -> System {
+    let claim = system_name.claim().unwrap();
+    System { bus: Bus::join(system_name, "service").unwrap(), claim, system_name: system_name.clone() }
 }
 
 fn send(publisher: &Publisher<ImuSample>, ticks: std::ops::Range<u64>) {
@@ -38,17 +39,17 @@ fn send(publisher: &Publisher<ImuSample>, ticks: std::ops::Range<u64>) {
     }
 }
 
-fn files(domain: &Domain) -> Vec<PathBuf> {
-    Remains::of(domain).unwrap().files
+fn files(system_name: &SystemName) -> Vec<PathBuf> {
+    StaleResources::of(system_name).unwrap().files
 }
 
 #[test]
 fn an_observer_sees_what_is_published_from_then_on_and_who_is_there() {
-    let System { bus, domain, claim: _claim } = &system();
+    let System { bus, system_name, claim: _claim } = &system();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..10);
-    let observer = Observer::sit(domain, "test").unwrap();
-    let tap = observer.tap("imu").unwrap();
+    let observer = Observer::sit(system_name, "test").unwrap();
+    let tap = observer.tap(Topic::Imu).unwrap();
     send(&publisher, 10..13);
     let mut ticks = Vec::new();
     let full =
@@ -63,11 +64,11 @@ fn an_observer_sees_what_is_published_from_then_on_and_who_is_there() {
 
 #[test]
 fn a_slow_observer_loses_its_own_messages_and_is_told() {
-    let System { bus, domain, claim: _claim } = &system();
+    let System { bus, system_name, claim: _claim } = &system();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
     let reader = bus.subscriber::<ImuSample>(BUFFER).unwrap();
-    let observer = Observer::sit(domain, "test").unwrap();
-    let tap = observer.tap("imu").unwrap();
+    let observer = Observer::sit(system_name, "test").unwrap();
+    let tap = observer.tap(Topic::Imu).unwrap();
     for start in (0..300).step_by(50) {
         send(&publisher, start..start + 50);
         assert_eq!(std::iter::from_fn(|| reader.receive().unwrap()).count(), 50, "the service beside it loses nothing");
@@ -79,20 +80,20 @@ fn a_slow_observer_loses_its_own_messages_and_is_told() {
 
 #[test]
 fn one_observer_too_many_is_told_so_and_a_place_that_is_left_is_free() {
-    let System { domain, .. } = &system();
-    let mut observers: Vec<_> = (0..OBSERVERS).map(|_| Observer::sit(domain, "test").unwrap()).collect();
-    let refused = Observer::sit(domain, "one too many").unwrap_err();
-    assert!(matches!(refused, BusError::Crowded { observers: OBSERVERS, .. }), "{refused}");
+    let System { system_name, .. } = &system();
+    let mut observers: Vec<_> = (0..OBSERVERS).map(|_| Observer::sit(system_name, "test").unwrap()).collect();
+    let refused = Observer::sit(system_name, "one too many").unwrap_err();
+    assert!(matches!(refused, BusError::Crowded { .. }), "{refused}");
     observers.pop();
-    Observer::sit(domain, "test").unwrap();
+    Observer::sit(system_name, "test").unwrap();
 }
 
 #[test]
 fn observers_leave_every_place_of_the_services_free() {
-    let System { bus, domain, claim: _claim } = &system();
+    let System { bus, system_name, claim: _claim } = &system();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let observers: Vec<_> = (0..OBSERVERS).map(|_| Observer::sit(domain, "test").unwrap()).collect();
-    let _taps: Vec<_> = observers.iter().map(|observer| observer.tap("imu").unwrap()).collect();
+    let observers: Vec<_> = (0..OBSERVERS).map(|_| Observer::sit(system_name, "test").unwrap()).collect();
+    let _taps: Vec<_> = observers.iter().map(|observer| observer.tap(Topic::Imu).unwrap()).collect();
     let readers: Vec<_> = (0..10).map(|_| bus.subscriber::<ImuSample>(BUFFER).unwrap()).collect();
     send(&publisher, 0..BUFFER as u64);
     assert!(readers.iter().all(|reader| std::iter::from_fn(|| reader.receive().unwrap()).count() == BUFFER));
@@ -100,44 +101,48 @@ fn observers_leave_every_place_of_the_services_free() {
 
 #[test]
 fn an_observer_opens_nothing_and_names_what_is_missing() {
-    let System { domain, .. } = &system();
-    let observer = Observer::sit(domain, "test").unwrap();
-    assert!(matches!(observer.tap("imu").unwrap_err(), BusError::Unopened { topic: "imu" }));
-    let unknown = observer.tap("imus").unwrap_err().to_string();
-    assert!(unknown.contains("there are sensor, receiver, imu, "), "{unknown}");
-    assert!(Remains::of(domain).unwrap().files.iter().all(|path| path.extension().is_none_or(|it| it != "dynamic")));
+    let System { system_name, .. } = &system();
+    let observer = Observer::sit(system_name, "test").unwrap();
+    assert!(matches!(observer.tap(Topic::Imu).unwrap_err(), BusError::Unopened { topic: "imu" }));
+    assert!(
+        StaleResources::of(system_name)
+            .unwrap()
+            .files
+            .iter()
+            .all(|path| path.extension().is_none_or(|it| it != "dynamic"))
+    );
 }
 
 #[test]
 fn what_nobody_can_open_is_not_waited_for() {
-    let System { bus, domain, claim: _claim } = &system();
+    let System { bus, system_name, claim: _claim } = &system();
     let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let observer = Observer::sit(domain, "test").unwrap();
-    observer.tap("imu").unwrap();
-    let killed = PathBuf::from(format!("/dev/shm/plumbline.{}.0_1.dynamic", domain.name()));
+    let observer = Observer::sit(system_name, "test").unwrap();
+    observer.tap(Topic::Imu).unwrap();
+    let killed = PathBuf::from(format!("/dev/shm/plumbline.{}.0_1.dynamic", system_name.name()));
     fs::write(&killed, "").unwrap();
-    let refused = observer.tap("imu").unwrap_err();
+    let refused = observer.tap(Topic::Imu).unwrap_err();
     assert!(matches!(&refused, BusError::HalfMade { path, .. } if *path == killed), "{refused}");
-    assert_eq!(Remains::of(domain).unwrap().half_made, Some(killed));
+    assert_eq!(StaleResources::of(system_name).unwrap().half_made, Some(killed));
 }
 
 #[test]
 fn an_observer_that_outlives_its_system_leaves_the_next_one_of_the_name_alone() {
-    let System { bus, domain, claim } = system();
+    let System { bus, system_name, claim } = system();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let observer = Observer::sit(&domain, "test").unwrap();
-    let tap = observer.tap("imu").unwrap();
+    let observer = Observer::sit(&system_name, "test").unwrap();
+    let tap = observer.tap(Topic::Imu).unwrap();
     send(&publisher, 0..3);
     drop((publisher, bus, claim));
     assert!(!observer.is_running());
-    assert_eq!(files(&domain), Vec::<PathBuf>::new(), "the system does not wait for it");
-    let next = begin(&domain);
+    assert_eq!(files(&system_name), Vec::<PathBuf>::new(), "the system does not wait for it");
+    let next = begin(&system_name);
     let publisher = next.bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let before = files(&domain);
+    let before = files(&system_name);
     assert!(!observer.is_running(), "another one has the name");
-    assert!(observer.tap("imu").is_err());
+    assert!(observer.tap(Topic::Imu).is_err());
     drop((tap, observer));
-    assert_eq!(files(&domain), before);
+    assert_eq!(files(&system_name), before);
     let reader = next.bus.subscriber::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..3);
     assert_eq!(std::iter::from_fn(|| reader.receive().unwrap()).count(), 3);
@@ -146,29 +151,33 @@ fn an_observer_that_outlives_its_system_leaves_the_next_one_of_the_name_alone() 
 #[test]
 fn what_a_dead_system_left_is_found_and_removed_and_a_living_one_is_not() {
     let living = system();
-    assert_eq!(Remains::of(&living.domain).unwrap().standing, Standing::Runs { pid: std::process::id() });
-    Remains::of(&living.domain).unwrap().clear().unwrap();
+    assert_eq!(
+        StaleResources::of(&living.system_name).unwrap().liveness,
+        SystemLiveness::Runs { pid: std::process::id() }
+    );
+    StaleResources::of(&living.system_name).unwrap().clear().unwrap();
     let publisher = living.bus.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..1);
     drop((publisher, living.bus));
-    let (domain, claim) = (living.domain, living.claim);
+    let (system_name, claim) = (living.system_name, living.claim);
     drop(claim);
 
-    let page = PathBuf::from(format!("/dev/shm/plumbline.{}.wake", domain.name()));
-    let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", domain.name()));
+    let page = PathBuf::from(format!("/dev/shm/plumbline.{}.wake", system_name.name()));
+    let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", system_name.name()));
     fs::write(&page, [0]).unwrap();
     fs::set_permissions(&page, fs::Permissions::from_mode(0o600)).unwrap();
     fs::create_dir(&folder).unwrap();
     fs::write(folder.join("door"), "").unwrap();
-    let remains = Remains::all().into_iter().flatten().find(|remains| remains.domain == domain).unwrap();
-    assert_eq!((remains.standing.clone(), remains.files.len()), (Standing::Dead, 2));
+    let remains =
+        StaleResources::all().into_iter().flatten().find(|remains| remains.system_name == system_name).unwrap();
+    assert_eq!((remains.liveness.clone(), remains.files.len()), (SystemLiveness::Dead, 2));
     remains.clear().unwrap();
-    assert_eq!(files(&domain), Vec::<PathBuf>::new());
+    assert_eq!(files(&system_name), Vec::<PathBuf>::new());
 }
 
 #[test]
 fn there_is_nothing_to_observe_where_nothing_runs() {
-    let domain = Domain::new(&format!("test-nobody-{}", std::process::id())).unwrap();
-    assert!(matches!(Observer::sit(&domain, "test").unwrap_err(), BusError::NotRunning { .. }));
-    assert_eq!(files(&domain), Vec::<PathBuf>::new());
+    let system_name = SystemName::new(&format!("test-nobody-{}", std::process::id())).unwrap();
+    assert!(matches!(Observer::sit(&system_name, "test").unwrap_err(), BusError::NotRunning { .. }));
+    assert_eq!(files(&system_name), Vec::<PathBuf>::new());
 }

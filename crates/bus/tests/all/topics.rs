@@ -7,38 +7,39 @@ use std::{
     time::Duration,
 };
 
-use bus::{Bus, BusError, Claim, Domain, Publisher, Subscriber, Woken};
+use bus::{Bus, BusError, Claim, Publisher, Subscriber, SystemName, Woken};
 use bytemuck::Zeroable;
-use messages::{Field, ImuSample, Layout, Message, Reference};
+use graph::Entry;
+use messages::{Field, Health, ImuSample, Layout, Message, Reference};
 
 const BUFFER: usize = 64;
 /// Nothing that is waited for takes so long; it ends a test that failed.
 const HANG: Duration = Duration::from_secs(60);
 
-/// A domain whose name no other test has.
-fn domain() -> Domain {
+/// A system whose name no other test has.
+fn system_name() -> SystemName {
     static COUNT: AtomicU32 = AtomicU32::new(0);
-    Domain::new(&format!("test-bus-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst))).unwrap()
+    SystemName::new(&format!("test-bus-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst))).unwrap()
 }
 
-/// Two places on the bus of a claimed domain. Dropped before the claim, as in a system.
+/// Two places on the bus of a claimed system. Dropped before the claim, as in a system.
 struct Pair {
     here: Bus,
     there: Bus,
-    domain: Domain,
+    system_name: SystemName,
     _claim: Claim,
 }
 
 fn pair() -> Pair {
-    let domain = domain();
-    let claim = domain.claim().unwrap();
-    let [here, there] = ["here", "there"].map(|who| Bus::join(&domain, who).unwrap());
-    Pair { here, there, domain, _claim: claim }
+    let system_name = system_name();
+    let claim = system_name.claim().unwrap();
+    let [here, there] = ["here", "there"].map(|who| Bus::join(&system_name, who).unwrap());
+    Pair { here, there, system_name, _claim: claim }
 }
 
-/// What carries the domain's name.
-fn remains(domain: &Domain) -> Vec<String> {
-    let (dotted, folder) = (format!("plumbline.{}.", domain.name()), format!("plumbline.{}", domain.name()));
+/// What carries the system's name.
+fn remains(system_name: &SystemName) -> Vec<String> {
+    let (dotted, folder) = (format!("plumbline.{}.", system_name.name()), format!("plumbline.{}", system_name.name()));
     ["/dev/shm", "/tmp"]
         .iter()
         .flat_map(|path| fs::read_dir(path).unwrap().flatten())
@@ -108,11 +109,11 @@ fn a_reader_that_comes_late_begins_with_the_next_message() {
 
 #[test]
 fn a_waiter_is_woken_by_what_was_sent() {
-    let Pair { there, domain, .. } = &pair();
+    let Pair { there, system_name, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            let here = Bus::join(domain, "thread").unwrap();
+            let here = Bus::join(system_name, "thread").unwrap();
             let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
             for tick in 0..500 {
                 std::thread::sleep(Duration::from_micros(tick % 7 * 50));
@@ -131,13 +132,13 @@ fn a_waiter_is_woken_by_what_was_sent() {
 
 #[test]
 fn every_reader_of_a_topic_is_woken_by_one_call() {
-    let Pair { here, domain, .. } = &pair();
+    let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     std::thread::scope(|scope| {
         let readers: Vec<_> = (0..4)
             .map(|n| {
                 scope.spawn(move || {
-                    let there = Bus::join(domain, &format!("reader-{n}")).unwrap();
+                    let there = Bus::join(system_name, &format!("reader-{n}")).unwrap();
                     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
                     let mut last = None;
                     while last != Some(999) {
@@ -162,12 +163,16 @@ fn every_reader_of_a_topic_is_woken_by_one_call() {
 /// Who is frozen said that he waits before that, and says nothing more.
 #[test]
 fn a_reader_that_is_frozen_while_it_waits_costs_one_call_of_the_kernel() {
-    let Pair { here, domain, .. } = &pair();
+    let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
-    let facts = domain.facts();
-    let place = messages::TOPICS.iter().position(|topic| *topic == ImuSample::TOPIC).unwrap();
-    let waiting = (facts.word_bytes * (1 + place) + size_of::<u32>()) as u64;
-    let page = fs::File::options().read(true).write(true).open(facts.page).unwrap();
+    // Each word is alone on its cache line, and so is what stands before the first.
+    let word_bytes = 64;
+    let waiting = (word_bytes * (1 + ImuSample::TOPIC.place) + size_of::<u32>()) as u64;
+    let page = fs::File::options()
+        .read(true)
+        .write(true)
+        .open(format!("/dev/shm/plumbline.{}.wake", system_name.name()))
+        .unwrap();
     page.write_all_at(&1_u32.to_ne_bytes(), waiting).unwrap();
     publisher.wake();
     let mut said = [0xff; 4];
@@ -190,6 +195,48 @@ fn a_wait_is_idle_without_work_and_none_with_it() {
     assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle);
 }
 
+mod more {
+    graph::topics!(graph::define_topics {}
+        Pressure = "pressure": Pressure, no_tick, Control, services => [supervisor];
+    );
+}
+
+/// A payload of a topic that the table has in one line more.
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Pressure {
+    pressure_pa: f64,
+}
+
+impl Message for Pressure {
+    const TOPIC: &'static Entry = more::Topic::Pressure.entry();
+    const TYPE: &'static str = "plumbline.Pressure.1";
+
+    fn layout() -> Layout {
+        let fields = vec![Field { name: "pressure_pa", kind: "f64", offset: 0, about: "" }];
+        Layout { name: Self::TYPE, size: 8, fields, topic: Some(Self::TOPIC.name), about: "", header_fields: 0 }
+    }
+}
+
+#[test]
+fn a_topic_of_a_line_more_has_a_wake_word_of_its_own_and_room_for_its_publishers() {
+    let Pair { here, there, .. } = &pair();
+    let subscriber = there.subscriber::<Pressure>(BUFFER).unwrap();
+    let publishers: Vec<_> = (0..10).map(|_| here.publisher::<Pressure>(BUFFER).unwrap()).collect();
+    let health = here.publisher::<Health>(BUFFER).unwrap();
+    health.wake();
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle, "that was another topic");
+    for (count, publisher) in publishers.iter().enumerate() {
+        publisher.send(&Pressure { pressure_pa: count as f64 }).unwrap();
+    }
+    publishers[0].set_next_tick_after(41);
+    publishers[0].wake();
+    assert_eq!(subscriber.wait(HANG), Woken::Work);
+    let mut sum_pa = 0.0;
+    subscriber.drain(BUFFER, |message| sum_pa += message.pressure_pa).unwrap();
+    assert_eq!((sum_pa, there.next_tick(Pressure::TOPIC), there.next_tick(Health::TOPIC)), (45.0, 42, 0));
+}
+
 /// `Reference` as another build of this program might define it: same name, same size, two fields the other way round.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -200,7 +247,7 @@ struct Swapped {
 }
 
 impl Message for Swapped {
-    const TOPIC: &'static str = Reference::TOPIC;
+    const TOPIC: &'static Entry = Reference::TOPIC;
     const TYPE: &'static str = Reference::TYPE;
 
     fn layout() -> Layout {
@@ -210,7 +257,7 @@ impl Message for Swapped {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
-            topic: Some(Self::TOPIC),
+            topic: Some(Self::TOPIC.name),
             about: "",
             header_fields: 0,
         }
@@ -225,7 +272,7 @@ struct Later {
 }
 
 impl Message for Later {
-    const TOPIC: &'static str = Reference::TOPIC;
+    const TOPIC: &'static Entry = Reference::TOPIC;
     const TYPE: &'static str = "plumbline.Reference.2";
 
     fn layout() -> Layout {
@@ -234,7 +281,7 @@ impl Message for Later {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
-            topic: Some(Self::TOPIC),
+            topic: Some(Self::TOPIC.name),
             about: "",
             header_fields: 0,
         }
@@ -277,8 +324,8 @@ fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
 
 #[test]
 fn a_name_cannot_be_claimed_twice() {
-    let Pair { domain, .. } = &pair();
-    let error = domain.claim().unwrap_err();
+    let Pair { system_name, .. } = &pair();
+    let error = system_name.claim().unwrap_err();
     let pid = std::process::id();
     assert!(matches!(error, BusError::Taken { .. }), "{error:?}");
     let text = error.to_string();
@@ -288,62 +335,62 @@ fn a_name_cannot_be_claimed_twice() {
 
 #[test]
 fn a_system_that_does_not_run_cannot_be_joined() {
-    let domain = domain();
-    let error = Bus::join(&domain, "test").unwrap_err();
+    let system_name = system_name();
+    let error = Bus::join(&system_name, "test").unwrap_err();
     assert!(matches!(error, BusError::NotRunning { .. }), "{error:?}");
-    drop(domain.claim().unwrap());
-    assert!(matches!(Bus::join(&domain, "test"), Err(BusError::NotRunning { .. })), "after its end");
-    assert_eq!(remains(&domain), Vec::<String>::new());
+    drop(system_name.claim().unwrap());
+    assert!(matches!(Bus::join(&system_name, "test"), Err(BusError::NotRunning { .. })), "after its end");
+    assert_eq!(remains(&system_name), Vec::<String>::new());
 }
 
 #[test]
 fn names_that_cannot_be_part_of_a_file_name_are_refused() {
     for name in ["", "a.b", "a/b", "..", "Upper", "with space", "é", &"x".repeat(33)] {
-        assert!(matches!(Domain::new(name), Err(BusError::Name { .. })), "{name:?}");
+        assert!(matches!(SystemName::new(name), Err(BusError::Name { .. })), "{name:?}");
     }
-    assert_eq!(Domain::new(&"x".repeat(32)).unwrap().name().len(), 32);
+    assert_eq!(SystemName::new(&"x".repeat(32)).unwrap().name().len(), 32);
 }
 
 #[test]
 fn nothing_of_the_name_remains_at_the_end() {
     let pair = pair();
-    let domain = pair.domain.clone();
+    let system_name = pair.system_name.clone();
     let subscriber = pair.there.subscriber::<ImuSample>(BUFFER).unwrap();
     let publisher = pair.here.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..3);
-    assert!(remains(&domain).len() > 1);
+    assert!(remains(&system_name).len() > 1);
     drop((subscriber, publisher, pair));
-    assert_eq!(remains(&domain), Vec::<String>::new());
+    assert_eq!(remains(&system_name), Vec::<String>::new());
 }
 
 /// A real owner is killed in the tests of the command line.
 #[test]
 fn what_a_dead_owner_left_is_removed_by_the_next() {
-    let domain = domain();
-    let prefix = format!("/dev/shm/plumbline.{}.", domain.name());
+    let system_name = system_name();
+    let prefix = format!("/dev/shm/plumbline.{}.", system_name.name());
     for file in ["wake", "0123.service", "4567.publisher"] {
         fs::write(prefix.clone() + file, "old").unwrap();
         fs::set_permissions(prefix.clone() + file, fs::Permissions::from_mode(0o600)).unwrap();
     }
-    let services = PathBuf::from(format!("/dev/shm/plumbline.{}/services", domain.name()));
+    let services = PathBuf::from(format!("/dev/shm/plumbline.{}/services", system_name.name()));
     fs::create_dir_all(services.join("0123")).unwrap();
-    let claim = domain.claim().unwrap();
-    let left = remains(&domain);
+    let claim = system_name.claim().unwrap();
+    let left = remains(&system_name);
     assert!(!left.iter().any(|name| name.ends_with("0123.service") || name.ends_with("4567.publisher")), "{left:?}");
     assert!(!services.join("0123").exists());
-    let bus = Bus::join(&domain, "heir").unwrap();
+    let bus = Bus::join(&system_name, "heir").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(2 * BUFFER).unwrap();
     let publisher = bus.publisher::<ImuSample>(2 * BUFFER).unwrap();
     send(&publisher, 5..8);
     assert_eq!(ticks(&subscriber), [5, 6, 7]);
     drop((subscriber, publisher, bus, claim));
-    assert_eq!(remains(&domain), Vec::<String>::new());
+    assert_eq!(remains(&system_name), Vec::<String>::new());
 }
 
 #[test]
 fn a_name_that_begins_another_does_not_touch_it() {
-    let short = domain();
-    let long = Domain::new(&format!("{}b", short.name())).unwrap();
+    let short = system_name();
+    let long = SystemName::new(&format!("{}b", short.name())).unwrap();
     let long_claim = long.claim().unwrap();
     let bus = Bus::join(&long, "test").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(BUFFER).unwrap();
@@ -363,10 +410,10 @@ fn a_name_that_begins_another_does_not_touch_it() {
 
 #[test]
 fn the_page_of_another_system_is_never_removed() {
-    let domain = domain();
-    let foreign = PathBuf::from(format!("/dev/shm/plumbline.{}x.test", domain.name()));
+    let system_name = system_name();
+    let foreign = PathBuf::from(format!("/dev/shm/plumbline.{}x.test", system_name.name()));
     fs::write(&foreign, "").unwrap();
-    drop(domain.claim().unwrap());
+    drop(system_name.claim().unwrap());
     let there = foreign.exists();
     fs::remove_file(&foreign).unwrap();
     assert!(there);
@@ -374,28 +421,28 @@ fn the_page_of_another_system_is_never_removed() {
 
 #[test]
 fn a_name_taken_anew_after_its_files_were_removed_goes_on_with_its_ticks() {
-    let domain = domain();
-    let claim = domain.claim().unwrap();
-    let driver = Bus::join(&domain, "driver").unwrap();
-    let bus = Bus::join(&domain, "supervisor").unwrap();
+    let system_name = system_name();
+    let claim = system_name.claim().unwrap();
+    let driver = Bus::join(&system_name, "driver").unwrap();
+    let bus = Bus::join(&system_name, "supervisor").unwrap();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    publisher.note(41);
+    publisher.set_next_tick_after(41);
     let own = [std::process::id()];
-    assert_eq!(domain.removed(&own), None);
-    for name in remains(&domain) {
+    assert_eq!(system_name.removed(&own), None);
+    for name in remains(&system_name) {
         let path = PathBuf::from("/dev/shm").join(name);
         if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
     }
-    assert!(domain.removed(&own).is_some());
+    assert!(system_name.removed(&own).is_some());
     drop((publisher, bus));
     let claim = claim.renew().unwrap();
     assert!(!driver.is_running(), "it has to join again");
-    let bus = Bus::join(&domain, "supervisor").unwrap();
-    assert_eq!(bus.next_tick::<ImuSample>(), 42);
+    let bus = Bus::join(&system_name, "supervisor").unwrap();
+    assert_eq!(bus.next_tick(ImuSample::TOPIC), 42);
     assert!(bus.is_running());
-    assert!(domain.removed(&own).is_some(), "the driver's are still the old ones");
+    assert!(system_name.removed(&own).is_some(), "the driver's are still the old ones");
     drop(driver);
-    assert_eq!(domain.removed(&own), None);
+    assert_eq!(system_name.removed(&own), None);
     drop((bus, claim));
-    assert_eq!(remains(&domain), Vec::<String>::new());
+    assert_eq!(remains(&system_name), Vec::<String>::new());
 }

@@ -11,7 +11,7 @@ impl Coordinator {
     pub(super) fn arm(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         let Some(owner) = swap.candidate else { return };
-        let ahead = [self.standing, swap.standing].into_iter().flatten().map(|standing| standing.next_tick).max();
+        let ahead = [self.status, swap.status].into_iter().flatten().map(|status| status.next_tick).max();
         let newest = ahead.unwrap_or(0).max(self.newest_input_tick.saturating_add(1)).max(self.checkpoint_tick);
         let from_tick = newest.saturating_add(self.limits.margin_ticks);
         self.epoch += 1;
@@ -24,14 +24,14 @@ impl Coordinator {
     pub(super) fn confirm(&mut self, now_ms: u64, from_tick: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let epoch = self.epoch;
         let Some(swap) = &self.swap else { return };
-        let candidate = swap.standing.filter(|standing| standing.decided_epoch == epoch);
-        let active = self.standing.filter(|standing| standing.decided_epoch == epoch);
-        if candidate.is_some_and(|standing| standing.missed) {
+        let candidate = swap.status.filter(|status| status.decided_epoch == epoch);
+        let active = self.status.filter(|status| status.decided_epoch == epoch);
+        if candidate.is_some_and(|status| status.missed) {
             self.abort(now_ms, Reason::CandidateMissed, actions);
-        } else if active.is_some_and(|standing| standing.missed) {
+        } else if active.is_some_and(|status| status.missed) {
             self.abort(now_ms, Reason::ActiveMissed, actions);
-        } else if active.is_some_and(|standing| standing.next_tick >= from_tick)
-            && candidate.is_some_and(|standing| standing.published_from.is_some())
+        } else if active.is_some_and(|status| status.next_tick >= from_tick)
+            && candidate.is_some_and(|status| status.published_from.is_some())
         {
             self.commit(now_ms, from_tick, actions);
         } else if waited_ms >= self.limits.commit_ms {
@@ -42,7 +42,7 @@ impl Coordinator {
     fn commit(&mut self, now_ms: u64, from_tick: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         let (Some(old), Some(candidate)) = (self.active, swap.candidate.take()) else { return };
-        (self.active, self.standing, self.active_epoch) = (Some(candidate), swap.standing, self.epoch);
+        (self.active, self.status, self.active_epoch) = (Some(candidate), swap.status, self.epoch);
         (self.from_tick, self.checkpoint_tick) = (from_tick, 0);
         swap.enter(State::Committed { old }, now_ms);
         let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.began_ms));
@@ -54,7 +54,7 @@ impl Coordinator {
         let Some(swap) = &mut self.swap else { return };
         self.epoch += 1;
         swap.replaces = Some(self.published_tick);
-        (swap.candidate, swap.standing, swap.from_tick, swap.spawning) = (None, None, None, true);
+        (swap.candidate, swap.status, swap.from_tick, swap.spawning) = (None, None, None, true);
         swap.enter(State::Starting, now_ms);
         let (stage, epoch, from_tick) = (swap.request.stage.clone(), self.epoch, self.from_tick);
         actions.push(Action::SpawnOwner { stage, epoch, from_tick });
@@ -64,8 +64,8 @@ impl Coordinator {
     pub(super) fn confirm_alone(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &self.swap else { return };
         let (Some(newest_tick), Some(candidate)) = (swap.replaces, swap.candidate) else { return };
-        let gone_on = swap.standing.filter(|standing| standing.next_tick > newest_tick);
-        let Some(begun_tick) = gone_on.and_then(|standing| standing.published_from) else {
+        let gone_on = swap.status.filter(|status| status.next_tick > newest_tick);
+        let Some(begun_tick) = gone_on.and_then(|status| status.published_from) else {
             if now_ms >= swap.request.until_ms {
                 self.abort(now_ms, Reason::NoTick, actions);
             }
@@ -75,7 +75,7 @@ impl Coordinator {
             return;
         }
         let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.began_ms));
-        (self.active, self.standing, self.active_epoch) = (Some(candidate), gone_on, self.epoch);
+        (self.active, self.status, self.active_epoch) = (Some(candidate), gone_on, self.epoch);
         (self.checkpoint_tick, self.vacant, self.swap) = (0, false, None);
         let commit_tick = Some(begun_tick.max(newest_tick));
         actions.push(self.answer(&request, Outcome::Committed, None, commit_tick, took_ms));
@@ -124,7 +124,7 @@ impl Coordinator {
             }
             return;
         }
-        let missed = self.standing.is_some_and(|standing| standing.decided_epoch == self.epoch && standing.missed);
+        let missed = self.status.is_some_and(|status| status.decided_epoch == self.epoch && status.missed);
         if self.active_epoch == self.epoch && self.active.is_some() {
             if gone {
                 self.swap = None;

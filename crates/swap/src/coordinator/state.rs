@@ -1,16 +1,16 @@
-//! Where an exchange is, and what is remembered of it.
+//! Where a swap is, and what is remembered of it.
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Standing, event::Request};
+use crate::{OwnershipStatus, event::Request};
 
-/// Where the exchange of a slot is.
+/// Where the swap of a slot is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// No exchange is under way.
+    /// No swap is under way.
     Idle,
     /// The candidate starts.
     Starting,
@@ -27,15 +27,15 @@ pub enum State {
     },
     /// The candidate has the slot; the old stage is silent and still there.
     Committed {
-        /// The old stage's life.
+        /// The old stage's incarnation.
         old: u32,
     },
     /// The old stage is being ended.
     Retiring {
-        /// Its life.
+        /// Its incarnation.
         old: u32,
     },
-    /// The exchange has failed: the candidate is being ended, the active stage takes its slot back.
+    /// The swap has failed: the candidate is being ended, the active stage takes its slot back.
     Aborting,
 }
 
@@ -57,7 +57,7 @@ impl fmt::Display for State {
     }
 }
 
-/// An exchange under way.
+/// A swap under way.
 #[derive(Debug, Clone)]
 pub(super) struct Swap {
     pub(super) request: Request,
@@ -69,7 +69,7 @@ pub(super) struct Swap {
     /// The candidate's start has not been answered.
     pub(super) spawning: bool,
     pub(super) candidate: Option<u32>,
-    pub(super) standing: Option<Standing>,
+    pub(super) status: Option<OwnershipStatus>,
     /// The tick at which the slot was to change hands.
     pub(super) from_tick: Option<u64>,
     /// The owner has ended: before this tick everything had been published.
@@ -86,7 +86,7 @@ impl Swap {
             asked_ms: now_ms,
             spawning: true,
             candidate: None,
-            standing: None,
+            status: None,
             from_tick: None,
             replaces: None,
         }

@@ -20,13 +20,13 @@ impl World {
             let shadow_only = self.chance.happens(200);
             self.asked.insert(id, (self.now_ms, shadow_only));
             let until_ms = if shadow_only { u64::MAX } else { self.now_ms + PATIENCE_MS };
-            self.hear(Event::Request(Request { id, stage: id.to_string(), shadow_only, until_ms }));
+            self.apply(Event::Request(Request { id, stage: id.to_string(), shadow_only, until_ms }));
         }
         if self.chance.happens(5) {
-            self.hear(Event::Promote { until_ms: self.now_ms + PATIENCE_MS });
+            self.apply(Event::Promote { until_ms: self.now_ms + PATIENCE_MS });
         }
         if self.chance.happens(1) {
-            self.hear(Event::Cancel);
+            self.apply(Event::Cancel);
         }
     }
 
@@ -52,22 +52,16 @@ impl World {
             }
         }
         let index = chance.between(0, READERS as u64 - 1) as usize;
-        if self.nature.readers_restart && chance.happens(4) && self.can_restart(index) {
+        if self.nature.readers_restart && chance.happens(4) && self.can_restart() {
             self.restart_reader(index);
         }
     }
 
     /// A reader that restarts finds what it lacks only at publishers that live: the deaths of a reader and of the stage that it reads
-    /// from, both while hands change, are one fault more than the system is made for.
-    fn can_restart(&self, index: usize) -> bool {
-        let lives = |incarnation: u32| {
-            let process = &self.processes[incarnation as usize - 1];
-            process.alive || process.retired
-        };
-        let needs = |commit_tick: u64| self.readers[index].checkpoint.next_tick < commit_tick;
-        let armed = matches!(self.coordinator.state(), State::Armed { .. });
-        (!armed || lives(self.owner))
-            && self.handovers.iter().all(|(old, commit_tick)| lives(*old) || !needs(*commit_tick))
+    /// from, both before hands have changed, are one fault more than the system is made for.
+    fn can_restart(&self) -> bool {
+        let owner = &self.processes[self.owner as usize - 1];
+        !matches!(self.coordinator.state(), State::Armed { .. }) || owner.alive || owner.retired
     }
 
     fn restart_reader(&mut self, index: usize) {
@@ -78,6 +72,6 @@ impl World {
                 process.outlets[index].send(self.now_ms, &mut self.chance, *packet);
             }
         }
-        self.tell(|world| format!("reader {index} restarts at {}", world.readers[index].got.len()));
+        self.narrate(|world| format!("reader {index} restarts at {}", world.readers[index].got.len()));
     }
 }

@@ -1,4 +1,4 @@
-//! A system in exchange, many times over: one seed is one world of delays, deaths, hangs, late decisions and bad candidates.
+//! A system whose stages are swapped, many times over: one seed is one world of delays, deaths, hangs, late decisions and bad candidates.
 //!
 //! `SWAP_SEED=n cargo test --release -p swap --test simulate -- --nocapture` tells the history of one; `SWAP_SEEDS=n` lives through n.
 #![allow(clippy::unwrap_used)]
@@ -18,7 +18,7 @@ use world::World;
 const SEEDS: u64 = 100_000;
 
 #[test]
-fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_exchange() {
+fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_swap() {
     if let Some(seed) = number("SWAP_SEED") {
         World::new(seed, true).run().unwrap_or_else(|failure| panic!("seed {seed}: {failure}"));
         return;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use swap::{Control, Stamped, Standing, Tenure};
+use swap::{Control, OutputGate, OwnershipStatus, Stamped};
 
 use crate::chance::{Chance, DELAY_MS, Link};
 
@@ -37,7 +37,7 @@ impl Stamped for Packet {
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Word {
     Ready,
-    Health { standing: Standing, flawed: bool },
+    Health { status: OwnershipStatus, flawed: bool },
     Checkpoint { next_tick: u64 },
 }
 
@@ -61,7 +61,7 @@ pub(crate) const HISTORY: usize = 500;
 pub(crate) struct Process {
     pub(crate) incarnation: u32,
     pub(crate) stage: u32,
-    pub(crate) tenure: Tenure<Packet>,
+    pub(crate) gate: OutputGate<Packet>,
     pub(crate) manner: Manner,
     pub(crate) alive: bool,
     pub(crate) buried: bool,
@@ -86,7 +86,7 @@ impl Process {
     pub(crate) fn new(
         incarnation: u32,
         stage: u32,
-        tenure: Tenure<Packet>,
+        gate: OutputGate<Packet>,
         manner: Manner,
         next_tick: u64,
         outlets: impl Iterator<Item = u64>,
@@ -95,7 +95,7 @@ impl Process {
         Self {
             incarnation,
             stage,
-            tenure,
+            gate,
             manner,
             alive: true,
             buried: false,
@@ -115,7 +115,7 @@ impl Process {
         }
     }
 
-    /// One millisecond of its life. `newest_input` is the newest tick of its input; `dies` ends it in the midst of its work.
+    /// One millisecond. `newest_input` is the newest tick of its input; `dies` ends it in the midst of its work.
     pub(crate) fn step(&mut self, now_ms: u64, newest_input: Option<u64>, dies: bool, chance: &mut Chance) {
         if !self.alive || now_ms < self.hung_until_ms || now_ms < self.manner.ready_ms {
             self.alive &= !dies;
@@ -134,7 +134,7 @@ impl Process {
                 break;
             }
             let packet = Packet { tick: self.next_tick, epoch: 0, incarnation: 0, stage: self.stage };
-            self.tenure.take(packet, &mut |packet| out.push(packet));
+            self.gate.take(packet, &mut |packet| out.push(packet));
             self.next_tick += 1;
         }
         if !controls_first {
@@ -142,14 +142,14 @@ impl Process {
         }
         self.send(now_ms, &out, dies, chance);
         if !dies {
-            self.say(now_ms, chance);
+            self.publish_health(now_ms, chance);
         }
         self.alive = !dies;
     }
 
     fn obey(&mut self, now_ms: u64, out: &mut Vec<Packet>) {
         while let Some(control) = self.controls.arrived(now_ms) {
-            self.tenure.decide(control, &mut |packet| out.push(packet));
+            self.gate.decide(control, &mut |packet| out.push(packet));
         }
     }
 
@@ -170,7 +170,7 @@ impl Process {
         }
     }
 
-    fn say(&mut self, now_ms: u64, chance: &mut Chance) {
+    fn publish_health(&mut self, now_ms: u64, chance: &mut Chance) {
         if !self.said_ready {
             self.said_ready = true;
             self.words.send(now_ms, chance, Word::Ready);
@@ -178,8 +178,8 @@ impl Process {
         if now_ms >= self.said_ms + self.manner.health_interval_ms {
             self.said_ms = now_ms;
             let flawed = self.manner.flawed_from.is_some_and(|from| self.next_tick > from);
-            let standing = self.tenure.standing();
-            self.words.send(now_ms, chance, Word::Health { standing, flawed });
+            let status = self.gate.status();
+            self.words.send(now_ms, chance, Word::Health { status, flawed });
         }
         if self.next_tick >= self.kept_tick + self.manner.checkpoint_interval_ticks {
             self.kept_tick = self.next_tick;

@@ -1,12 +1,12 @@
 //! A reader of the slot: what it got, by tick.
 
-use swap::Inlet;
+use swap::ReorderBuffer;
 
 use crate::process::Packet;
 
 #[derive(Debug)]
 pub(crate) struct Reader {
-    pub(crate) inlet: Inlet<Packet>,
+    pub(crate) reorder_buffer: ReorderBuffer<Packet>,
     /// What it got for each tick, from 0.
     pub(crate) got: Vec<Packet>,
     pub(crate) checkpoint_interval_ticks: u64,
@@ -23,9 +23,9 @@ pub(crate) struct Checkpoint {
 
 impl Reader {
     pub(crate) fn new(lateness_ticks: u64, checkpoint_interval_ticks: u64) -> Self {
-        let inlet = Inlet::starting(0, 1, lateness_ticks);
+        let reorder_buffer = ReorderBuffer::starting(0, 1, lateness_ticks);
         Self {
-            inlet,
+            reorder_buffer,
             got: Vec::new(),
             checkpoint_interval_ticks,
             checkpoint: Checkpoint { next_tick: 0, epoch: 1 },
@@ -37,7 +37,7 @@ impl Reader {
     pub(crate) fn take(&mut self, packet: Packet) -> Result<(), String> {
         let mut wrong = None;
         let got = &mut self.got;
-        self.inlet.offer(packet, &mut |packet, missing| {
+        self.reorder_buffer.offer(packet, &mut |packet, missing| {
             if packet.tick != got.len() as u64 || missing > 0 {
                 wrong.get_or_insert(format!(
                     "tick {} came where {} is next, missing {missing}",
@@ -53,9 +53,9 @@ impl Reader {
             }
             got.push(packet);
         });
-        self.held_max = self.held_max.max(self.inlet.held());
+        self.held_max = self.held_max.max(self.reorder_buffer.held());
         if self.got.len() as u64 >= self.checkpoint.next_tick + self.checkpoint_interval_ticks {
-            self.checkpoint = Checkpoint { next_tick: self.got.len() as u64, epoch: self.inlet.epoch() };
+            self.checkpoint = Checkpoint { next_tick: self.got.len() as u64, epoch: self.reorder_buffer.epoch() };
         }
         wrong.map_or(Ok(()), Err)
     }
@@ -63,7 +63,7 @@ impl Reader {
     /// Dies, and goes on from its checkpoint.
     pub(crate) fn restart(&mut self, lateness_ticks: u64) {
         let Checkpoint { next_tick, epoch } = self.checkpoint;
-        self.inlet = Inlet::starting(next_tick, epoch, lateness_ticks);
+        self.reorder_buffer = ReorderBuffer::starting(next_tick, epoch, lateness_ticks);
         self.got.truncate(next_tick as usize);
     }
 }

@@ -1,6 +1,6 @@
 //! What the supervisor does for the coordinator: starts, ends, restarts, keeps checkpoints, and takes its time.
 
-use swap::{Action, Event, Outcome, Tenure};
+use swap::{Action, Event, Outcome, OutputGate};
 
 use crate::{
     chance::{Chance, DELAY_MS},
@@ -32,16 +32,18 @@ impl Manner {
 
 impl World {
     /// Tells the coordinator and does what it asks.
-    pub(crate) fn hear(&mut self, event: Event) {
+    pub(crate) fn apply(&mut self, event: Event) {
         let state = self.coordinator.state();
         let told = match &event {
-            Event::Health { .. } | Event::Passage => None,
+            Event::Health { .. } | Event::Time => None,
             Event::NewestInput { .. } | Event::ReadersKeep { .. } | Event::Published { .. } => None,
             event => Some(format!("{event:?}")),
         };
         let actions = self.coordinator.handle(self.now_ms, event);
         if told.is_some() || state != self.coordinator.state() || !actions.is_empty() {
-            self.tell(|world| format!("{} -> {:?} {actions:?}", told.unwrap_or_default(), world.coordinator.state()));
+            self.narrate(|world| {
+                format!("{} -> {:?} {actions:?}", told.unwrap_or_default(), world.coordinator.state())
+            });
         }
         actions.into_iter().for_each(|action| self.act(action));
     }
@@ -80,8 +82,17 @@ impl World {
             Action::RestartActive { epoch, from_tick } => {
                 let owner = &self.processes[self.owner as usize - 1];
                 let hung = owner.hung_until_ms + 2 * self.nature.limits.restore_ms > self.now_ms;
-                assert!(!owner.alive || hung || owner.tenure.standing().missed, "restarted without need");
+                // The stage before is gone, and a reader could need what it had published.
+                let again = self
+                    .handovers
+                    .last()
+                    .filter(|(old, commit_tick)| from_tick < *commit_tick && !self.processes[*old as usize - 1].alive);
+                self.made_again.extend(again.map(|(_, commit_tick)| *commit_tick));
+                let need = !owner.alive || hung || owner.gate.status().missed || again.is_some();
+                assert!(need, "restarted without need");
                 self.stages.insert(epoch, owner.stage);
+                // It is started once, as it was asked for last.
+                self.tasks.retain(|(_, task)| !matches!(task, Task::Restart { .. }));
                 let due_ms = soon(self, 60);
                 self.tasks.push((due_ms, Task::Restart { epoch, from_tick }));
             }
@@ -92,8 +103,12 @@ impl World {
                     if !alone {
                         self.handovers.push((self.owner, commit_tick));
                     }
+                    let mut kept = self.checkpoints[&self.owner].clone();
                     self.owner = self.coordinator.active().unwrap();
-                    let began = self.processes[self.owner as usize - 1].tenure.standing().published_from;
+                    let own = self.checkpoints.entry(self.owner).or_default();
+                    kept.retain(|tick| own.first().is_none_or(|first| tick < first));
+                    own.splice(..0, kept);
+                    let began = self.processes[self.owner as usize - 1].gate.status().published_from;
                     let known = if alone { began <= Some(commit_tick) } else { began == Some(commit_tick) };
                     assert!(began.is_some() && known, "committed before the new owner has published");
                 }
@@ -116,7 +131,7 @@ impl World {
                     self.bury(incarnation);
                 }
                 Task::Restart { epoch, from_tick } => self.restart(epoch, from_tick),
-                Task::TellDeath { incarnation } => self.hear(Event::Died { incarnation }),
+                Task::TellDeath { incarnation } => self.apply(Event::Died { incarnation }),
             }
         }
     }
@@ -132,7 +147,7 @@ impl World {
         process.alive = false;
         let (next_tick, due_ms) = (process.next_tick, self.now_ms + self.chance.between(0, DELAY_MS));
         self.tasks.push((due_ms, Task::TellDeath { incarnation }));
-        self.tell(|_| format!("{incarnation} ends at {next_tick}"));
+        self.narrate(|_| format!("{incarnation} ends at {next_tick}"));
     }
 
     /// Keeps a checkpoint if the coordinator admits it.
@@ -145,7 +160,7 @@ impl World {
     /// Starts a candidate, or whoever begins with `from_tick` in the place of an owner that has ended.
     fn spawn(&mut self, stage: u32, epoch: u32, from_tick: Option<u64>) {
         if self.chance.happens(self.nature.bad_candidates_per_mille / 8) {
-            return self.hear(Event::SpawnFailed { cause: "no such file".into() });
+            return self.apply(Event::SpawnFailed { cause: "no such file".into() });
         }
         let ready_ms = self.now_ms + self.chance.between(0, 30);
         let mut manner = Manner::good(ready_ms, self.nature.period_ms, &mut self.chance);
@@ -158,21 +173,21 @@ impl World {
             }
         }
         let begins = match from_tick {
-            Some(_) => self.goes_on_at(),
+            Some(from_tick) => self.goes_on_at(from_tick),
             None => self.checkpoints[&self.owner].last().copied().unwrap_or(0),
         };
         let incarnation = self.start(stage, begins, manner, |incarnation, keep| match from_tick {
-            Some(from_tick) => Tenure::owner(incarnation, epoch, from_tick, keep),
-            None => Tenure::candidate(incarnation, epoch, keep),
+            Some(from_tick) => OutputGate::owner(incarnation, epoch, from_tick, keep),
+            None => OutputGate::candidate(incarnation, epoch, keep),
         });
         self.checkpoints.insert(incarnation, vec![begins]);
-        self.hear(Event::Spawned { incarnation });
+        self.apply(Event::Spawned { incarnation });
     }
 
-    /// The newest checkpoint of the slot's owner that is no newer than those of its readers.
-    fn goes_on_at(&self) -> u64 {
+    /// The newest checkpoint of the slot's owner that is no newer than those of its readers, as far as what it publishes begins before it.
+    fn goes_on_at(&self, from_tick: u64) -> u64 {
         let readers = self.readers.iter().map(|reader| reader.checkpoint.next_tick).min();
-        let limit = readers.filter(|_| self.nature.readers_restart).unwrap_or(u64::MAX);
+        let limit = readers.filter(|_| self.nature.readers_restart).unwrap_or(u64::MAX).max(from_tick);
         let kept = &self.checkpoints[&self.owner];
         kept.iter().copied().filter(|tick| *tick <= limit).max().unwrap_or(kept[0])
     }
@@ -181,13 +196,13 @@ impl World {
     fn restart(&mut self, epoch: u32, from_tick: u64) {
         self.restarts += 1;
         self.bury(self.owner);
-        let (kept, begins) = (self.checkpoints[&self.owner].clone(), self.goes_on_at());
+        let (kept, begins) = (self.checkpoints[&self.owner].clone(), self.goes_on_at(from_tick));
         let stage = self.stages[&epoch];
         let manner = Manner::good(self.now_ms, self.nature.period_ms, &mut self.chance);
-        self.owner =
-            self.start(stage, begins, manner, |incarnation, keep| Tenure::owner(incarnation, epoch, from_tick, keep));
+        self.owner = self
+            .start(stage, begins, manner, |incarnation, keep| OutputGate::owner(incarnation, epoch, from_tick, keep));
         self.checkpoints.insert(self.owner, kept);
-        self.hear(Event::Restarted { incarnation: self.owner });
+        self.apply(Event::Restarted { incarnation: self.owner });
     }
 
     fn start(
@@ -195,19 +210,19 @@ impl World {
         stage: u32,
         begins: u64,
         manner: Manner,
-        tenure: impl FnOnce(u32, usize) -> Tenure<crate::process::Packet>,
+        gate: impl FnOnce(u32, usize) -> OutputGate<crate::process::Packet>,
     ) -> u32 {
         assert!(begins + INPUT_HISTORY_TICKS >= self.next_input, "the history of the input is too short");
         let incarnation = self.processes.len() as u32 + 1;
-        let tenure = tenure(incarnation, self.nature.kept_ticks);
+        let gate = gate(incarnation, self.nature.kept_ticks);
         let outlets = std::iter::repeat_n(self.nature.outlet_ms, self.readers.len());
-        let mut process = Process::new(incarnation, stage, tenure, manner, begins, outlets, &mut self.chance);
+        let mut process = Process::new(incarnation, stage, gate, manner, begins, outlets, &mut self.chance);
         // Who joins late hears the decisions that were taken before.
         for control in &self.controls {
             process.controls.send(self.now_ms, &mut self.chance, *control);
         }
         self.processes.push(process);
-        self.tell(|world| format!("{incarnation} starts at {begins}, of stage {stage}; input {}", world.next_input));
+        self.narrate(|world| format!("{incarnation} starts at {begins}, of stage {stage}; input {}", world.next_input));
         incarnation
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use swap::{Control, Coordinator, Event, Report, State, Tenure};
+use swap::{Control, Coordinator, Event, OutputGate, Report, State};
 
 use crate::{
     chance::{Chance, DELAY_MS, Link},
@@ -41,6 +41,8 @@ pub(crate) struct World {
     pub(crate) answers: Vec<Report>,
     /// Who had the slot before a commitment, and its tick.
     pub(crate) handovers: Vec<(u32, u64)>,
+    /// Commitments before whose tick the new stage had to publish, too.
+    pub(crate) made_again: BTreeSet<u64>,
     /// Decisions under which somebody began in the place of an owner that had ended.
     pub(crate) replaced: BTreeSet<u32>,
     pub(crate) restarts: u64,
@@ -54,12 +56,12 @@ impl World {
     pub(crate) fn new(seed: u64, verbose: bool) -> Self {
         let mut chance = Chance(seed);
         let nature = Nature::new(&mut chance);
-        let tenure = Tenure::owner(1, 1, 0, nature.kept_ticks);
+        let gate = OutputGate::owner(1, 1, 0, nature.kept_ticks);
         let manner = Manner::good(0, nature.period_ms, &mut chance);
         let outlets = std::iter::repeat_n(nature.outlet_ms, READERS);
         let checkpoint_interval_ticks = chance.between(5, 30);
         Self {
-            processes: vec![Process::new(1, 0, tenure, manner, 0, outlets, &mut chance)],
+            processes: vec![Process::new(1, 0, gate, manner, 0, outlets, &mut chance)],
             readers: (0..READERS).map(|_| Reader::new(nature.lateness_ticks, checkpoint_interval_ticks)).collect(),
             coordinator: Coordinator::new(1, 1, nature.limits),
             nature,
@@ -73,6 +75,7 @@ impl World {
             asked: BTreeMap::new(),
             answers: Vec::new(),
             handovers: Vec::new(),
+            made_again: BTreeSet::new(),
             replaced: BTreeSet::new(),
             restarts: 0,
             verbose,
@@ -85,7 +88,7 @@ impl World {
 
     /// Lives until everything has settled; gives the world back for its figures.
     pub(crate) fn run(mut self) -> Result<Self, String> {
-        self.tell(|world| format!("{:?}", world.nature));
+        self.narrate(|world| format!("{:?}", world.nature));
         let settled_by_ms = self.nature.faults_until_ms + SETTLED_MS;
         loop {
             if self.nature.supervisor_dies_ms.is_some_and(|dies_ms| dies_ms <= self.now_ms) {
@@ -96,7 +99,7 @@ impl World {
                 break;
             }
             if self.now_ms == self.nature.faults_until_ms {
-                self.hear(Event::Cancel);
+                self.apply(Event::Cancel);
             }
             if self.now_ms > settled_by_ms {
                 return Err(format!("nothing settles: {:?}", self.coordinator));
@@ -172,7 +175,7 @@ impl World {
     /// The supervisor does what is due and hears what has arrived.
     fn supervise(&mut self) {
         let next_tick = self.processes.iter().map(|process| process.published_tick).max().unwrap_or(0);
-        self.hear(Event::Published { next_tick });
+        self.apply(Event::Published { next_tick });
         self.work();
         let now_ms = self.now_ms;
         let mut heard = Vec::new();
@@ -186,27 +189,27 @@ impl World {
         }
         for (incarnation, word) in heard {
             match word {
-                Word::Ready => self.hear(Event::Ready { incarnation }),
-                Word::Health { standing, flawed } => self.hear(Event::Health { incarnation, standing, flawed }),
+                Word::Ready => self.apply(Event::Ready { incarnation }),
+                Word::Health { status, flawed } => self.apply(Event::Health { incarnation, status, flawed }),
                 Word::Checkpoint { next_tick } => self.keep(incarnation, next_tick),
             }
         }
         while let Some(tick) = self.newest_input.arrived(now_ms) {
-            self.hear(Event::NewestInput { tick });
+            self.apply(Event::NewestInput { tick });
         }
         if let Some(next_tick) = self.readers.iter().map(|reader| reader.checkpoint.next_tick).min() {
             self.readers_keep.send(now_ms, &mut self.chance, next_tick);
         }
         while let Some(next_tick) = self.readers_keep.arrived(now_ms) {
-            self.hear(Event::ReadersKeep { next_tick });
+            self.apply(Event::ReadersKeep { next_tick });
         }
         if self.chance.happens(400) {
-            self.hear(Event::Passage);
+            self.apply(Event::Time);
         }
     }
 
     /// A line of the history, when one seed runs alone.
-    pub(crate) fn tell(&self, line: impl FnOnce(&Self) -> String) {
+    pub(crate) fn narrate(&self, line: impl FnOnce(&Self) -> String) {
         if self.verbose {
             println!("{:5} {}", self.now_ms, line(self));
         }

@@ -17,7 +17,7 @@ fn alone<M: Drawn>(seed: u64) {
 fn in_a_batch<M: Drawn>(seed: u64, count: u64) {
     let mut dice = Dice::new(seed);
     let messages: Vec<M> = (0..count).map(|_| M::drawn(&mut dice)).collect();
-    let envelope = Envelope { sequence: dice.word(), life: dice.word(), ..Envelope::default() };
+    let envelope = Envelope { sequence: dice.word(), start_ns: dice.word(), ..Envelope::default() };
     let bytes = wire::seal(&envelope, &wire::samples(&messages));
     let (envelope_back, back) = wire::open::<M>(&bytes).unwrap();
     assert_eq!(envelope_back, envelope);

@@ -42,7 +42,7 @@ fn every_field_of_every_layout_has_a_field_of_its_name_and_unit() {
 fn every_topic_has_a_message_and_every_message_a_batch() {
     let descriptors = descriptors();
     let all = for_every_message!(described());
-    assert_eq!(all.len(), messages::TOPICS.len());
+    assert_eq!(all.len(), graph::Topic::ALL.len());
     for (name, _) in all {
         let batch = &descriptors[&format!("{name}Batch")];
         let fields: Vec<_> = batch.field.iter().map(|field| (field.number(), field.type_name())).collect();

@@ -4,7 +4,7 @@ use messages::{AttitudeOutput, Checkpoint, Credit, FusedState, ImuSample, Sensor
 use prost::Message as _;
 use wire::{
     BYTES_MAX, Payload, Refusal, Refusals, SAMPLES_MAX,
-    command::Letter,
+    command::ControlMessage,
     v1::{self, Envelope, SwapRequest},
 };
 
@@ -58,7 +58,7 @@ fn what_cannot_be_is_refused() {
 #[test]
 fn more_than_there_may_be_is_refused() {
     assert_eq!(Credit::decoded(&vec![0; BYTES_MAX + 1]), Err(Refusal::TooLarge { bytes: BYTES_MAX + 1 }));
-    let many = wire::seal(&Envelope::default(), &wire::samples(&vec![Credit { ticks: 1 }; SAMPLES_MAX + 1]));
+    let many = wire::seal(&Envelope::default(), &wire::samples(&vec![Credit { ticks: 1, ends: 0 }; SAMPLES_MAX + 1]));
     assert!(matches!(wire::open::<Credit>(&many), Err(Refusal::TooMany { .. })));
     let form = v1::Checkpoint { words: vec![1; 577], service: 1, ..v1::Checkpoint::default() };
     assert!(matches!(Checkpoint::decoded(&form.encode_to_vec()), Err(Refusal::TooMany { what: "words", .. })));
@@ -95,10 +95,10 @@ fn a_request_that_says_too_little_is_refused() {
 
 #[test]
 fn a_field_of_a_later_version_is_passed_over() {
-    let mut bytes = wire::seal(&Envelope::default(), &wire::samples(&[Credit { ticks: 5 }]));
+    let mut bytes = wire::seal(&Envelope::default(), &wire::samples(&[Credit { ticks: 5, ends: 0 }]));
     // Field 15, three bytes.
     bytes.extend([0x7a, 3, 1, 2, 3]);
-    assert_eq!(wire::open::<Credit>(&bytes).unwrap().1, [Credit { ticks: 5 }]);
+    assert_eq!(wire::open::<Credit>(&bytes).unwrap().1, [Credit { ticks: 5, ends: 0 }]);
 }
 
 #[test]

@@ -7,11 +7,12 @@ use std::{
 };
 
 use bus::Subscriber;
+use graph::{Presence, Topic};
 use launch::CACHE_TICKS_MAX;
 use link::{Link, LinkError, Question};
-use messages::{AccelPoint, FusedState, GnssFix, GyroStep, ImuSample, MagSample, Message, Ticked};
-use runtime::{Member, RuntimeError, service::FIRST_EPOCH};
-use swap::Inlet;
+use messages::Ticked;
+use runtime::{RuntimeError, ServiceContext, service_config::FIRST_EPOCH};
+use swap::ReorderBuffer;
 use wire::keys;
 
 use super::{
@@ -22,7 +23,7 @@ use super::{
     record::{place, places},
     run_of,
 };
-use crate::{Shared, clerks::Clerks, locked};
+use crate::{Shared, locked, worker_pool::WorkerPool};
 
 /// Frames in answer to one question: some seconds of ticks. Who wants more asks again.
 const FRAMES_MAX: usize = 64;
@@ -49,35 +50,35 @@ pub(crate) struct Kept {
 }
 
 impl Export {
-    pub(crate) fn open(member: &Member) -> Result<Self, RuntimeError> {
-        let orders = &member.orders;
-        let gateway = &orders.launch.gateway;
+    pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
+        let config = &context.config;
+        let gateway = &config.launch.gateway;
         let mask = gateway.export.iter().filter_map(|topic| place(topic)).fold(0, |mask, place| mask | 1 << place);
         // Those with every tick first: what goes with a tick was published before it.
         let dense = places(mask).filter(|(_, topic)| topic.is_dense);
         let order = dense.chain(places(mask).filter(|(_, topic)| !topic.is_dense));
         let sources: Vec<_> =
-            order.map(|(place, topic)| source(member, place, topic.name)).collect::<Result<_, _>>()?;
-        let merge = match orders.resume {
-            None => Merge::starting(mask, orders.lateness_ticks()),
+            order.filter_map(|(place, topic)| source(context, place, topic.topic)).collect::<Result<_, _>>()?;
+        let merge = match config.resume {
+            None => Merge::starting(mask, config.lateness_ticks()),
             Some(_) => {
-                let expected_until = sources.iter().map(|source| source.next_tick(member)).max().unwrap_or(0);
-                Merge::joining(mask, orders.lateness_ticks(), expected_until)
+                let expected_until = sources.iter().map(|source| source.next_tick(context)).max().unwrap_or(0);
+                Merge::joining(mask, config.lateness_ticks(), expected_until)
             }
         };
-        let run = run_of(orders.supervisor_pid);
+        let run = run_of(config.supervisor_pid);
         let topics = places(mask).map(|(_, topic)| (topic.name.to_owned(), topic.fingerprint)).collect();
-        let vehicle = gateway.vehicle.as_ref().unwrap_or(&orders.launch.name);
+        let vehicle = gateway.vehicle.as_ref().unwrap_or(&config.launch.name);
         let kept = Kept {
-            cache: Mutex::new(Cache::new(((gateway.cache_s * orders.rate_hz) as usize).min(CACHE_TICKS_MAX))),
+            cache: Mutex::new(Cache::new(((gateway.cache_s * config.rate_hz) as usize).min(CACHE_TICKS_MAX))),
             grown: Condvar::new(),
-            head: Head { run, rate_hz: orders.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
+            head: Head { run, rate_hz: config.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
             key: keys::key(vehicle, keys::CARRY),
         };
-        Ok(Self { sources, merge, notes: Notes::open(member)?, run, next_tick: 0, kept: Arc::new(kept) })
+        Ok(Self { sources, merge, notes: Notes::open(context)?, run, next_tick: 0, kept: Arc::new(kept) })
     }
 
-    pub(crate) fn turn(&mut self, member: &Member) -> Result<(), RuntimeError> {
+    pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
         for source in &mut self.sources {
             source.look(&mut self.merge)?;
         }
@@ -91,7 +92,7 @@ impl Export {
         if self.next_tick != before {
             self.kept.grown.notify_one();
         }
-        self.notes.note(member, self.next_tick, self.run)
+        self.notes.publish(context, self.next_tick, self.run)
     }
 
     /// Sleeps until there is something of the topic that the next tick waits for, no longer than `limit`.
@@ -108,11 +109,11 @@ impl Kept {
     /// Sends what the cache gets and answers who asks, until the gateway ends.
     pub(crate) fn carry(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
         let outlet = link.carrier(&self.key)?;
-        let clerks = Clerks::new(&shared.turned_away);
+        let workers = WorkerPool::new(&shared.turned_away);
         let kept = self.clone();
         let answering = link.answering(&self.key, move |question| {
             let kept = kept.clone();
-            clerks.see_to(question, move |question| kept.answer(question));
+            workers.see_to(question, move |question| kept.answer(question));
         })?;
         let kept = self.clone();
         Ok(thread::spawn(move || {
@@ -171,59 +172,62 @@ trait Source {
     fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
     fn place(&self) -> usize;
     fn wait(&self, limit: Duration);
-    fn next_tick(&self, member: &Member) -> u64;
+    fn next_tick(&self, context: &ServiceContext) -> u64;
 }
 
-fn source(member: &Member, place: usize, topic: &str) -> Result<Box<dyn Source>, RuntimeError> {
-    Ok(match topic {
-        MagSample::TOPIC => aside::<MagSample>(member, place)?,
-        GnssFix::TOPIC => aside::<GnssFix>(member, place)?,
-        ImuSample::TOPIC => in_order::<ImuSample>(member, place)?,
-        AccelPoint::TOPIC => in_order::<AccelPoint>(member, place)?,
-        GyroStep::TOPIC => in_order::<GyroStep>(member, place)?,
-        _ => in_order::<FusedState>(member, place)?,
-    })
+fn source(context: &ServiceContext, place: usize, topic: Topic) -> Option<Result<Box<dyn Source>, RuntimeError>> {
+    messages::dispatch!(topic,
+        ticked M => Some(match topic.entry().presence {
+            Presence::EveryTick => in_order::<M>(context, place),
+            Presence::Flagged(_) | Presence::NoTick => aside::<M>(context, place),
+        }),
+        other M => None
+    )
 }
 
 /// A topic with every tick: each once, in order, whoever fills the slot.
-fn in_order<M: Ticked>(member: &Member, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
-    let lateness_ticks = member.orders.lateness_ticks() / 2;
-    let inlet: Inlet<M> = match member.orders.resume {
-        None => Inlet::starting(0, FIRST_EPOCH, lateness_ticks),
-        Some(_) => Inlet::joining(FIRST_EPOCH, lateness_ticks),
+fn in_order<M: Ticked>(context: &ServiceContext, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
+    let lateness_ticks = context.config.lateness_ticks() / 2;
+    let reorder_buffer: ReorderBuffer<M> = match context.config.resume {
+        None => ReorderBuffer::starting(0, FIRST_EPOCH, lateness_ticks),
+        Some(_) => ReorderBuffer::joining(FIRST_EPOCH, lateness_ticks),
     };
-    Tap::<M>::open(member, place, Some(inlet))
+    Tap::<M>::open(context, place, Some(reorder_buffer))
 }
 
 /// A topic with some ticks, from one publisher.
-fn aside<M: Ticked>(member: &Member, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
-    Tap::<M>::open(member, place, None)
+fn aside<M: Ticked>(context: &ServiceContext, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
+    Tap::<M>::open(context, place, None)
 }
 
 struct Tap<M: Ticked> {
     place: usize,
     subscriber: Subscriber<M>,
     buffer: usize,
-    inlet: Option<Inlet<M>>,
+    reorder_buffer: Option<ReorderBuffer<M>>,
 }
 
 impl<M: Ticked> Tap<M> {
-    fn open(member: &Member, place: usize, inlet: Option<Inlet<M>>) -> Result<Box<dyn Source>, RuntimeError> {
-        let buffer = member.orders.buffer_ticks();
-        // In a later life the cache is filled again from what the topics hold.
-        Ok(Box::new(Self { place, subscriber: member.subscriber()?, buffer, inlet }))
+    fn open(
+        context: &ServiceContext,
+        place: usize,
+        reorder_buffer: Option<ReorderBuffer<M>>,
+    ) -> Result<Box<dyn Source>, RuntimeError> {
+        let buffer = context.config.buffer_ticks();
+        // In a later incarnation the cache is filled again from what the topics hold.
+        Ok(Box::new(Self { place, subscriber: context.subscriber()?, buffer, reorder_buffer }))
     }
 }
 
 impl<M: Ticked> Source for Tap<M> {
     fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError> {
-        let Self { place, subscriber, buffer, inlet } = self;
+        let Self { place, subscriber, buffer, reorder_buffer } = self;
         let mut offer = |message: M| {
             let header = message.header();
             merge.offer(*place, header.tick, header.flags, bytemuck::bytes_of(&message));
         };
-        Ok(subscriber.drain(*buffer, |message| match inlet {
-            Some(inlet) => inlet.offer(message, &mut |message, _| offer(message)),
+        Ok(subscriber.drain(*buffer, |message| match reorder_buffer {
+            Some(reorder_buffer) => reorder_buffer.offer(message, &mut |message, _| offer(message)),
             None => offer(message),
         })?)
     }
@@ -237,7 +241,7 @@ impl<M: Ticked> Source for Tap<M> {
         self.subscriber.wait(limit);
     }
 
-    fn next_tick(&self, member: &Member) -> u64 {
-        member.bus.next_tick::<M>()
+    fn next_tick(&self, context: &ServiceContext) -> u64 {
+        context.bus.next_tick(M::TOPIC)
     }
 }

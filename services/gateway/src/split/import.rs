@@ -8,14 +8,15 @@ use std::{
 };
 
 use bus::{BusError, Publisher, Subscriber};
+use control::ControlRequest;
+use graph::Topic;
 use launch::Service;
 use link::{Link, LinkError, Stream};
-use messages::{AccelPoint, Credit, FusedState, GnssFix, GyroStep, ImuSample, MagSample, Message, Ticked};
+use messages::{Credit, Ticked};
 use runtime::{
-    Member, RuntimeError,
-    orders::{BUFFER_BESIDE, Resume},
+    RuntimeError, ServiceContext,
+    service_config::{BUFFER_BESIDE, Resume},
 };
-use supervisor::Ask;
 use wire::{Refusal, keys};
 
 use super::{
@@ -25,7 +26,7 @@ use super::{
     losses::Losses,
     record::{CARRIED_TOPICS, Record, place},
 };
-use crate::{Shared, locked, tell};
+use crate::{Shared, locked, notify_supervisor};
 
 /// Longest wait for a frame.
 const TURN_LIMIT: Duration = Duration::from_millis(50);
@@ -50,6 +51,8 @@ pub(crate) struct Import {
     /// How far the slots here can take ticks; `None` until each has opened its topics.
     granted_tick: Option<u64>,
     window_ticks: u64,
+    /// The system is to end: ticks from this one on are not published.
+    end_tick: Option<u64>,
     /// A window from here on needs no leave: nothing before it is to come.
     floor_tick: u64,
     /// Since when nothing could be published for want of leave.
@@ -72,26 +75,32 @@ pub(crate) struct Intake {
 }
 
 impl Import {
-    pub(crate) fn open(member: &Member, shared: Arc<Shared>, import: &launch::Import) -> Result<Self, RuntimeError> {
-        let orders = &member.orders;
-        let earlier = match &orders.resume {
+    pub(crate) fn open(
+        context: &ServiceContext,
+        shared: Arc<Shared>,
+        import: &launch::Import,
+    ) -> Result<Self, RuntimeError> {
+        let config = &context.config;
+        let earlier = match &config.resume {
             Some(Resume::Checkpoint(record)) => record.checkpoint(),
             _ => None,
         };
         let (next_tick, run) = earlier.map_or((0, None), |earlier| (earlier.next_tick, Some(earlier.words[0])));
         let mask = import.topics.iter().filter_map(|topic| place(topic)).fold(0, |mask, place| mask | 1 << place);
-        let end_tick = orders.ticks_max.unwrap_or(u64::MAX);
-        let arrivals = Arrivals::new(mask, orders.rate_hz, run, next_tick, end_tick);
+        let end_tick = config.ticks_max.unwrap_or(u64::MAX);
+        let arrivals = Arrivals::new(mask, config.rate_hz, run, next_tick, end_tick);
         let outlets = CARRIED_TOPICS.iter().enumerate();
-        let outlets = outlets.map(|(place, topic)| (mask & (1 << place) != 0).then(|| outlet(member, topic.name)));
+        let outlets =
+            outlets.map(|(place, topic)| (mask & (1 << place) != 0).then(|| outlet(context, topic.topic)).flatten());
         Ok(Self {
             outlets: outlets.map(Option::transpose).collect::<Result<_, _>>()?,
-            credit: member.bus.late_subscriber(BUFFER_BESIDE)?,
+            credit: context.bus.late_subscriber(BUFFER_BESIDE)?,
             granted_tick: None,
-            window_ticks: orders.window_ticks(),
+            end_tick: None,
+            window_ticks: config.window_ticks(),
             floor_tick: next_tick,
             held_since: Instant::now(),
-            notes: Notes::open(member)?,
+            notes: Notes::open(context)?,
             next_tick,
             lost: 0,
             losses: Losses::default(),
@@ -106,12 +115,16 @@ impl Import {
     }
 
     /// Publishes what has its turn, no further than the slots here can take it.
-    pub(crate) fn turn(&mut self, member: &Member) -> Result<(), RuntimeError> {
+    pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
         for outlet in self.outlets.iter().flatten() {
-            outlet.greet()?;
+            outlet.deliver_history()?;
         }
-        let granted_tick = &mut self.granted_tick;
-        self.credit.drain(BUFFER_BESIDE, |credit| *granted_tick = (*granted_tick).max(Some(credit.ticks)))?;
+        let Self { credit, granted_tick, end_tick, outlets, .. } = self;
+        credit.drain(BUFFER_BESIDE, |credit| {
+            *granted_tick = (*granted_tick).max(Some(credit.ticks));
+            let published = || outlets.iter().flatten().map(|outlet| outlet.next_tick()).max().unwrap_or(0);
+            *end_tick = end_tick.or_else(|| (credit.ends != 0).then(published));
+        })?;
         let before = self.next_tick;
         while self.next_tick < self.limit_tick() {
             let Some(turn) = locked(&self.intake.arrivals).take() else { break };
@@ -132,10 +145,13 @@ impl Import {
             && let Some(what) = self.losses.take_line(self.lost)
         {
             self.told = Instant::now();
-            tell(self.shared.clone(), Ask::Tell { service: Service::Gateway.name().into(), what });
+            notify_supervisor(
+                self.shared.clone(),
+                ControlRequest::Tell { service: Service::Gateway.name().into(), what },
+            );
         }
         let run = locked(&self.intake.arrivals).run();
-        run.map_or(Ok(()), |run| self.notes.note(member, self.next_tick, run))
+        run.map_or(Ok(()), |run| self.notes.publish(context, self.next_tick, run))
     }
 
     fn publish(&mut self, record: &Record) -> Result<(), BusError> {
@@ -157,7 +173,12 @@ impl Import {
     /// After a cut more comes at once than a topic holds: the slots here give leave, unless they stand still.
     fn limit_tick(&self) -> u64 {
         let granted = |granted_tick: u64| granted_tick.max(self.floor_tick.saturating_add(self.window_ticks));
-        self.granted_tick.map_or(0, granted)
+        self.granted_tick.map_or(0, granted).min(self.end_tick.unwrap_or(u64::MAX))
+    }
+
+    /// Nothing more is published.
+    pub(crate) fn is_finished(&self) -> bool {
+        self.end_tick.is_some_and(|end_tick| self.next_tick >= end_tick) || self.intake.is_whole()
     }
 }
 
@@ -219,7 +240,10 @@ impl Intake {
         let Some(what) = refused else { return };
         locked(&shared.refusals).count(&Refusal::Malformed { message: "frame", cause: what.clone() });
         if complaint.as_ref() != Some(&what) {
-            tell(shared.clone(), Ask::Tell { service: Service::Gateway.name().into(), what: what.clone() });
+            notify_supervisor(
+                shared.clone(),
+                ControlRequest::Tell { service: Service::Gateway.name().into(), what: what.clone() },
+            );
             *complaint = Some(what);
         }
     }
@@ -228,31 +252,32 @@ impl Intake {
 /// A topic of the bus.
 trait Outlet {
     fn publish(&self, message: &[u8]) -> Result<(), BusError>;
-    fn greet(&self) -> Result<(), BusError>;
+    fn next_tick(&self) -> u64;
+    fn deliver_history(&self) -> Result<(), BusError>;
     fn wake(&self);
 }
 
-fn outlet(member: &Member, topic: &str) -> Result<Box<dyn Outlet>, RuntimeError> {
-    Ok(match topic {
-        MagSample::TOPIC => Box::new(member.publisher::<MagSample>()?),
-        GnssFix::TOPIC => Box::new(member.publisher::<GnssFix>()?),
-        ImuSample::TOPIC => Box::new(member.publisher::<ImuSample>()?),
-        AccelPoint::TOPIC => Box::new(member.publisher::<AccelPoint>()?),
-        GyroStep::TOPIC => Box::new(member.publisher::<GyroStep>()?),
-        _ => Box::new(member.publisher::<FusedState>()?),
-    })
+fn outlet(context: &ServiceContext, topic: Topic) -> Option<Result<Box<dyn Outlet>, RuntimeError>> {
+    messages::dispatch!(topic,
+        ticked M => Some(context.publisher::<M>().map(|publisher| Box::new(publisher) as Box<dyn Outlet>)),
+        other M => None
+    )
 }
 
 impl<M: Ticked> Outlet for Publisher<M> {
     fn publish(&self, message: &[u8]) -> Result<(), BusError> {
         // Its length was that of the topic when the frame was read.
         let Ok(message) = bytemuck::try_pod_read_unaligned::<M>(message) else { return Ok(()) };
-        self.note(message.header().tick);
+        self.set_next_tick_after(message.header().tick);
         self.send(&message)
     }
 
-    fn greet(&self) -> Result<(), BusError> {
-        Self::greet(self)
+    fn next_tick(&self) -> u64 {
+        Self::next_tick(self)
+    }
+
+    fn deliver_history(&self) -> Result<(), BusError> {
+        Self::deliver_history(self)
     }
 
     fn wake(&self) {

@@ -27,9 +27,9 @@ use std::{fs, sync::Arc, thread::JoinHandle, time::Duration};
 
 use bus::Publisher;
 use launch::Service;
-use link::{Ends, Link, LinkError};
+use link::{Endpoints, Link, LinkError};
 use messages::Checkpoint;
-use runtime::{Member, RuntimeError, orders::BUFFER_BESIDE};
+use runtime::{RuntimeError, ServiceContext, service_config::BUFFER_BESIDE};
 
 use crate::{Shared, tap::Taps};
 use export::{Export, Kept};
@@ -50,12 +50,12 @@ pub(crate) enum End {
 }
 
 impl Split {
-    pub(crate) fn open(member: &Member, shared: &Arc<Shared>) -> Result<Self, RuntimeError> {
-        let gateway = &member.orders.launch.gateway;
+    pub(crate) fn open(context: &ServiceContext, shared: &Arc<Shared>) -> Result<Self, RuntimeError> {
+        let gateway = &context.config.launch.gateway;
         Ok(match &gateway.import {
-            Some(import) => Self::Import(Box::new(Import::open(member, shared.clone(), import)?)),
+            Some(import) => Self::Import(Box::new(Import::open(context, shared.clone(), import)?)),
             None if gateway.export.is_empty() => Self::Not,
-            None => Self::Export(Box::new(Export::open(member)?)),
+            None => Self::Export(Box::new(Export::open(context)?)),
         })
     }
 
@@ -68,11 +68,11 @@ impl Split {
     }
 
     /// Takes what is on the bus, or publishes what has come.
-    pub(crate) fn turn(&mut self, member: &Member) -> Result<(), RuntimeError> {
+    pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
         match self {
             Self::Not => Ok(()),
-            Self::Export(export) => export.turn(member),
-            Self::Import(import) => import.turn(member),
+            Self::Export(export) => export.poll(context),
+            Self::Import(import) => import.poll(context),
         }
     }
 
@@ -94,9 +94,9 @@ impl Split {
         }
     }
 
-    /// Every tick that was wanted has been published.
+    /// Nothing more is published.
     pub(crate) fn is_finished(&self) -> bool {
-        matches!(self, Self::Import(import) if import.intake.is_whole())
+        matches!(self, Self::Import(import) if import.is_finished())
     }
 }
 
@@ -105,38 +105,38 @@ impl End {
     pub(crate) fn carry(
         &self,
         link: &Link,
-        ends: &Ends,
+        endpoints: &Endpoints,
         shared: &Arc<Shared>,
     ) -> Result<Option<JoinHandle<()>>, LinkError> {
         match self {
             Self::Not => Ok(None),
             Self::Export(kept) => kept.carry(link, shared.clone()).map(Some),
             // Ticks come from whom this gateway calls and nobody else, so they have a link that nobody can connect to.
-            Self::Import(intake) => intake.carry(Link::open(&ends.calling())?, shared.clone()).map(Some),
+            Self::Import(intake) => intake.carry(Link::open(&endpoints.calling())?, shared.clone()).map(Some),
         }
     }
 }
 
-/// Says from time to time how far the gateway is, as every slot does: its neighbours and its next life go on from there.
+/// Says from time to time how far the gateway is, as every slot does: its neighbours and its next incarnation go on from there.
 struct Notes {
     checkpoints: Publisher<Checkpoint>,
     due_tick: u64,
 }
 
 impl Notes {
-    fn open(member: &Member) -> Result<Self, RuntimeError> {
-        Ok(Self { checkpoints: member.bus.publisher(BUFFER_BESIDE)?, due_tick: 1 })
+    fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
+        Ok(Self { checkpoints: context.bus.publisher(BUFFER_BESIDE)?, due_tick: 1 })
     }
 
-    fn note(&mut self, member: &Member, next_tick: u64, run: u64) -> Result<(), RuntimeError> {
+    fn publish(&mut self, context: &ServiceContext, next_tick: u64, run: u64) -> Result<(), RuntimeError> {
         if next_tick < self.due_tick {
             return Ok(());
         }
-        self.due_tick = next_tick + member.orders.checkpoint_ticks();
+        self.due_tick = next_tick + context.config.checkpoint_ticks();
         let mut checkpoint = Checkpoint {
             next_tick,
             service: Service::Gateway as u32,
-            incarnation: member.orders.incarnation,
+            incarnation: context.config.incarnation,
             slot_words: 1,
             ..bytemuck::Zeroable::zeroed()
         };

@@ -2,12 +2,14 @@
 
 use std::sync::LazyLock;
 
-use launch::{CARRIED, DENSE};
-use messages::{AccelPoint, Flags, FusedState, GnssFix, GyroStep, Header, ImuSample, MagSample, Message};
+use graph::Presence;
+use messages::{Flags, Header, Ticked};
 
 /// A topic that can be carried.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topic {
+    /// Which one it is.
+    pub topic: graph::Topic,
     /// Its name.
     pub name: &'static str,
     /// Length of a message, bytes.
@@ -20,26 +22,26 @@ pub struct Topic {
     pub flag: Flags,
 }
 
-/// The topics, in the order of [`CARRIED`]; their places there are the bits of [`Record::mask`].
-pub static CARRIED_TOPICS: LazyLock<[Topic; CARRIED.len()]> = LazyLock::new(|| {
-    CARRIED.map(|name| match name {
-        MagSample::TOPIC => topic::<MagSample>(Flags::FIELD),
-        GnssFix::TOPIC => topic::<GnssFix>(Flags::FIX),
-        ImuSample::TOPIC => topic::<ImuSample>(Flags::NONE),
-        AccelPoint::TOPIC => topic::<AccelPoint>(Flags::NONE),
-        GyroStep::TOPIC => topic::<GyroStep>(Flags::NONE),
-        _ => topic::<FusedState>(Flags::NONE),
-    })
+/// The topics, in the order of [`graph::Topic::carried`]; their places there are the bits of [`Record::mask`].
+pub static CARRIED_TOPICS: LazyLock<Vec<Topic>> = LazyLock::new(|| {
+    let carried = graph::Topic::carried();
+    let topics = carried
+        .filter_map(|topic| messages::dispatch!(topic, ticked M => Some(described::<M>(topic)), other M => None));
+    topics.take(TOPICS_MAX).collect()
 });
 
-fn topic<M: Message>(flag: Flags) -> Topic {
+/// Bits of a mask.
+const TOPICS_MAX: usize = u8::BITS as usize;
+
+fn described<M: Ticked>(topic: graph::Topic) -> Topic {
+    let graph::Entry { name, presence, .. } = *M::TOPIC;
     let fingerprint = M::layout().fingerprint();
-    Topic { name: M::TOPIC, size: size_of::<M>(), fingerprint, is_dense: DENSE.contains(&M::TOPIC), flag }
+    Topic { topic, name, size: size_of::<M>(), fingerprint, is_dense: presence == Presence::EveryTick, flag: M::FLAG }
 }
 
 /// The place of a topic among those that can be carried.
 pub fn place(name: &str) -> Option<usize> {
-    CARRIED.iter().position(|carried| *carried == name)
+    CARRIED_TOPICS.iter().position(|carried| carried.name == name)
 }
 
 /// One tick: the message of every topic that has one.

@@ -2,4 +2,4 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod carrying;
-mod desk;
+mod idempotent_swaps;

@@ -71,7 +71,7 @@ impl Script {
     }
 
     /// The reading as the script has it, and whether the script was at work on it or on one that is gone since the last.
-    pub(crate) fn tell(&mut self, reading: &Reading) -> Option<(Reading, bool)> {
+    pub(crate) fn distort(&mut self, reading: &Reading) -> Option<(Reading, bool)> {
         if self.entries.is_empty() {
             return Some((*reading, false));
         }

@@ -59,7 +59,7 @@ pub(super) fn write(path: &Path, text: &str) -> io::Result<()> {
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     let mut beside = path.as_os_str().to_owned();
     beside.push(".new");
-    // What a life that was killed has left there.
+    // What an incarnation that was killed has left there.
     match fs::remove_file(&beside) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => {}
@@ -83,7 +83,7 @@ mod tests {
         let path = folder.path().join("deeper/imu.state");
         assert!(matches!(read(&path), Ok(None)));
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(folder.path().join("deeper/imu.state.new"), "left by a life that was killed").unwrap();
+        fs::write(folder.path().join("deeper/imu.state.new"), "left by an incarnation that was killed").unwrap();
         for text in ["one", "another, longer", ""] {
             write(&path, text).unwrap();
             assert_eq!(read(&path).unwrap().unwrap(), text);

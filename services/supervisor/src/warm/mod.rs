@@ -23,13 +23,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use launch::Service;
+use messages::Checkpoint;
 use runtime::Prior;
 
 pub(crate) use place::place;
 use {file::FileError, keeper::Keeper, moment::Moment, record::Unusable};
 
-use crate::{Plan, UpError, memory::Memory};
+use crate::{Plan, UpError};
 
 /// How often it is looked whether there is something to keep.
 const LOOK: Duration = Duration::from_millis(500);
@@ -60,7 +60,7 @@ impl WarmStart {
     pub(crate) fn begin(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
         let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, said: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
-        let sensors = record::sensors(&plan.orders.launch.ingest);
+        let sensors = record::sensors(&plan.config.launch.ingest);
         let name = path.display();
         let prior = match look(path, sensors) {
             Err(error) if error.is_foreign() => {
@@ -86,25 +86,25 @@ impl WarmStart {
     }
 
     /// Keeps what the fuser has found, now and then; what is to be said.
-    pub(crate) fn heed(&mut self, memory: &Memory) -> Vec<String> {
+    pub(crate) fn keep_newest(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
         if self.looked.elapsed() >= LOOK {
             self.looked = Instant::now();
-            self.keep(memory, INTERVAL);
+            self.keep(newest, INTERVAL);
         }
         self.said.extend(self.keeper.iter().flat_map(Keeper::said));
         std::mem::take(&mut self.said)
     }
 
     /// Keeps the last of it; what is to be said.
-    pub(crate) fn end(&mut self, memory: &Memory) -> Vec<String> {
-        self.keep(memory, Duration::ZERO);
+    pub(crate) fn end(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
+        self.keep(newest, Duration::ZERO);
         self.said.extend(self.keeper.take().into_iter().flat_map(Keeper::end));
         std::mem::take(&mut self.said)
     }
 
     /// Keeps what is new after `interval`. While nothing new comes what is known grows old.
-    fn keep(&mut self, memory: &Memory, interval: Duration) {
-        let (Some(keeper), Some(newest)) = (&self.keeper, memory.last(Service::Fuser)) else { return };
+    fn keep(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
+        let (Some(keeper), Some(newest)) = (&self.keeper, newest) else { return };
         let next_tick = newest.next_tick;
         let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
             return;

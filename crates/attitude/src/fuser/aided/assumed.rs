@@ -5,12 +5,12 @@
 //! gyro's bias about the body's vertical are zero.
 
 use super::{
-    Aided, VELOCITY,
-    covariance::{Error, GYRO_UP, HEADING, Measurement},
-    shared, square,
+    covariance::{Error, GYRO, GYRO_UP, HEADING, Measurement, VELOCITY},
+    filter::Aided,
     standstill::{GUESSED, TOLD},
+    variance::{shared, square},
 };
-use crate::{Vector3, fuser::FuserInput};
+use crate::{Vector3, fuser::input::FuserInput};
 
 /// Time between two assumptions, s.
 const INTERVAL_S: f64 = 0.2;
@@ -87,7 +87,7 @@ impl Aided {
         let variance = square(self.settings.standstill_sd_deg_s.to_radians());
         for axis in 0..3 {
             let residual = self.gyro_bias_rad_s[axis] - mean_rad_s[axis];
-            let row = [(super::GYRO + axis, 1.0)];
+            let row = [(GYRO + axis, 1.0)];
             let measurement = Measurement { residual, row: &row, variance, considered: &[] };
             self.covariance.update(&mut error, self.settings.innovation_limit, &measurement);
         }

@@ -5,7 +5,10 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::{Matrix3, Vector3, stage::Numbers};
+use crate::{Matrix3, Vector3, numbers::Numbers};
+
+/// Time between two steps of the covariance, s.
+pub(super) const INTERVAL_S: f64 = 0.05;
 
 /// Components of the error: velocity, m/s.
 pub(super) const VELOCITY: usize = 0;

@@ -1,11 +1,11 @@
 //! A velocity that was told: the measurement of a fix, and the first course.
 
 use super::{
-    ACCEL, Aided, Corrections, HEADING, LATENCY, ROTATION, VELOCITY,
-    covariance::{Error, Measurement},
-    shared, square,
+    covariance::{ACCEL, Error, HEADING, LATENCY, Measurement, ROTATION, VELOCITY},
+    filter::Aided,
+    variance::{shared, square},
 };
-use crate::{GRAVITY_M_S2, Vector3, course::Reference, gnss::Fix, stage::Numbers, state::wrapped_rad};
+use crate::{GRAVITY_M_S2, Vector3, course::Reference, fuser::fused::Corrections, gnss::Fix, state::wrapped_rad};
 
 /// Largest standard deviation of the first course because of the wind, rad: beyond it nothing is small any more.
 const FIRST_COURSE_SD_RAD: f64 = 0.8;
@@ -15,59 +15,12 @@ const MOVING_M_S: f64 = 1.5;
 const COURSE_AFTER_S: f64 = 0.35;
 /// A velocity beyond this is not believed, m/s.
 const VELOCITY_MAX_M_S: f64 = 2e3;
-/// Time beyond which the last fix is of no matter, s.
-const LONG_S: f64 = 1e4;
 /// Least standard deviation that a receiver is believed, m/s.
 const SD_MIN_M_S: f64 = 0.02;
 
-/// What is known of the receiver.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Aiding {
-    /// A velocity was told at least once.
-    pub(super) seen: bool,
-    /// Since the last one, s.
-    pub(super) since_fix_s: f64,
-    /// Since the last assumed velocity or fix, s.
-    pub(super) since_assumed_s: f64,
-    /// Its speed over ground, m/s.
-    pub(super) speed_m_s: f64,
-    /// Its track less the course then, rad.
-    pub(super) crab_rad: f64,
-    /// How long the track has been told fast enough to make a course, s.
-    tracked_s: f64,
-    latitude_rad: f64,
-    latitude_told: bool,
-}
-
-impl Default for Aiding {
-    fn default() -> Self {
-        Self {
-            seen: false,
-            since_fix_s: LONG_S,
-            since_assumed_s: 0.0,
-            speed_m_s: 0.0,
-            crab_rad: 0.0,
-            tracked_s: 0.0,
-            latitude_rad: 0.0,
-            latitude_told: false,
-        }
-    }
-}
-
-impl Aiding {
-    pub(super) fn advance(&mut self, dt_s: f64) {
-        self.since_fix_s = (self.since_fix_s + dt_s).min(LONG_S);
-        self.since_assumed_s = (self.since_assumed_s + dt_s).min(1.0);
-    }
-
-    pub(super) fn latitude_rad(&self) -> Option<f64> {
-        self.latitude_told.then_some(self.latitude_rad)
-    }
-}
-
 impl Aided {
     /// One fix.
-    pub(super) fn told(&mut self, fix: &Fix, corrections: &mut Corrections) {
+    pub(super) fn on_fix(&mut self, fix: &Fix, corrections: &mut Corrections) {
         if fix.velocity_m_s.amax() > VELOCITY_MAX_M_S {
             return;
         }
@@ -156,22 +109,5 @@ impl Aided {
         self.course_known = true;
         let sd_m_s = self.settings.velocity_sd_m_s.max(1.0);
         self.begin_velocity(fix.velocity_m_s, sd_m_s, sd_m_s);
-    }
-}
-
-impl Numbers for Aiding {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.seen.visit(visit);
-        self.latitude_told.visit(visit);
-        [
-            &mut self.since_fix_s,
-            &mut self.since_assumed_s,
-            &mut self.speed_m_s,
-            &mut self.crab_rad,
-            &mut self.tracked_s,
-            &mut self.latitude_rad,
-        ]
-        .into_iter()
-        .for_each(|number| number.visit(visit));
     }
 }

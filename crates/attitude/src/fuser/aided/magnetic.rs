@@ -1,7 +1,11 @@
 //! The heading of the magnetic field, where it is asked for.
 
-use super::{Aided, Corrections, covariance::Error, covariance::HEADING, covariance::Measurement, shared, square};
-use crate::{Vector3, course::Reference, state::wrapped_rad};
+use super::{
+    covariance::{Error, HEADING, Measurement},
+    filter::Aided,
+    variance::{shared, square},
+};
+use crate::{Vector3, course::Reference, fuser::fused::Corrections, state::wrapped_rad};
 
 /// Least horizontal share of the field that tells a direction.
 const HORIZONTAL_MIN: f64 = 0.1;

@@ -1,8 +1,9 @@
 //! The velocity of the last second, against which a fix that arrives late is held.
 
-use crate::{Vector3, stage::Numbers};
+use super::covariance::INTERVAL_S;
+use crate::{Vector3, numbers::Numbers};
 
-/// Velocities kept; with those of [`INTERVAL_S`](super::INTERVAL_S) between them they reach back 1.2 s.
+/// Velocities kept; with those of [`INTERVAL_S`] between them they reach back 1.2 s.
 const COUNT: usize = 24;
 
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -30,7 +31,7 @@ impl Past {
 
     /// As if the velocity had always been this.
     pub(super) fn begin(&mut self, velocity_m_s: Vector3<f64>) {
-        self.0 = [Entry { velocity_m_s, length_s: super::INTERVAL_S }; COUNT];
+        self.0 = [Entry { velocity_m_s, length_s: INTERVAL_S }; COUNT];
     }
 
     /// Velocity and acceleration `age_s` ago, by a straight line between two; the last one was kept `since_s` ago.

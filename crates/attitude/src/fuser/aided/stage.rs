@@ -2,13 +2,25 @@
 
 use core::f64::consts::PI;
 
-use super::{Aided, GYRO, HEADING, Settings, square, strapdown};
+use super::{
+    covariance::{GYRO, HEADING},
+    filter::Aided,
+    settings::Settings,
+    strapdown,
+    variance::square,
+};
 use crate::{
     Vector3,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad},
+    fuser::{
+        carried::Carried,
+        estimate::Estimate,
+        fused::{Corrections, Fused, innovation_rad},
+        input::FuserInput,
+    },
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
+    stage::{RestoreError, Stage, attitude_flaw, bias_flaw},
 };
 
 impl Stage for Aided {
@@ -42,7 +54,7 @@ impl Stage for Aided {
             corrections.aligned = true;
         }
         let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::credible);
-        self.carried.heed(input);
+        self.carried.observe(input);
         if let Some(motion) = &input.motion {
             self.advance(motion, force_m_s2);
             corrections.tilt = self.started;
@@ -50,7 +62,7 @@ impl Stage for Aided {
         if self.started {
             self.aiding.advance(dt_s);
             if let Some(fix) = &input.fix {
-                self.told(fix, &mut corrections);
+                self.on_fix(fix, &mut corrections);
             }
             corrections.bias |= self.assume();
             corrections.rest = self.rest(input, force_m_s2);

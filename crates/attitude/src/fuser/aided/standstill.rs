@@ -1,6 +1,6 @@
 //! Standstill: gyro and accelerometer keep to their own mean, and the receiver, where there is one, tells no speed.
 
-use crate::{Vector3, stage::Numbers};
+use crate::{Vector3, numbers::Numbers};
 
 /// Time constant of the means and of the spreads about them, s.
 const MEAN_S: f64 = 1.0;

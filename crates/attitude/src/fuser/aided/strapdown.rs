@@ -1,9 +1,12 @@
 //! Attitude, velocity and covariance over one interval.
 
 use super::{
-    ACCEL, Aided, Error, GYRO, HEADING, INTERVAL_S, LATENCY, ROTATION, VELOCITY, covariance::Interval, square,
+    covariance::{ACCEL, Error, GYRO, HEADING, INTERVAL_S, Interval, LATENCY, ROTATION, VELOCITY},
+    filter::Aided,
+    sums::Sums,
+    variance::square,
 };
-use crate::{GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, stage::Numbers, turn::Turn};
+use crate::{GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, turn::Turn};
 
 /// Rate at which the earth turns, rad/s (WGS 84).
 const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
@@ -15,25 +18,8 @@ const VELOCITY_MAX_M_S: f64 = 3e3;
 const TURN_MEMORY_S: f64 = 1.0;
 /// Acceleration that may have gone unseen without an accelerometer, m/s².
 const UNSEEN_M_S2: f64 = 5.0;
-/// Memory of the accelerometer's spread, s.
-const SPREAD_MEMORY_S: f64 = 5.0;
 /// Random walk of the latency, s/√s.
 const LATENCY_WALK_S: f64 = 1e-4;
-
-/// What happened since the last step of the covariance.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Sums {
-    pub(super) length_s: f64,
-    /// Of that, without an accelerometer.
-    unseen_s: f64,
-    /// ∫ f dt, m/s, reference axes.
-    force_m_s: Vector3<f64>,
-    /// ∫ |w'|² dt, rad²/s.
-    rate2_rad2_s: f64,
-    force_before_m_s2: Vector3<f64>,
-    /// Spread of the specific force from sample to sample, as the power of a white noise, m²/s³.
-    spread_m2_s3: f64,
-}
 
 /// A specific force that a vehicle can have.
 pub(super) fn credible(force_m_s2: &Vector3<f64>) -> bool {
@@ -129,41 +115,5 @@ impl Aided {
         let (sin, cos) = libm::sincos(latitude_rad);
         let north = if self.course_known { cos } else { 0.0 };
         Vector3::new(0.0, north, sin) * EARTH_RATE_RAD_S
-    }
-}
-
-impl Sums {
-    /// White noise differs from itself a sample ago by twice its variance on each axis.
-    fn see(&mut self, force_m_s2: Vector3<f64>, dt_s: f64) {
-        let difference_m_s2 = force_m_s2 - self.force_before_m_s2;
-        let power_m2_s3 = difference_m_s2.norm_squared() / 6.0 * dt_s;
-        if self.force_before_m_s2 != Vector3::zeros() {
-            self.spread_m2_s3 += (power_m2_s3 - self.spread_m2_s3) * (dt_s / SPREAD_MEMORY_S).min(1.0);
-        }
-        self.force_before_m_s2 = force_m_s2;
-    }
-
-    fn begin(&mut self) {
-        let Self { force_before_m_s2, spread_m2_s3, .. } = *self;
-        *self = Self { force_before_m_s2, spread_m2_s3, ..Self::default() };
-    }
-}
-
-impl Sums {
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let powers = [self.length_s, self.unseen_s, self.rate2_rad2_s, self.spread_m2_s3];
-        powers.iter().any(|power| *power < 0.0).then_some("a sum of squares or of times below zero")
-    }
-}
-
-impl Numbers for Sums {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.length_s.visit(visit);
-        self.unseen_s.visit(visit);
-        self.force_m_s.visit(visit);
-        self.rate2_rad2_s.visit(visit);
-        self.force_before_m_s2.visit(visit);
-        self.spread_m2_s3.visit(visit);
     }
 }

@@ -1,15 +1,24 @@
 //! The fuser stage `levelling`: S4 as printed, aided and autonomous, switching by itself.
 
 use super::{
-    FLOOR_RAD, Pull, averaging_gain, azimuth, carried, credible, interval_s, lean_of, tilt_of, turn_rate_rad_s,
+    geometry::{azimuth, carried, lean_of, tilt_of, turn_rate_rad_s},
+    limits::{FLOOR_RAD, credible, interval_s},
+    pull::Pull,
 };
 use crate::{
     Complex, Vector3,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad, low_pass_gain},
+    fuser::{
+        carried::Carried,
+        estimate::Estimate,
+        fused::{Corrections, Fused, innovation_rad},
+        input::FuserInput,
+        low_pass::{averaging_gain, low_pass_gain},
+    },
     gnss::Fix,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{Numbers, RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_flaw},
     state::Attitude,
 };
 use core::f64::consts::PI;
@@ -129,7 +138,7 @@ impl Stage for Levelling {
         if let Some(motion) = &input.motion {
             self.attitude = self.attitude.turned(motion.turn).attitude;
         }
-        self.carried.heed(input);
+        self.carried.observe(input);
         self.since_fix_s += dt_s;
         self.unlevelled_s += dt_s;
         if let Some(fix) = credible(input.fix.as_ref()) {

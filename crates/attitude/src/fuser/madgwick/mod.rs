@@ -19,18 +19,21 @@
 mod gradient;
 
 use super::{
-    Corrections, Estimate, Fused, FuserInput,
     carried::Carried,
-    field_direction, innovation_rad, north_rad,
+    estimate::Estimate,
+    field::{field_direction, north_rad},
+    fused::{Corrections, Fused, innovation_rad},
+    input::FuserInput,
     spread::{BIAS_SD_RAD_S, Spread},
 };
 use crate::{
     Quaternion, Vector3,
     course::Reference,
     gyro::Motion,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{Numbers, RestoreError, Stage},
+    stage::{RestoreError, Stage},
     state::Attitude,
 };
 use gradient::{Seen, normalized};
@@ -188,7 +191,7 @@ impl Stage for Madgwick {
         let mut room = None;
         let input = input.finite(&mut room);
         let mut corrections = Corrections::default();
-        self.carried.heed(input);
+        self.carried.observe(input);
         let field = input.field_ut.and_then(field_direction);
         let seen = Seen {
             up: input.inclination.filter(|_| self.levelled).map(|inclination| inclination.up.direction()),

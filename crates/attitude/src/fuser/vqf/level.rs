@@ -1,7 +1,10 @@
 //! Setting the attitude of a running VQF.
 
-use super::Vqf;
-use crate::{GRAVITY_M_S2, Quaternion, fuser::spread::Spread, point::Point, state::Attitude};
+use super::{
+    filter::Vqf,
+    quaternions::{conjugate, of_ours, to_ours},
+};
+use crate::{GRAVITY_M_S2, fuser::spread::Spread, point::Point, state::Attitude};
 
 impl Vqf {
     /// Puts the magnetometer-free attitude elsewhere; what was averaged in its frame begins anew.
@@ -33,17 +36,4 @@ impl Vqf {
         state.last_acc_lp = up;
         state.acc_lp_state = up.map(|x| [x * (1.0 - b[0]), x * (b[2] - a[1])]);
     }
-}
-
-fn of_ours(q: Quaternion<f64>) -> vqf_rs::Quaternion {
-    vqf_rs::Quaternion(q.w, q.i, q.j, q.k)
-}
-
-/// The same quaternion, as this crate has it.
-pub(super) fn to_ours(q: vqf_rs::Quaternion) -> Quaternion<f64> {
-    Quaternion::new(q.0, q.1, q.2, q.3)
-}
-
-fn conjugate(q: vqf_rs::Quaternion) -> vqf_rs::Quaternion {
-    vqf_rs::Quaternion(q.0, -q.1, -q.2, -q.3)
 }

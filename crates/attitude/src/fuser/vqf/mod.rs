@@ -7,123 +7,33 @@
 //! vqf-rs filters with a sampling time fixed when it is made. It is the mean of the first intervals here; the attitude itself is
 //! integrated over each interval's own length.
 
+mod filter;
 mod level;
 mod numbers;
 mod period;
+mod quaternions;
 
-use super::{Corrections, Estimate, Fused, FuserInput, HardIron, field_direction, innovation_rad, spread::Spread};
+pub use filter::Vqf;
+
+use super::{
+    estimate::Estimate,
+    field::field_direction,
+    fused::{Corrections, Fused, innovation_rad},
+    input::FuserInput,
+    spread::Spread,
+};
 use crate::{
     Vector3,
     course::Reference,
-    gyro::Motion,
-    stage::{Numbers, RestoreError, Stage, bias_flaw},
-    state::Attitude,
+    numbers::Numbers,
+    stage::{RestoreError, Stage, bias_flaw},
 };
-use core::fmt;
-use level::to_ours;
-use numbers::visit_numbers;
-use period::{FIRST_INTERVAL_S, Period};
-use vqf_rs::{Params, VQF};
-
-/// Interval of the field from which on it is not smoothed, s: the low-pass of 0.05 s would be beyond its Nyquist frequency.
-const SMOOTHED_FIELD_S: f64 = 0.1;
-/// Largest component of a reading, in its SI unit or µT: far beyond any sensor, and its squares stay finite.
-const READING_MAX: f64 = 1e6;
-
-/// The fuser stage `vqf`.
-pub struct Vqf {
-    filter: VQF,
-    motion: Period,
-    field: Period,
-    levelled: bool,
-    magnetic: bool,
-    tilt: Spread,
-    heading: Spread,
-    /// Of the giver.
-    hard_iron: HardIron,
-}
-
-impl Default for Vqf {
-    fn default() -> Self {
-        Self {
-            filter: VQF::new(FIRST_INTERVAL_S, None, None, None),
-            motion: Period::default(),
-            field: Period::default(),
-            levelled: false,
-            magnetic: false,
-            tilt: Spread::UNKNOWN,
-            heading: Spread::UNKNOWN,
-            hard_iron: HardIron::UNKNOWN,
-        }
-    }
-}
+use {filter::bounded, numbers::visit_numbers};
 
 impl Vqf {
     pub(super) fn realign(&mut self) {
         self.levelled = false;
     }
-
-    /// The filter for the sampling times as they are known, in the state it is in.
-    fn retime(&mut self) {
-        let state = *self.filter.state();
-        let field_s = self.field.mean_s;
-        let smoothing_s = if field_s < SMOOTHED_FIELD_S { Params::default().mag_current_tau } else { 0.0 };
-        let params = Params { mag_current_tau: smoothing_s, ..Params::default() };
-        self.filter = VQF::new(self.motion.mean_s, None, Some(field_s), Some(params));
-        *self.filter.state_mut() = state;
-    }
-
-    fn attitude(&self) -> Attitude {
-        let q = if self.magnetic { self.filter.quat_9d() } else { self.filter.quat_6d() };
-        Attitude::of_quaternion(to_ours(q))
-    }
-
-    fn turn(&mut self, motion: &Motion) {
-        self.motion.since_s += motion.dt_s;
-        self.field.since_s += motion.dt_s;
-        if self.motion.sampled() {
-            self.retime();
-        }
-        self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
-        let bias_sd_rad_s = self.filter.bias_estimate().1;
-        self.tilt.drift(bias_sd_rad_s, motion.dt_s);
-        self.heading.drift(bias_sd_rad_s, motion.dt_s);
-    }
-
-    /// The correction by a field; true when the heading was set anew.
-    fn point(&mut self, field_ut: Vector3<f64>) -> bool {
-        let interval_s = self.field.since_s;
-        if self.field.sampled() {
-            self.retime();
-        }
-        self.filter.update_mag(bounded(field_ut));
-        let first = !self.magnetic;
-        self.magnetic = true;
-        let state = self.filter.state();
-        if first {
-            self.heading = Spread::FIRST;
-        } else if state.last_mag_corr_angular_rate != 0.0 {
-            let taken_off_rad = state.last_mag_corr_angular_rate * self.filter.coeffs().mag_ts;
-            self.heading.corrected(state.last_mag_dis_angle, taken_off_rad / state.last_mag_dis_angle, interval_s);
-        }
-        first
-    }
-
-    fn reference(&self) -> Reference {
-        if self.magnetic { Reference::Magnetic } else { Reference::Arbitrary }
-    }
-
-    fn timing_flaw(&self) -> Option<&'static str> {
-        self.motion.flaw().or_else(|| self.field.flaw())
-    }
-
-    fn bias_rad_s(&self) -> Vector3<f64> {
-        Vector3::from(self.filter.state().bias)
-    }
-}
-
-fn bounded(reading: Vector3<f64>) -> [f64; 3] {
-    reading.map(|x| x.clamp(-READING_MAX, READING_MAX)).into()
 }
 
 impl Stage for Vqf {
@@ -239,25 +149,8 @@ impl Stage for Vqf {
     }
 }
 
-impl Clone for Vqf {
-    fn clone(&self) -> Self {
-        let mut clone = Self { filter: VQF::new(FIRST_INTERVAL_S, None, None, None), ..*self };
-        *clone.filter.state_mut() = *self.filter.state();
-        clone.retime();
-        clone
-    }
-}
-
 impl PartialEq for Vqf {
     fn eq(&self, other: &Self) -> bool {
         self.snapshot() == other.snapshot()
-    }
-}
-
-impl fmt::Debug for Vqf {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut debug = f.debug_struct("Vqf");
-        debug.field("attitude", &self.attitude()).field("bias_rad_s", &self.bias_rad_s());
-        debug.field("motion", &self.motion).field("field", &self.field).finish_non_exhaustive()
     }
 }

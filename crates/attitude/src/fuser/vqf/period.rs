@@ -1,6 +1,6 @@
 //! The sampling time of an input, from its first intervals.
 
-use crate::stage::Numbers;
+use crate::numbers::Numbers;
 
 /// Intervals that make the sampling time.
 const INTERVALS: f64 = 16.0;

@@ -10,16 +10,13 @@
 //! of that: accelerations of the movement before may have hidden it, and the force shows what is left of both.
 
 use super::{
-    T1_S,
-    doubt::Doubt,
+    initial_velocity::InitialVelocity,
     level::{Error, Response},
-    underway::Underway,
+    tilt_fault::TiltFaultMonitor,
+    time_constants::T1_S,
 };
 use crate::{
-    Complex, GRAVITY_M_S2, J, Vector3,
-    fuser::rest::SD_REST_RAD_S,
-    stage::{Numbers, bias_flaw},
-    state::Axes,
+    Complex, GRAVITY_M_S2, J, Vector3, fuser::rest::SD_REST_RAD_S, numbers::Numbers, stage::bias_flaw, state::Axes,
 };
 use nalgebra::{SMatrix, SVector};
 
@@ -72,8 +69,8 @@ pub(super) struct BiasFilter {
     since_update_s: f64,
     tilt_sd_rad: f64,
     noise: Noise,
-    doubt: Doubt,
-    underway: Underway,
+    tilt_fault: TiltFaultMonitor,
+    initial_velocity: InitialVelocity,
 }
 
 /// The noise of the levelled force, from the innovations.
@@ -111,8 +108,8 @@ impl BiasFilter {
             since_update_s: 0.0,
             tilt_sd_rad: level_sd,
             noise: Noise::before(),
-            doubt: Doubt::default(),
-            underway: Underway::default(),
+            tilt_fault: TiltFaultMonitor::default(),
+            initial_velocity: InitialVelocity::default(),
         }
     }
 
@@ -120,7 +117,7 @@ impl BiasFilter {
     /// until it has lasted.
     pub(super) fn found(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
         let begun = Self::of(bias_rad_s, bias_sd_rad_s, level_sd_rad);
-        Self { noise: Noise::moving(), underway: Underway::begun(), ..begun }
+        Self { noise: Noise::moving(), initial_velocity: InitialVelocity::begun(), ..begun }
     }
 
     /// The bias, rad/s, body axes.
@@ -157,7 +154,7 @@ impl BiasFilter {
 
     /// The integral of the levelled force over `dt_s`, and the length of the force.
     #[inline]
-    pub(super) fn saw(&mut self, force_dt_m_s: Complex<f64>, length_m_s2: f64, dt_s: f64) {
+    pub(super) fn observe(&mut self, force_dt_m_s: Complex<f64>, length_m_s2: f64, dt_s: f64) {
         self.force_dt_m_s += force_dt_m_s;
         self.length_dt_m_s += length_m_s2 * dt_s;
         self.since_update_s += dt_s;
@@ -198,7 +195,7 @@ impl BiasFilter {
         // The force is that of the middle of the interval.
         let innovation = force - self.tilt_rad + leaned_rad * 0.5;
         self.tilt_rad -= leaned_rad;
-        if let Some(wrong_rad) = self.doubt.saw(innovation, force, length, interval_s) {
+        if let Some(wrong_rad) = self.tilt_fault.observe(innovation, force, length, interval_s) {
             return self.begin_anew(wrong_rad, velocity_s);
         }
         let known = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
@@ -217,7 +214,7 @@ impl BiasFilter {
         };
         self.tilt_rad += tilt - error.tilt;
         let variance = 0.5 * (self.covariance[(0, 0)] + self.covariance[(1, 1)]);
-        let under_way = self.underway.saw(self.tilt_rad, variance, interval_s);
+        let under_way = self.initial_velocity.observe(self.tilt_rad, variance, interval_s);
         self.tilt_rad -= under_way.tilt;
         self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
         Error { tilt: error.tilt + under_way.tilt, velocity: error.velocity + under_way.velocity }
@@ -243,7 +240,7 @@ impl BiasFilter {
             share.velocity = share.tilt * T1_S;
         }
         self.tilt_share[1] = self.tilt_share[0] * T1_S;
-        self.underway = Underway::default();
+        self.initial_velocity = InitialVelocity::default();
         Error { tilt: Complex::new(0.0, 0.0), velocity: velocity_s - tilt_rad * T1_S }
     }
 
@@ -320,8 +317,8 @@ impl BiasFilter {
         let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();
         bias_flaw(self.bias_rad_s)
             .or(indefinite.then_some("a covariance that is not symmetric and positive"))
-            .or_else(|| self.doubt.flaw())
-            .or_else(|| self.underway.flaw())
+            .or_else(|| self.tilt_fault.flaw())
+            .or_else(|| self.initial_velocity.flaw())
             .or((self.noise.mean_square < 0.0).then_some("a mean square below zero"))
             .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0 || self.noise.memory_s <= 0.0)
                 .then_some("a time or standard deviation below zero"))
@@ -389,7 +386,7 @@ impl Numbers for BiasFilter {
         self.noise.before.visit(visit);
         self.noise.memory_s.visit(visit);
         self.noise.first_level.visit(visit);
-        self.doubt.visit(visit);
-        self.underway.visit(visit);
+        self.tilt_fault.visit(visit);
+        self.initial_velocity.visit(visit);
     }
 }

@@ -5,11 +5,15 @@
 
 use core::ops::{Add, Mul, Sub};
 
-use super::{T1_S, T2_S, ease};
+use super::{
+    ease,
+    time_constants::{T1_S, T2_S},
+};
 use crate::{
     Complex, GRAVITY_M_S2,
+    numbers::Numbers,
     point::Point,
-    stage::{Numbers, attitude_flaw},
+    stage::attitude_flaw,
     state::{Attitude, Axes, Moved},
     turn::Turn,
 };

@@ -10,30 +10,33 @@
 //! second order, with its "+" replaced by a Möbius map and its low-pass moved to the horizontal frame.
 
 mod bias;
-mod doubt;
 mod ease;
 mod heading;
+mod initial_velocity;
 mod level;
-mod underway;
+mod tilt_fault;
+mod time_constants;
 
-use super::{Corrections, Estimate, Fused, FuserInput, rest::Rest};
+use super::{
+    estimate::Estimate,
+    fused::{Corrections, Fused},
+    input::FuserInput,
+    rest::Rest,
+};
 
 use crate::{
     Complex, Vector3,
+    numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{Numbers, RestoreError, Stage},
+    stage::{RestoreError, Stage},
     turn::Turn,
 };
 use {
     bias::BiasFilter,
-    heading::{Heading, Settings, Sighting},
+    heading::{Heading, HeadingInput, Settings},
     level::Level,
 };
 
-/// Memory of the leaky velocity, s.
-const T1_S: f64 = 3.0;
-/// Time constant of the tilt, s.
-const T2_S: f64 = 2.0;
 /// The longest interval over which a rate tells the turn of a body that moves as it likes, s.
 const TOLD_BY_RATE_S: f64 = 0.1;
 /// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
@@ -49,7 +52,7 @@ pub struct Wz {
     /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
     interval_s: f64,
     /// For how long nobody has seen the body turn, s.
-    blind_s: f64,
+    gyro_outage_s: f64,
 }
 
 impl Default for Wz {
@@ -60,7 +63,7 @@ impl Default for Wz {
             rest: Rest::default(),
             heading: Heading::default(),
             interval_s: 0.0,
-            blind_s: 0.0,
+            gyro_outage_s: 0.0,
         }
     }
 }
@@ -85,10 +88,10 @@ impl Wz {
 
     /// After a time in which nobody saw the body turn its level is as unknown as a first one; the bias stays.
     #[inline]
-    fn see_again(&mut self, blind_s: f64) {
-        if blind_s > 0.0 {
-            self.blind_s = (self.blind_s + blind_s).min(1.0);
-        } else if core::mem::take(&mut self.blind_s) > TOLD_BY_RATE_S {
+    fn see_again(&mut self, gyro_outage_s: f64) {
+        if gyro_outage_s > 0.0 {
+            self.gyro_outage_s = (self.gyro_outage_s + gyro_outage_s).min(1.0);
+        } else if core::mem::take(&mut self.gyro_outage_s) > TOLD_BY_RATE_S {
             self.bias.restart();
             self.level.forget_velocity();
         }
@@ -96,7 +99,7 @@ impl Wz {
 
     /// For how long of a tick nobody saw the body turn, s.
     #[inline]
-    fn blind_s(&mut self, input: &FuserInput) -> f64 {
+    fn gyro_outage_s(&mut self, input: &FuserInput) -> f64 {
         let Some(motion) = &input.motion else { return self.interval_s };
         if motion.dt_s > 0.0 {
             self.interval_s = motion.dt_s.min(TOLD_BY_RATE_S);
@@ -141,8 +144,8 @@ impl Stage for Wz {
             Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
             None => (Turn::NONE, Vector3::zeros(), 0.0),
         };
-        let blind_s = self.blind_s(input);
-        self.see_again(blind_s);
+        let gyro_outage_s = self.gyro_outage_s(input);
+        self.see_again(gyro_outage_s);
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
@@ -158,8 +161,8 @@ impl Stage for Wz {
                 force_m_s2 = self.level.corrected(horizontal_m_s2, up_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.follow(force_dt_m_s, dt_s);
-                self.bias.saw(force_dt_m_s, inclination.norm_m_s2, dt_s);
-                self.rest.saw(rate_rad_s, dt_s);
+                self.bias.observe(force_dt_m_s, inclination.norm_m_s2, dt_s);
+                self.rest.observe(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
                 self.level.align(inclination.up);
@@ -176,7 +179,7 @@ impl Stage for Wz {
         corrections.rest = self.rest.is_found();
         let bias_rad_s = self.bias.bias_rad_s();
         let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
-        let sighting = Sighting {
+        let input = HeadingInput {
             attitude: self.level.attitude(),
             azimuth: self.level.azimuth(),
             rate_rad_s,
@@ -184,14 +187,14 @@ impl Stage for Wz {
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
-            blind_s,
+            gyro_outage_s,
         };
-        let news = self.heading.step(&sighting);
+        let news = self.heading.step(&input);
         corrections.magnetic = news.magnetic;
         corrections.aligned |= news.aligned;
         corrections.disturbed = self.heading.disturbed();
         Fused {
-            attitude: self.heading.faced(self.level.attitude()),
+            attitude: self.heading.with_heading(self.level.attitude()),
             rate_rad_s,
             bias_rad_s,
             innovation_rad,
@@ -208,18 +211,18 @@ impl Stage for Wz {
         self.rest.visit(visit);
         self.heading.visit(visit);
         self.interval_s.visit(visit);
-        self.blind_s.visit(visit);
+        self.gyro_outage_s.visit(visit);
     }
 
     fn flaw(&self) -> Option<&'static str> {
-        let interval = (self.interval_s < 0.0 || self.blind_s < 0.0).then_some("an interval below zero");
+        let interval = (self.interval_s < 0.0 || self.gyro_outage_s < 0.0).then_some("an interval below zero");
         let parts = self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw());
         parts.or_else(|| self.heading.flaw()).or(interval)
     }
 
     fn common(&self) -> Estimate {
         Estimate {
-            attitude: self.heading.faced(self.level.attitude()),
+            attitude: self.heading.with_heading(self.level.attitude()),
             reference: self.heading.reference(),
             bias_rad_s: self.bias.bias_rad_s(),
             inclination_sd_rad: self.bias.tilt_sd_rad(),

@@ -134,7 +134,7 @@ drawn! {
         course_reference: reference, course_sd_rad: number, declination_rad: number, rate_rad_s: numbers,
         inclination_sd_rad: number, reset_counter: word, jump: quaternion
     }
-    Credit { ticks: word }
+    Credit { ticks: word, ends: word }
     Difference {
         tick: word, ticks: word, now_rad: numbers, mean_rad: numbers, rms_rad: numbers, max_rad: numbers, service: service,
         incarnation: half
@@ -161,32 +161,20 @@ impl Drawn for Checkpoint {
         checkpoint.words[..words].iter_mut().for_each(|word| *word = dice.word());
         (checkpoint.slot_words, checkpoint.common_words) = (dice.half(), dice.half());
         (checkpoint.stage_words, checkpoint.incarnation) = (dice.half(), dice.half());
+        checkpoint.swapped = dice.half();
         checkpoint.checksum = checkpoint.sum();
         checkpoint
     }
 }
 
-/// Calls a generic function for every topic's message, in the order of [`messages::TOPICS`].
+/// Calls a generic function for every topic's message, in the order of the table.
 macro_rules! for_every_message {
     ($call:ident $arguments:tt) => {{
-        use messages::*;
-        [
-            $call::<SensorReading> $arguments,
-            $call::<ReceiverReading> $arguments,
-            $call::<ImuSample> $arguments,
-            $call::<MagSample> $arguments,
-            $call::<GnssFix> $arguments,
-            $call::<Reference> $arguments,
-            $call::<GyroStep> $arguments,
-            $call::<AccelPoint> $arguments,
-            $call::<FusedState> $arguments,
-            $call::<AttitudeOutput> $arguments,
-            $call::<Credit> $arguments,
-            $call::<Checkpoint> $arguments,
-            $call::<Difference> $arguments,
-            $call::<Control> $arguments,
-            $call::<Health> $arguments,
-        ]
+        let mut all = Vec::new();
+        for topic in graph::Topic::ALL {
+            all.push(messages::dispatch!(*topic, M => $call::<M> $arguments));
+        }
+        all
     }};
 }
 pub(crate) use for_every_message;

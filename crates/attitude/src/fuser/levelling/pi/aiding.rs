@@ -1,10 +1,10 @@
 //! What fixes say: increments of velocity, and the track.
 
 use super::{
-    PiSettings,
     matched::{AGE_MAX_S, Matched},
+    settings::PiSettings,
 };
-use crate::{Complex, gnss::Fix, stage::Numbers};
+use crate::{Complex, gnss::Fix, numbers::Numbers};
 
 /// Speed below which the axes of a velocity do not matter, m/s.
 const SLOW_M_S: f64 = 0.7;

@@ -4,8 +4,8 @@
 //! bias about the vertical over 4 T. An acceleration is the same vector in the force and in the velocity, wind or not: in a turn
 //! the angle between the two is the error of the azimuth. Once turns have told it, the track draws at half that rate.
 
-use super::PiSettings;
-use crate::{Complex, fuser::low_pass_gain, stage::Numbers, state::arg};
+use super::settings::PiSettings;
+use crate::{Complex, fuser::low_pass::low_pass_gain, numbers::Numbers, state::arg};
 use core::f64::consts::PI;
 
 /// Acceleration from which its direction counts for more than the noise of the velocity, m/s².

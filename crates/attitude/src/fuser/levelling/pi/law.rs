@@ -1,25 +1,33 @@
 //! The law of `levelling-pi`: what each input does to the level, the azimuth and the bias.
 
+use core::f64::consts::PI;
+
 use super::{
-    BIAS_KNOWN_SD_RAD_S, BIAS_MAX_RAD_S, BIAS_SD_RAD_S,
     aiding::{Both, Track},
+    filter::{BIAS_KNOWN_SD_RAD_S, BIAS_MAX_RAD_S, BIAS_SD_RAD_S, LevellingPi},
     heading::Steer,
 };
-use super::{BIAS_STILL_S, BIAS_STILL_SD_RAD_S, BIAS_WALK_RAD_S, LevellingPi};
 use crate::{
     Complex, Vector3,
     fuser::{
-        Corrections,
+        fused::Corrections,
         levelling::{
-            FORCE_LIMIT_M_S2, Pull, RATE_LIMIT_RAD_S, averaging_gain, azimuth, bounded, carried, forward, lean_of,
-            tilt_of, turned_too_much,
+            geometry::{azimuth, carried, forward, lean_of, tilt_of, turned_too_much},
+            limits::{FORCE_LIMIT_M_S2, RATE_LIMIT_RAD_S, bounded},
+            pull::Pull,
         },
-        low_pass_gain,
+        low_pass::{averaging_gain, low_pass_gain},
     },
     gnss::Fix,
     state::wrapped_rad,
 };
 
+/// Standard deviation of a bias found at standstill, rad/s.
+const BIAS_STILL_SD_RAD_S: f64 = 0.01 * PI / 180.0;
+/// Random walk of the bias, rad/s/√s: 0.0005 °/s/√s.
+const BIAS_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
+/// Time constant at which the bias follows the mean rate at standstill, s.
+const BIAS_STILL_S: f64 = 5.0;
 /// Largest part of an increment that levelling is to explain, m/s and m/s²: an outlier keeps a bounded pull.
 const UNEXPLAINED_M_S: f64 = 0.5;
 const UNEXPLAINED_M_S2: f64 = 2.0;
@@ -111,7 +119,7 @@ impl LevellingPi {
         self.bias_rad_s = bounded(self.bias_rad_s + more_rad_s, BIAS_MAX_RAD_S);
     }
 
-    fn lean(&mut self, tilt_rad: Complex<f64>) {
+    fn correct_tilt(&mut self, tilt_rad: Complex<f64>) {
         self.attitude = self.attitude.leaned(lean_of(tilt_rad)).attitude;
     }
 
@@ -140,14 +148,14 @@ impl LevellingPi {
             self.bias_variance_rad2_s2 -=
                 self.bias_variance_rad2_s2 * low_pass_gain(pull.dt_s, settings.gap_integral_s);
         }
-        self.lean(tilt_rad);
+        self.correct_tilt(tilt_rad);
     }
 
     /// Feeds in what is pending, so that a fix does not show as a step.
     pub(super) fn feed_in(&mut self, dt_s: f64) {
         let share_rad = self.pending_rad * low_pass_gain(dt_s, self.settings.feed_in_s);
         self.pending_rad -= share_rad;
-        self.lean(azimuth(self.attitude).conj() * share_rad);
+        self.correct_tilt(azimuth(self.attitude).conj() * share_rad);
     }
 
     /// At standstill the bias is what the gyro reads.

@@ -4,7 +4,7 @@
 //! moments at which they were valid, not between those at which they arrived: latency and smoothing cancel, and an interval that
 //! was lost does no harm.
 
-use crate::{Complex, stage::Numbers};
+use crate::{Complex, numbers::Numbers};
 
 /// Intervals that are remembered.
 const SLOTS: usize = 33;

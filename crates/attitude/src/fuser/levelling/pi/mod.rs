@@ -9,140 +9,44 @@
 //! change of velocity as a vector, which is right in wind, as far as the azimuth of the platform is.
 
 mod aiding;
+mod filter;
 mod heading;
 mod law;
 mod matched;
+mod settings;
 mod still;
 
-use super::{FLOOR_RAD, Pull, azimuth, bounded, credible, interval_s, turn_rate_rad_s};
+pub use {filter::LevellingPi, settings::PiSettings};
+
+use super::{
+    geometry::{azimuth, turn_rate_rad_s},
+    limits::{FLOOR_RAD, bounded, credible, interval_s},
+    pull::Pull,
+};
 use crate::{
     Complex, Vector3,
     accel::Inclination,
     course::Reference,
-    fuser::{Corrections, Estimate, Fused, FuserInput, carried::Carried, innovation_rad, low_pass_gain},
+    fuser::{
+        carried::Carried,
+        estimate::Estimate,
+        fused::{Corrections, Fused, innovation_rad},
+        input::FuserInput,
+        low_pass::low_pass_gain,
+    },
     gnss::Fix,
-    parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{Numbers, RestoreError, Stage, attitude_flaw, bias_flaw},
-    state::Attitude,
+    numbers::Numbers,
+    parameters::{Parameter, ParameterError, Parameters},
+    stage::{RestoreError, Stage, attitude_flaw, bias_flaw},
     turn::Turn,
 };
-use core::f64::consts::PI;
-use {aiding::Aiding, heading::Heading, still::Still};
+use {
+    filter::{BIAS_KNOWN_SD_RAD_S, BIAS_MAX_RAD_S, BIAS_SD_RAD_S},
+    heading::Heading,
+};
 
-settings! {
-    /// Settings of `levelling-pi`.
-    pub struct PiSettings {
-        /// Time constant of levelling with satellite velocity; the gyro's bias follows with twice that.
-        time_constant_s: 20.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of the azimuth with a track over ground; the bias about the vertical follows with twice that.
-        track_time_constant_s: 50.0 in 5.0 .. 10000.0, "s";
-        /// The same once turns have told the azimuth, so that a crab angle does not take it back.
-        turned_track_time_constant_s: 100.0 in 5.0 .. 10000.0, "s";
-        /// Time constant of the azimuth with the direction of accelerations, in a turn.
-        turn_time_constant_s: 10.0 in 1.0 .. 10000.0, "s";
-        /// Ground speed below which a track says nothing about the course.
-        track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// How old a velocity is on arrival where the receiver does not tell.
-        latency_s: 0.2 in 0.0 .. 0.8, "s";
-        /// A fix of a larger standard deviation is none.
-        velocity_sd_max_m_s: 1.0 in 0.01 .. 100.0, "m/s";
-        /// Time over which a correction is fed in.
-        feed_in_s: 0.3 in 0.0 .. 5.0, "s";
-        /// Time after the last fix from which levelling is autonomous. A receiver slower than that aids nothing.
-        gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// Time constant of levelling in a gap.
-        gap_time_constant_s: 100.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass of what is left of the specific force in a gap.
-        gap_low_pass_s: 30.0 in 0.0 .. 1000.0, "s";
-        /// Integral time of the gyro's bias in a gap.
-        gap_integral_s: 4000.0 in 100.0 .. 1000000.0, "s";
-        /// Turn rate at which the force counts for half in a gap.
-        gap_turn_deg_s: 1.0 in 0.01 .. 1000.0, "°/s";
-        /// Time constant of levelling while the gyro's bias is unknown and there is no satellite velocity.
-        cold_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass of the specific force then.
-        cold_low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
-    }
-}
-
-/// Standard deviation of a bias of which nothing is known, rad/s: 0.1 °/s.
-const BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
-/// Standard deviation up to which the bias counts as known, rad/s.
-const BIAS_KNOWN_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Standard deviation of a bias found at standstill, rad/s.
-const BIAS_STILL_SD_RAD_S: f64 = 0.01 * PI / 180.0;
-/// Random walk of the bias, rad/s/√s: 0.0005 °/s/√s.
-const BIAS_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
-/// Time constant at which the bias follows the mean rate at standstill, s.
-const BIAS_STILL_S: f64 = 5.0;
-/// Largest component of the bias, rad/s: 5 °/s. A loop that asks for more is not following a bias.
-const BIAS_MAX_RAD_S: f64 = 5.0 * PI / 180.0;
 /// Time over which the turn rate is averaged that decides how much the force counts, s.
 const TURN_MEAN_S: f64 = 1.0;
-
-/// The fuser stage `levelling-pi`.
-///
-/// | | tilt | bias |
-/// | --- | --- | --- |
-/// | fix | (∫ f_P dt − ΔV)/(g τ) over the interval between the moments at which the fixes were valid, τ = 20 s | its integral in body axes over 4 τ |
-/// | track | azimuth by (H − H_track)/T, T = 50 s, 100 s after turns | about the vertical, over 4 T |
-/// | acceleration | azimuth by the angle between ∫ f_P dt and ΔV, over 10 s of turning | about the vertical |
-/// | gap | low-pass of f_P less V H' of the remembered speed, over 100 s, less in a turn | its integral over 4000 s |
-/// | cold | low-pass of f_P over 60 s, as S4 | none |
-/// | standstill | as in a gap | the mean rate |
-///
-/// An increment of velocity counts once; after a lost interval the next two fixes begin a new one. Two tracks that agree turn the
-/// platform to north, which is a jump, and the heading is true from then on. A magnetic heading that is handed over is none here.
-///
-/// Without a receiver the integral would follow accelerations instead of the bias; it starts when fixes or a standstill have told
-/// the bias. Until then the stage is S4's autonomous law.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LevellingPi {
-    settings: PiSettings,
-    attitude: Attitude,
-    started: bool,
-    /// Time since the last force, s.
-    unlevelled_s: f64,
-    bias_rad_s: Vector3<f64>,
-    bias_variance_rad2_s2: f64,
-    /// H', averaged.
-    turn_rate_rad_s: f64,
-    aiding: Aiding,
-    heading: Heading,
-    /// Tilt that is still to be taken away, platform, rad.
-    pending_rad: Complex<f64>,
-    /// What is left of the force in a gap, low-passed, platform, m/s².
-    low_pass_m_s2: Complex<f64>,
-    /// How much less than its time constant that has averaged, s.
-    unaveraged_s: f64,
-    /// What levelling took for tilt, low-passed over its own time constant, platform, rad.
-    lag_rad: Complex<f64>,
-    still: Still,
-    carried: Carried,
-}
-
-impl Default for LevellingPi {
-    fn default() -> Self {
-        let none = Complex::new(0.0, 0.0);
-        Self {
-            settings: PiSettings::default(),
-            attitude: Attitude::default(),
-            started: false,
-            unlevelled_s: 0.0,
-            bias_rad_s: Vector3::zeros(),
-            bias_variance_rad2_s2: BIAS_SD_RAD_S * BIAS_SD_RAD_S,
-            turn_rate_rad_s: 0.0,
-            aiding: Aiding::default(),
-            heading: Heading::default(),
-            pending_rad: none,
-            low_pass_m_s2: none,
-            unaveraged_s: 0.0,
-            lag_rad: none,
-            still: Still::default(),
-            carried: Carried::default(),
-        }
-    }
-}
 
 impl LevellingPi {
     pub(in crate::fuser) fn realign(&mut self) {
@@ -218,7 +122,7 @@ impl Stage for LevellingPi {
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let sensed_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
-        self.carried.heed(input);
+        self.carried.observe(input);
         if let Some(motion) = &input.motion {
             let bias_turn = Turn::of_rotation_vector(self.bias_rad_s * -dt_s);
             self.attitude = self.attitude.turned(motion.turn.then(bias_turn)).attitude;

@@ -3,7 +3,7 @@
 //! The rate is held against a mean of its own, so that its bias does not hide the standstill. A steady turn slower than 1 °/s that
 //! is as smooth as a table is taken for a bias.
 
-use crate::{Vector3, stage::Numbers};
+use crate::{Vector3, numbers::Numbers};
 
 /// Time constant of the means and of the mean squares about them, s.
 const MEAN_S: f64 = 2.0;

@@ -14,8 +14,8 @@
 //!
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 
-use super::{Settings, levelled::Interval};
-use crate::{Vector3, fuser::HardIron, stage::Numbers};
+use super::{levelled::Interval, settings::Settings};
+use crate::{Vector3, fuser::hard_iron::HardIron, numbers::Numbers};
 
 /// Numbers in the state, and where its parts begin.
 pub(super) const STATES: usize = 14;
@@ -56,7 +56,7 @@ const DELAY_MAX_S: f64 = 0.04;
 
 /// What passes between two measurements, the same for every hypothesis.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Passage {
+pub(super) struct Propagation {
     duration_s: f64,
     /// Turn about the vertical by each body axis, rad.
     turned_rad: [f64; 3],
@@ -69,7 +69,7 @@ pub(super) struct Passage {
     field_variance_ut2: f64,
 }
 
-impl Passage {
+impl Propagation {
     /// The interval's.
     pub(super) fn of(interval: &Interval) -> Self {
         let (t_s, turning) = (interval.duration_s, interval.turning_rad_s);
@@ -200,22 +200,22 @@ impl Filter {
     }
 
     /// Time passes.
-    pub(super) fn predict(&mut self, passage: &Passage) {
-        if passage.moved {
-            self.drift(passage.duration_s, passage.turned_rad);
+    pub(super) fn predict(&mut self, propagation: &Propagation) {
+        if propagation.moved {
+            self.drift(propagation.duration_s, propagation.turned_rad);
         }
         for i in D..D + 3 {
-            self.x[i] *= passage.kept;
-            self.p[i].iter_mut().for_each(|part| *part *= passage.kept);
+            self.x[i] *= propagation.kept;
+            self.p[i].iter_mut().for_each(|part| *part *= propagation.kept);
         }
         for row in &mut self.p {
-            row[D..D + 3].iter_mut().for_each(|part| *part *= passage.kept);
+            row[D..D + 3].iter_mut().for_each(|part| *part *= propagation.kept);
         }
         for i in 0..3 {
-            self.p[D + i][D + i] += passage.place_variance_ut2;
-            self.p[E + i][E + i] += passage.field_variance_ut2;
+            self.p[D + i][D + i] += propagation.place_variance_ut2;
+            self.p[E + i][E + i] += propagation.field_variance_ut2;
         }
-        self.turn_walk(passage.turn_variance_rad2);
+        self.turn_walk(propagation.turn_variance_rad2);
     }
 
     /// e turns by βT + Σ κψ.

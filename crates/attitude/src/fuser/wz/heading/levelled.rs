@@ -4,9 +4,9 @@
 //! 0.2 %. The mean of a window was true when the body was where it was a delay and the samples' mean age ago: the attitude is taken back
 //! by the rotation of that time. R' being that attitude, the interval's means are those of R'm, of R' and of Ω = R'ω.
 
-use crate::{Complex, Vector3, stage::Numbers, state::Axes, turn::Turn};
+use crate::{Complex, Vector3, numbers::Numbers, state::Axes, turn::Turn};
 
-use super::Sighting;
+use super::input::HeadingInput;
 
 /// Length of a window, s; less a little, for sums of intervals that are rounded. So the others.
 const WINDOW_S: f64 = 0.0185;
@@ -24,7 +24,7 @@ pub(super) struct Interval {
     /// Its length, s.
     pub(super) duration_s: f64,
     /// How much of it, or beside it, nobody saw the body turn, s.
-    pub(super) blind_s: f64,
+    pub(super) gyro_outage_s: f64,
     /// Windows in it that had a field; with none, the means below are zero.
     pub(super) windows: f64,
     /// R'm, µT, reference axes.
@@ -84,19 +84,19 @@ impl Levelled {
     #[inline]
     pub(super) fn step(
         &mut self,
-        sighting: &Sighting,
+        input: &HeadingInput,
         field_ut: Option<Vector3<f64>>,
         delay_s: f64,
         first: bool,
     ) -> Option<Interval> {
-        let dt_s = sighting.dt_s;
+        let dt_s = input.dt_s;
         self.window_s += dt_s;
-        self.sums.blind_s += sighting.blind_s;
+        self.sums.gyro_outage_s += input.gyro_outage_s;
         self.age_sum_s += self.samples * dt_s;
-        let rate_rad_s = sighting.rate_rad_s.map(|rate| rate.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
+        let rate_rad_s = input.rate_rad_s.map(|rate| rate.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
         self.rotation_rad += rate_rad_s * dt_s;
         self.sums.turning_rad_s += rate_rad_s.norm_squared() * dt_s;
-        self.sums.acceleration_m_s2 += sighting.force_m_s2.norm_sqr().min(FORCE_MAX_M_S2 * FORCE_MAX_M_S2) * dt_s;
+        self.sums.acceleration_m_s2 += input.force_m_s2.norm_sqr().min(FORCE_MAX_M_S2 * FORCE_MAX_M_S2) * dt_s;
         if let Some(field_ut) = field_ut {
             self.field_sum_ut += field_ut;
             self.samples += 1.0;
@@ -104,17 +104,17 @@ impl Levelled {
         if self.window_s < WINDOW_S {
             return None;
         }
-        self.end_window(sighting, delay_s);
+        self.end_window(input, delay_s);
         let enough = match (self.sums.windows > 0.0, first) {
             (true, true) => 0.0,
             (true, false) => INTERVAL_S,
             (false, _) => SILENCE_S,
         };
-        (self.sums.duration_s >= enough).then(|| self.end_interval(sighting))
+        (self.sums.duration_s >= enough).then(|| self.end_interval(input))
     }
 
     #[inline(never)]
-    fn end_window(&mut self, sighting: &Sighting, delay_s: f64) {
+    fn end_window(&mut self, input: &HeadingInput, delay_s: f64) {
         let rate_rad_s = self.rotation_rad / self.window_s;
         if self.samples > 0.0 {
             let age_s = delay_s + self.age_sum_s / self.samples;
@@ -124,10 +124,10 @@ impl Levelled {
             } else {
                 rate_rad_s * age_s
             };
-            self.gather(sighting, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
+            self.gather(input, back_rad, self.field_sum_ut / self.samples, rate_rad_s);
         }
         self.sums.duration_s += self.window_s;
-        let turned_rad = sighting.attitude.up.direction().component_mul(&self.rotation_rad);
+        let turned_rad = input.attitude.up.direction().component_mul(&self.rotation_rad);
         self.sums.turned_rad.iter_mut().zip(turned_rad.iter()).for_each(|(sum, part)| *sum += part);
         self.rate_before_rad_s = rate_rad_s;
         self.rotation_rad = Vector3::zeros();
@@ -137,8 +137,8 @@ impl Levelled {
         self.samples = 0.0;
     }
 
-    fn gather(&mut self, sighting: &Sighting, back_rad: Vector3<f64>, field: Vector3<f64>, rate: Vector3<f64>) {
-        let (mut attitude, mut azimuth) = (sighting.attitude, sighting.azimuth);
+    fn gather(&mut self, input: &HeadingInput, back_rad: Vector3<f64>, field: Vector3<f64>, rate: Vector3<f64>) {
+        let (mut attitude, mut azimuth) = (input.attitude, input.azimuth);
         let back = Turn::of_rotation_vector(-back_rad);
         let Axes { horizontal, up } = attitude.turn_and_lean(back, Complex::new(0.0, 0.0), &mut azimuth);
         let rows = [
@@ -159,16 +159,16 @@ impl Levelled {
     /// What is wrong with the state.
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
-        let sums = [sums.duration_s, sums.blind_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
+        let sums = [sums.duration_s, sums.gyro_outage_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
         negative.then_some("sums of the levelled field that nothing adds up to")
     }
 
-    fn end_interval(&mut self, sighting: &Sighting) -> Interval {
+    fn end_interval(&mut self, input: &HeadingInput) -> Interval {
         let mut means = core::mem::take(&mut self.sums);
         means.turning_rad_s = libm::sqrt(means.turning_rad_s / means.duration_s);
         means.acceleration_m_s2 = libm::sqrt(means.acceleration_m_s2 / means.duration_s);
-        means.at_rest = sighting.at_rest;
+        means.at_rest = input.at_rest;
         if means.windows > 0.0 {
             let share = means.windows.recip();
             let Interval { field_ut, axes, rate_rad_s, .. } = &mut means;
@@ -188,7 +188,7 @@ impl Numbers for Levelled {
         self.rate_before_rad_s.visit(visit);
         let Interval {
             duration_s,
-            blind_s,
+            gyro_outage_s,
             windows,
             turned_rad,
             field_ut,
@@ -200,6 +200,6 @@ impl Numbers for Levelled {
         } = &mut self.sums;
         let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(turned_rad);
         vectors.for_each(&mut *visit);
-        [duration_s, blind_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
+        [duration_s, gyro_outage_s, windows, turning_rad_s, acceleration_m_s2].into_iter().for_each(&mut *visit);
     }
 }

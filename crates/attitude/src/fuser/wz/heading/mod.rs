@@ -12,30 +12,33 @@
 //! | --- | --- |
 //! | `levelled` | means of the field in the reference frame, with the attitude of a delay ago |
 //! | `filter` | one Kalman filter: the equations |
-//! | `contest` | three of them, for the same field: nothing new, a magnet on the body, a new field |
+//! | `hypothesis_test` | three of them, for the same field: nothing new, a magnet on the body, a new field |
 //!
 //! Why so. The delay matters: 13 ms at 7 rad/s are 5° of a field. A gate alone, by strength and dip or by the innovation, keeps
 //! passing magnets out and then stays for ever outside a magnet that was put on the body; at a dip of 70° a microtesla is 4° of
 //! heading. A hard iron left open always takes the slopes of the field for iron: where a body hardly turns, b and e cannot be told
 //! apart, and degrees are lost. So b is opened only where a likelihood, held against that of a new field, demands it.
 
-mod contest;
 mod filter;
+mod hypothesis_test;
+mod input;
 mod levelled;
+mod settings;
+
+pub(super) use {input::HeadingInput, settings::Settings};
 
 use core::f64::consts::PI;
 
 use crate::{
-    Complex, Vector3,
+    Vector3,
     course::Reference,
-    fuser::{Estimate, HardIron, wz::ease},
-    parameters::settings,
-    stage::Numbers,
+    fuser::{estimate::Estimate, hard_iron::HardIron, wz::ease},
+    numbers::Numbers,
     state::{Attitude, wrapped_rad},
 };
 use {
-    contest::Contest,
-    filter::{BETA, DRIFT_SD_RAD_S, Filter, Passage, TAU},
+    filter::{BETA, DRIFT_SD_RAD_S, Filter, Propagation, TAU},
+    hypothesis_test::HypothesisTest,
     levelled::{Interval, Levelled},
 };
 
@@ -62,39 +65,6 @@ const LINEAR_RAD: f64 = 0.3;
 /// A heading that is found so far from where it was jumps there, rad: 1°.
 const JUMP_RAD: f64 = 0.017_453_293;
 
-settings! {
-    /// Settings of the stage.
-    pub(super) struct Settings {
-        /// Standard deviation of the hard iron at the start, each axis; 0: the magnetometer is calibrated.
-        hard_iron_sd_ut: 0.0 in 0.0 .. 200.0, "µT";
-        /// How late the magnetometer is on the gyro; where the estimate begins.
-        magnetometer_delay_s: 0.0 in -0.01 .. 0.04, "s";
-        /// Standard deviation of that delay; 0: it is known and not estimated.
-        magnetometer_delay_sd_s: 0.01 in 0.0 .. 0.02, "s";
-    }
-}
-
-/// What the heading sees at a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sighting {
-    /// The attitude, its heading that of the gyro alone.
-    pub(super) attitude: Attitude,
-    /// e^{jz} of that attitude.
-    pub(super) azimuth: Complex<f64>,
-    /// Body rate less the bias, rad/s.
-    pub(super) rate_rad_s: Vector3<f64>,
-    /// Horizontal part of the specific force, m/s².
-    pub(super) force_m_s2: Complex<f64>,
-    /// Magnetic field, µT, body axes.
-    pub(super) field_ut: Option<Vector3<f64>>,
-    /// The body rests.
-    pub(super) at_rest: bool,
-    /// Length of the tick's interval, s.
-    pub(super) dt_s: f64,
-    /// How much of it, or beside it, nobody saw the body turn, s.
-    pub(super) blind_s: f64,
-}
-
 /// What a tick did to the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct News {
@@ -109,7 +79,7 @@ pub(super) struct News {
 pub(super) struct Heading {
     pub(super) settings: Settings,
     levelled: Levelled,
-    contest: Contest,
+    hypothesis_test: HypothesisTest,
     /// A field was seen.
     begun: bool,
     rested: bool,
@@ -142,7 +112,7 @@ impl Heading {
         Self {
             settings,
             levelled: Levelled::default(),
-            contest: Contest::of(main),
+            hypothesis_test: HypothesisTest::of(main),
             begun: false,
             rested: false,
             disturbed: false,
@@ -158,7 +128,7 @@ impl Heading {
 
     /// The attitude with the heading that the field gave it.
     #[inline]
-    pub(super) fn faced(&self, attitude: Attitude) -> Attitude {
+    pub(super) fn with_heading(&self, attitude: Attitude) -> Attitude {
         if !self.begun {
             return attitude;
         }
@@ -186,12 +156,12 @@ impl Heading {
 
     /// Hard iron; where it is taken to be none it is not estimated.
     pub(super) fn hard_iron(&self) -> HardIron {
-        self.contest.main.hard_iron()
+        self.hypothesis_test.main.hard_iron()
     }
 
     /// How late the magnetometer is on the gyro, s.
     pub(super) fn delay_s(&self) -> f64 {
-        self.contest.main.x[TAU]
+        self.hypothesis_test.main.x[TAU]
     }
 
     /// The level was lost, and with it the gyro's heading.
@@ -206,37 +176,37 @@ impl Heading {
 
     /// The body may face anywhere, on a level that has to settle.
     fn lose(&mut self) {
-        self.contest.lose_direction();
+        self.hypothesis_test.lose_direction();
         self.settling_rad = SETTLING_RAD;
     }
 
     /// The body has turned while nobody looked. What the interval's field says is of use where all of it was like that: else it is
     /// the mean of two directions.
     fn turned_unseen(&mut self, interval: &Interval) -> bool {
-        let turned_rad = UNKNOWN_RATE_RAD_S * interval.blind_s;
+        let turned_rad = UNKNOWN_RATE_RAD_S * interval.gyro_outage_s;
         if turned_rad <= LINEAR_RAD {
-            self.contest.loosen(turned_rad * turned_rad);
+            self.hypothesis_test.loosen(turned_rad * turned_rad);
             return true;
         }
         self.lose();
-        interval.blind_s >= interval.duration_s
+        interval.gyro_outage_s >= interval.duration_s
     }
 
     /// One tick.
     #[inline]
-    pub(super) fn step(&mut self, sighting: &Sighting) -> News {
+    pub(super) fn step(&mut self, input: &HeadingInput) -> News {
         let readable = |field: &Vector3<f64>| {
             (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
         };
-        let field_ut = sighting.field_ut.filter(readable);
-        if sighting.blind_s > 0.0 {
-            self.sd_rad = libm::hypot(self.sd_rad, UNKNOWN_RATE_RAD_S * sighting.blind_s).min(PI);
+        let field_ut = input.field_ut.filter(readable);
+        if input.gyro_outage_s > 0.0 {
+            self.sd_rad = libm::hypot(self.sd_rad, UNKNOWN_RATE_RAD_S * input.gyro_outage_s).min(PI);
         }
         if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
             return News::default();
         }
-        self.left_rad -= self.left_rad * ease::share(self.left_rad * self.left_rad, sighting.dt_s);
-        match self.levelled.step(sighting, field_ut, self.contest.main.x[TAU], !self.begun) {
+        self.left_rad -= self.left_rad * ease::share(self.left_rad * self.left_rad, input.dt_s);
+        match self.levelled.step(input, field_ut, self.hypothesis_test.main.x[TAU], !self.begun) {
             Some(interval) => self.update(&interval),
             None => News::default(),
         }
@@ -246,14 +216,14 @@ impl Heading {
     fn update(&mut self, interval: &Interval) -> News {
         if interval.at_rest && !self.rested {
             self.rested = true;
-            self.contest.rested();
+            self.hypothesis_test.rested();
         }
-        let usable = interval.blind_s == 0.0 || self.turned_unseen(interval);
+        let usable = interval.gyro_outage_s == 0.0 || self.turned_unseen(interval);
         if interval.windows == 0.0 || !usable {
             if !self.begun {
                 return News::default();
             }
-            self.contest.pass(&Passage::of(interval));
+            self.hypothesis_test.pass(&Propagation::of(interval));
             return News { magnetic: false, aligned: self.publish() };
         }
         let [x, y, z] = interval.field_ut;
@@ -273,8 +243,8 @@ impl Heading {
         if first {
             return self.begin(interval, variance_ut2);
         }
-        self.contest.pass(&Passage::of(interval));
-        let outcome = self.contest.judge(interval, &self.settings, variance_ut2);
+        self.hypothesis_test.pass(&Propagation::of(interval));
+        let outcome = self.hypothesis_test.judge(interval, &self.settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
         News { magnetic: !self.disturbed, aligned: self.publish() }
     }
@@ -288,11 +258,11 @@ impl Heading {
         }
         main.reset(BETA, self.drift_sd_rad_s);
         main.know(self.hard_iron());
-        self.contest = Contest::of(main);
+        self.hypothesis_test = HypothesisTest::of(main);
         if self.rested {
-            self.contest.rested();
+            self.hypothesis_test.rested();
         }
-        self.contest.begin(interval, self.settings.magnetometer_delay_s, variance_ut2);
+        self.hypothesis_test.begin(interval, self.settings.magnetometer_delay_s, variance_ut2);
         self.begun = true;
         let aligned = self.publish();
         News { magnetic: true, aligned }
@@ -300,7 +270,7 @@ impl Heading {
 
     /// The attitude is to face where the field says; a heading that it does not tell is left to the gyro. The heading jumps.
     fn publish(&mut self) -> bool {
-        let (turn_rad, variance_rad2) = self.contest.main.turn_rad();
+        let (turn_rad, variance_rad2) = self.hypothesis_test.main.turn_rad();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);
         if self.sd_rad >= LOST_RAD {
             return false;
@@ -317,14 +287,17 @@ impl Heading {
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI && libm::fabs(*left_rad) <= PI;
         let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
-        self.levelled.flaw().or((!bounds).then_some("a heading that is no angle")).or_else(|| self.contest.flaw())
+        self.levelled
+            .flaw()
+            .or((!bounds).then_some("a heading that is no angle"))
+            .or_else(|| self.hypothesis_test.flaw())
     }
 }
 
 impl Numbers for Heading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.levelled.visit(visit);
-        self.contest.visit(visit);
+        self.hypothesis_test.visit(visit);
         let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
         [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;

@@ -1,0 +1,19 @@
+//! From a sample to an attitude in one process, without the bus, and what becomes of the attitudes.
+//!
+//! Input: checked samples. Output: attitudes; their accuracy, latency and order; the file. Time: none but the stamps of the messages.
+//! Failure: a stage that cannot go on ends the path; a file that cannot be written ends with a whole line and nothing else does.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`path`] | the slots of the path, one after the other |
+//! | [`collector`] | what becomes of the attitude: accuracy, latency, order |
+//! | `out` | the file of attitudes |
+#![forbid(unsafe_code)]
+
+pub mod collector;
+mod out;
+pub mod path;
+
+pub use collector::{Collector, CollectorError};
+pub use out::is_same_file;
+pub use path::Path;

@@ -1,0 +1,193 @@
+//! The file of attitudes.
+//!
+//! Input: attitudes in the order of ticks. Output: `t_s,qw,qx,qy,qz`, one line per tick, every number with all its digits. Time: the source's.
+//! Failure: a file that cannot be made is refused; one that cannot be written any more ends with a whole line. A thread writes: a disk that
+//! stands still for a while holds up nobody, and what it takes later waits in memory.
+
+use std::{
+    fmt::Write as _,
+    fs::{self, File},
+    io::{self, Write},
+    os::unix::fs::{FileTypeExt, MetadataExt},
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{self, Receiver, SyncSender, TrySendError},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use messages::AttitudeOutput;
+
+use crate::CollectorError;
+
+/// Lines are handed over when there are so many bytes of them.
+const BATCH_BYTES: usize = 8192;
+/// Batches that wait for the disk: 32 MiB, some minutes at 1 kHz.
+const BATCHES_MAX: usize = 4096;
+/// How long a disk may take nothing while the run waits for it: where that many batches wait already, and at the end.
+const STILL_LIMIT: Duration = Duration::from_secs(5);
+const POLL: Duration = Duration::from_millis(1);
+
+/// The file, and the lines that are still to be handed to it.
+pub(crate) struct Out {
+    path: PathBuf,
+    lines: String,
+    batches: Option<SyncSender<String>>,
+    /// `None` once it has said how it ended.
+    writer: Option<JoinHandle<io::Result<()>>>,
+    written_bytes: Arc<AtomicU64>,
+}
+
+impl Out {
+    /// An empty file, but for the names of its columns.
+    pub(crate) fn create(path: &Path) -> Result<Self, CollectorError> {
+        let failed = |cause| CollectorError::Create { path: path.into(), cause };
+        // To open a pipe is to wait for its reader.
+        if fs::metadata(path).is_ok_and(|at_path| at_path.file_type().is_fifo()) {
+            return Err(failed(io::Error::other("it is a pipe; name a file")));
+        }
+        File::create(path).and_then(|file| Self::new(path, file)).map_err(failed)
+    }
+
+    fn new(path: &Path, file: File) -> io::Result<Self> {
+        let (batches, lines) = mpsc::sync_channel(BATCHES_MAX);
+        let written_bytes = Arc::new(AtomicU64::new(0));
+        let written = written_bytes.clone();
+        let writer = thread::Builder::new().name("out".into()).spawn(move || write_all(file, &lines, &written))?;
+        Ok(Self {
+            path: path.into(),
+            lines: "t_s,qw,qx,qy,qz\n".into(),
+            batches: Some(batches),
+            writer: Some(writer),
+            written_bytes,
+        })
+    }
+
+    /// Takes the attitude of a tick. Once that has failed nothing more is taken.
+    pub(crate) fn write(&mut self, output: &AttitudeOutput) -> Result<(), CollectorError> {
+        let t_ns = output.header.t_end_ns;
+        let sign = if t_ns < 0 { "-" } else { "" };
+        let (s, ns) = (t_ns.unsigned_abs() / 1_000_000_000, t_ns.unsigned_abs() % 1_000_000_000);
+        let [w, x, y, z] = output.quaternion;
+        // A text in memory takes whatever is written to it.
+        let _ = writeln!(self.lines, "{sign}{s}.{ns:09},{w},{x},{y},{z}");
+        if self.lines.len() < BATCH_BYTES { Ok(()) } else { self.hand_over() }
+    }
+
+    /// Waits until everything is written.
+    pub(crate) fn finish(mut self) -> Result<(), CollectorError> {
+        self.hand_over()?;
+        self.batches = None;
+        self.moving(|out| out.writer.as_ref().is_none_or(JoinHandle::is_finished).then_some(()))?;
+        self.ended()
+    }
+
+    fn hand_over(&mut self) -> Result<(), CollectorError> {
+        let mut lines = std::mem::take(&mut self.lines);
+        let taken = self.moving(|out| {
+            match out.batches.as_ref().map(|batches| batches.try_send(std::mem::take(&mut lines))) {
+                Some(Err(TrySendError::Full(back))) => {
+                    lines = back;
+                    None
+                }
+                Some(Ok(())) => Some(true),
+                Some(Err(TrySendError::Disconnected(_))) | None => Some(false),
+            }
+        })?;
+        if taken { Ok(()) } else { self.ended() }
+    }
+
+    /// Waits for `done` as long as the disk takes anything.
+    fn moving<T>(&mut self, mut done: impl FnMut(&mut Self) -> Option<T>) -> Result<T, CollectorError> {
+        let (mut written, mut since) = (self.written_bytes.load(Ordering::Relaxed), Instant::now());
+        loop {
+            if let Some(done) = done(self) {
+                return Ok(done);
+            }
+            let now = self.written_bytes.load(Ordering::Relaxed);
+            if std::mem::replace(&mut written, now) != now {
+                since = Instant::now();
+            }
+            if since.elapsed() > STILL_LIMIT {
+                let cause = format!("the disk has taken nothing for {} s", STILL_LIMIT.as_secs());
+                return Err(self.ends(io::Error::new(io::ErrorKind::TimedOut, cause)));
+            }
+            thread::sleep(POLL);
+        }
+    }
+
+    /// How the writer, which has ended, did.
+    fn ended(&mut self) -> Result<(), CollectorError> {
+        let ended = self.writer.take().map(JoinHandle::join);
+        match ended {
+            Some(Ok(written)) => written.map_err(|cause| self.ends(cause)),
+            Some(Err(_)) | None => Err(self.ends(io::Error::other("its writer has ended"))),
+        }
+    }
+
+    fn ends(&self, cause: io::Error) -> CollectorError {
+        CollectorError::Ends { path: self.path.clone(), cause }
+    }
+}
+
+/// Writes batches of whole lines until there are no more, or the disk refuses one.
+fn write_all(mut file: File, batches: &Receiver<String>, written_bytes: &AtomicU64) -> io::Result<()> {
+    for lines in batches {
+        file.write_all(lines.as_bytes()).inspect_err(|_| {
+            // A number that was cut would be another one. What is no file, as a device, has no length.
+            let _ = file.set_len(written_bytes.load(Ordering::Relaxed));
+        })?;
+        written_bytes.fetch_add(lines.len() as u64, Ordering::Relaxed);
+    }
+    Ok(())
+}
+
+/// Two names of one file.
+pub fn is_same_file(one: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
+    identity(one).is_some_and(|one| Some(one) == identity(other))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{io::Read, os::fd::OwnedFd};
+
+    use bytemuck::Zeroable;
+
+    use super::*;
+
+    /// A disk that takes what a pipe holds, 64 KiB, and the rest when somebody reads.
+    fn slow_disk() -> (io::PipeReader, Out) {
+        let (reader, writer) = io::pipe().unwrap();
+        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer))).unwrap())
+    }
+
+    #[test]
+    fn a_disk_that_stands_still_for_a_while_holds_up_nobody_and_has_everything_later() {
+        let (mut reader, mut out) = slow_disk();
+        let output = AttitudeOutput::zeroed();
+        let lines = 100_000;
+        (0..lines).for_each(|_| out.write(&output).unwrap());
+        let all = thread::spawn(move || {
+            let mut text = String::new();
+            reader.read_to_string(&mut text).map(|_| text)
+        });
+        out.finish().unwrap();
+        let text = all.join().unwrap().unwrap();
+        assert_eq!((text.lines().count(), text.ends_with('\n')), (lines + 1, true));
+    }
+
+    #[test]
+    fn a_disk_that_takes_nothing_more_is_given_up() {
+        let (_reader, mut out) = slow_disk();
+        let output = AttitudeOutput::zeroed();
+        let ended = (0..).find_map(|_| out.write(&output).err()).unwrap();
+        assert!(ended.to_string().contains("taken nothing for 5 s"), "{ended}");
+        let (_reader, mut out) = slow_disk();
+        (0..10_000).for_each(|_| out.write(&output).unwrap());
+        assert!(out.finish().is_err());
+    }
+}

@@ -1,0 +1,102 @@
+//! The stage `@name@` for the slot fuser: where up is, from the gyro's motion and the accelerometer's direction.
+//!
+//! Input: what of motion and inclination a tick has. Output: the attitude. Time: the motion's interval. Failure: what is missing or not
+//! a number is left out.
+
+use attitude::{
+    fuser::{Corrections, Estimate, Fused, FuserInput, FuserStage, innovation_rad},
+    numbers::Numbers,
+    parameters::{Parameter, ParameterError, Parameters, settings},
+    stage::{RestoreError, Stage, attitude_flaw},
+    state::Attitude,
+};
+
+/// Standard deviations that are told as long as nothing better is known, rad.
+const INCLINATION_SD_RAD: f64 = 0.1;
+const HEADING_SD_RAD: f64 = std::f64::consts::PI;
+
+settings! {
+    /// Settings of the stage.
+    pub struct Settings {
+        /// What is faster comes from the gyro, what is slower from the accelerometer.
+        time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
+    }
+}
+
+/// Turns with the gyro and leans towards the accelerometer, by 1 − e^{−dt/T} of the way at each tick.
+#[derive(Debug, Clone, Default)]
+pub struct @Class@ {
+    settings: Settings,
+    attitude: Attitude,
+    started: bool,
+}
+
+impl FuserStage for @Class@ {
+    fn realign(&mut self) {
+        self.started = false;
+    }
+}
+
+impl Stage for @Class@ {
+    type Input = FuserInput;
+    type Output = Fused;
+    type Common = Estimate;
+
+    fn name(&self) -> &'static str {
+        "@name@"
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        Settings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.settings.set(name, value)
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut room = None;
+        let FuserInput { motion, inclination, .. } = input.finite(&mut room);
+        let motion = motion.unwrap_or_default();
+        let mut fused = Fused { rate_rad_s: motion.rate_rad_s, ..Fused::default() };
+        (fused.inclination_sd_rad, fused.heading_sd_rad) = (INCLINATION_SD_RAD, HEADING_SD_RAD);
+        self.attitude = self.attitude.turned(motion.turn).attitude;
+        if let Some(inclination) = inclination {
+            let seen = inclination.up.direction();
+            let vertical = 1.0 + seen.dot(&self.attitude.up.direction());
+            if !self.started {
+                self.attitude = self.attitude.realigned(inclination.up).attitude;
+                self.started = true;
+                fused.corrections = Corrections { aligned: true, ..fused.corrections };
+            } else if vertical > 1e-6 {
+                fused.innovation_rad = innovation_rad(inclination, self.attitude);
+                let share = -(-motion.dt_s / self.settings.time_constant_s).exp_m1();
+                let lean = self.attitude.horizontal(seen) / vertical;
+                self.attitude = self.attitude.leaned(lean * share).attitude;
+                fused.corrections = Corrections { tilt: true, ..fused.corrections };
+            }
+        }
+        Fused { attitude: self.attitude, ..fused }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let Self { settings: _, attitude, started } = self;
+        attitude.visit(visit);
+        started.visit(visit);
+    }
+
+    fn flaw(&self) -> Option<&'static str> {
+        attitude_flaw(self.attitude)
+    }
+
+    fn common(&self) -> Estimate {
+        let (inclination_sd_rad, heading_sd_rad) = (INCLINATION_SD_RAD, HEADING_SD_RAD);
+        Estimate { attitude: self.attitude, inclination_sd_rad, heading_sd_rad, ..Estimate::UNKNOWN }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.checked()?;
+        (self.attitude, self.started) = (common.attitude, true);
+        Ok(())
+    }
+}

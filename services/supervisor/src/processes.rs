@@ -1,0 +1,196 @@
+//! The processes of the system: started, listened to, ended, reaped.
+//!
+//! Input: what is to be started or ended. Output: processes, and how each ended. Time: the clock, at the end only. Failure: what cannot be
+//! started is said; a process that has gone needs no signal.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{self, Write},
+    os::{
+        fd::OwnedFd,
+        unix::process::{CommandExt, ExitStatusExt},
+    },
+    process::{Child, Command, ExitStatus, Stdio},
+    time::{Duration, Instant},
+};
+
+use bus::{MORE_MEMORY, SharedMemory};
+use launch::Service;
+use runtime::{ServiceConfig, clock::cpu_ns, stderr_tail::StderrTail};
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
+};
+
+use crate::scheduling::{self, SchedulingClass};
+
+/// In how many parts of a second the kernel tells times there.
+const USER_HZ: f64 = 100.0;
+/// From the first request to end until a process is killed.
+const GRACE: Duration = Duration::from_millis(800);
+
+/// The processes that have not been reaped, by incarnation.
+#[derive(Debug, Default)]
+pub(crate) struct Processes {
+    all: BTreeMap<u32, Process>,
+}
+
+/// A process that has ended.
+#[derive(Debug)]
+pub(crate) struct Exit {
+    pub(crate) incarnation: u32,
+    /// How, for people.
+    pub(crate) how: String,
+    /// The end of what it said on standard error.
+    pub(crate) stderr: String,
+}
+
+#[derive(Debug)]
+struct Process {
+    pid: u32,
+    child: Child,
+    fd: Option<OwnedFd>,
+    stderr: StderrTail,
+}
+
+impl Processes {
+    /// Starts a service; its process.
+    pub(crate) fn start(
+        &mut self,
+        service: Service,
+        config: &ServiceConfig,
+        class: SchedulingClass,
+    ) -> Result<u32, String> {
+        let failed = |cause| format!("starting the service {service}: {cause}");
+        let process = Process::start(service, config).map_err(failed)?;
+        let pid = process.pid;
+        scheduling::set(pid, class);
+        self.all.insert(config.incarnation, process);
+        Ok(pid)
+    }
+
+    /// Those that have ended since the last time; the others are listened to, so that none has to wait for a reader.
+    pub(crate) fn reap(&mut self) -> Vec<Exit> {
+        let mut exits = Vec::new();
+        self.all.retain(|incarnation, process| {
+            process.stderr.listen();
+            let Some(status) = process.child.try_wait().ok().flatten() else { return true };
+            exits.push(Exit { incarnation: *incarnation, how: how(status), stderr: process.stderr.text() });
+            false
+        });
+        exits
+    }
+
+    pub(crate) fn signal(&self, incarnation: u32, signal: Signal) {
+        self.all.get(&incarnation).into_iter().for_each(|process| process.signal(signal));
+    }
+
+    pub(crate) fn schedule(&self, incarnation: u32, class: SchedulingClass) {
+        self.all.get(&incarnation).into_iter().for_each(|process| scheduling::set(process.pid, class));
+    }
+
+    /// Sleeps until a process ends, no longer than `limit`.
+    pub(crate) fn wait(&self, limit: Duration) {
+        let fds = self.all.values().filter_map(|process| process.fd.as_ref());
+        let mut fds: Vec<_> = fds.map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
+        let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+        // A signal ends it too: the caller looks again.
+        let _ = poll(&mut fds, Some(&limit));
+    }
+
+    /// Kills and reaps all of them.
+    pub(crate) fn kill(&mut self) {
+        self.all.values().for_each(|process| process.signal(Signal::KILL));
+        // A killed process ends; the wait is for the kernel only.
+        self.all.values_mut().for_each(|process| drop(process.child.wait()));
+        self.all.clear();
+    }
+
+    /// Ends and reaps all of them.
+    pub(crate) fn end(&mut self) {
+        let deadline = Instant::now() + GRACE;
+        self.all.values().for_each(|process| process.signal(Signal::TERM));
+        while !self.all.is_empty() && Instant::now() < deadline {
+            self.reap();
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.kill();
+    }
+
+    /// CPU time of all of them since they started, s, and of those that have ended.
+    pub(crate) fn cpu_s(&self) -> f64 {
+        self.all.values().map(|process| cpu_s(process.pid)).sum::<f64>() + reaped_cpu_s()
+    }
+}
+
+impl Drop for Processes {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+impl Process {
+    fn start(service: Service, config: &ServiceConfig) -> io::Result<Self> {
+        let text = serde_json::to_string(config)?;
+        let mut child = Command::new(std::env::current_exe()?)
+            .args(["service", service.name()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C is for the supervisor, which ends the services.
+            .process_group(0)
+            .spawn()?;
+        let (stdin, stderr) = (child.stdin.take(), StderrTail::on(child.stderr.take()));
+        let pid = child.id();
+        let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        let process = Self { pid, child, fd, stderr };
+        // One that has ended before it read its configuration is found when it is reaped.
+        let written = stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()));
+        match written.map_err(|cause| (cause.kind(), cause)) {
+            Err((kind, cause)) if kind != io::ErrorKind::BrokenPipe => {
+                process.signal(Signal::KILL);
+                Err(cause)
+            }
+            _ => Ok(process),
+        }
+    }
+
+    fn signal(&self, signal: Signal) {
+        if let Some(pid) = Pid::from_raw(self.pid as i32) {
+            // A process that has just ended does not need the signal.
+            let _ = kill_process(pid, signal);
+        }
+    }
+}
+
+fn how(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(0), _) => "ended with code 0, as if somebody else had sent it SIGTERM".into(),
+        (Some(code), _) => format!("ended with code {code}"),
+        (None, Some(libc::SIGBUS)) => {
+            let state = SharedMemory::now().map_or(String::new(), |memory| format!("{memory}; "));
+            format!("found no memory for its part of the bus (signal 7): {state}{MORE_MEMORY}")
+        }
+        (None, Some(signal)) => format!("was ended by signal {signal}"),
+        (None, None) => "ended".into(),
+    }
+}
+
+/// CPU time of this process, s.
+pub(crate) fn own_cpu_s() -> f64 {
+    cpu_s(std::process::id())
+}
+
+/// CPU time of the processes that this one has reaped, s: the times `cutime` and `cstime` of proc(5).
+fn reaped_cpu_s() -> f64 {
+    let text = fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The name of the executable, in parentheses, may have spaces; the state is the first word after it, and the third of the line.
+    let words = text.rsplit_once(')').map_or("", |(_, words)| words).split_whitespace();
+    words.skip(16 - 3).take(2).filter_map(|word| word.parse::<f64>().ok()).sum::<f64>() / USER_HZ
+}
+
+/// CPU time of a process, s; 0 when it is no more.
+fn cpu_s(pid: u32) -> f64 {
+    cpu_ns(pid).map_or(0.0, |ns| ns as f64 * 1e-9)
+}

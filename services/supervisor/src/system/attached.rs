@@ -1,0 +1,116 @@
+//! The supervisor's place on the bus: its topics, its control socket, and who clears away what the dead leave.
+
+use std::time::Duration;
+
+use bus::{Bus, Publisher, Subscriber, SystemName};
+use control::ControlSocket;
+use launch::Service;
+use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference};
+use pipeline::Collector;
+use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
+use supervision::Event;
+
+use crate::{UpError, processes::Exit, reaper::StaleNodeReaper};
+
+pub(super) struct Attached {
+    pub(super) socket: ControlSocket,
+    pub(super) reaper: StaleNodeReaper,
+    attitude: Reader<AttitudeOutput>,
+    reference: Subscriber<Reference>,
+    health: Subscriber<Health>,
+    checkpoints: Subscriber<Checkpoint>,
+    /// Where shadows say how far they are, if a watch wants to know.
+    differences: Option<Subscriber<Difference>>,
+    credit: Publisher<Credit>,
+    control: Publisher<Control>,
+    buffer: usize,
+    bus: Bus,
+}
+
+impl Attached {
+    /// The first attitude to come is that of `next_tick`.
+    pub(super) fn open(system_name: &SystemName, config: &ServiceConfig, next_tick: u64) -> Result<Self, UpError> {
+        let bus = Bus::join(system_name, "supervisor")?;
+        let buffer = config.buffer_ticks();
+        let watched = !config.launch.watch.is_empty();
+        Ok(Self {
+            attitude: Reader::new(bus.subscriber(buffer)?, next_tick, config),
+            reference: bus.subscriber(buffer)?,
+            health: bus.subscriber(BUFFER_BESIDE)?,
+            checkpoints: bus.subscriber(BUFFER_BESIDE)?,
+            differences: watched.then(|| bus.subscriber(BUFFER_BESIDE)).transpose()?,
+            credit: bus.publisher(BUFFER_BESIDE)?,
+            control: bus.publisher(BUFFER_BESIDE)?,
+            socket: ControlSocket::open(system_name)?,
+            reaper: StaleNodeReaper::new(system_name.clone())?,
+            buffer,
+            bus,
+        })
+    }
+
+    /// Takes the attitudes that have come.
+    pub(super) fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+        let take_references =
+            |collector: &mut Collector| self.reference.drain(self.buffer, |reference| collector.reference(reference));
+        let mut taken = take_references(collector);
+        // Each is counted as it is taken, for after an outage there are as many as a topic holds.
+        self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
+            // A reference is published before its tick, so that of this one is there.
+            if taken.is_ok() && collector.lacks_reference(output.header.tick) {
+                taken = take_references(collector);
+            }
+            collector.attitude(&output);
+        })?;
+        Ok(taken?)
+    }
+
+    /// Takes what still waits for ticks before it: they do not come any more.
+    pub(super) fn finish(&self, collector: &mut Collector) {
+        self.attitude.finish(&mut |output| collector.attitude(&output));
+    }
+
+    /// What the services have said, and how far each has published.
+    pub(super) fn read(&mut self) -> Result<Vec<Event>, UpError> {
+        let mut events = Vec::new();
+        // Readers that have come late are handed what was published before.
+        self.credit.deliver_history()?;
+        self.control.deliver_history()?;
+        let limit = BUFFER_BESIDE * Service::ALL.len();
+        self.health.drain(limit, |health| events.push(Event::Health(health)))?;
+        self.checkpoints.drain(limit, |checkpoint| events.push(Event::Checkpoint(Box::new(checkpoint))))?;
+        if let Some(differences) = &self.differences {
+            differences.drain(BUFFER_BESIDE, |difference| events.push(Event::Difference(difference)))?;
+        }
+        let published = Service::PATH.map(|service| Event::Published { service, next_tick: self.published(service) });
+        events.extend(published);
+        Ok(events)
+    }
+
+    /// The tick after the newest one that a service has published.
+    pub(super) fn published(&self, service: Service) -> u64 {
+        service.output().map_or(0, |topic| self.bus.next_tick(topic.entry()))
+    }
+
+    /// A decision that nobody hears is not confirmed, and taken back.
+    pub(super) fn publish(&self, control: &Control) {
+        let _ = self.control.send(control);
+    }
+
+    pub(super) fn grant(&self, credit: Credit) -> Result<(), UpError> {
+        self.credit.send(&credit)?;
+        self.credit.wake();
+        Ok(())
+    }
+
+    /// Sleeps until an attitude comes, no longer than `limit`.
+    pub(super) fn wait(&self, limit: Duration) {
+        Input::<AttitudeOutput>::wait(&self.attitude, limit);
+    }
+}
+
+impl From<Exit> for Event {
+    fn from(exit: Exit) -> Self {
+        let Exit { incarnation, how, stderr } = exit;
+        Self::Exited { incarnation, how, stderr }
+    }
+}

@@ -1,0 +1,93 @@
+//! `plumb import`: recordings of other systems, made into ours; and the same on the way, where a command reads one.
+
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use clap::Args;
+use import::{Format, ImportError, Mapping, Options, Summary, convert};
+use indicatif::{ProgressBar, ProgressStyle};
+use tempfile::TempDir;
+
+use crate::{fail, out::print};
+
+/// The command line of `plumb import`.
+#[derive(Args)]
+#[command(after_help = "\
+A ULog of PX4 needs no more than its name. Of any other CSV --map says which column is what: t, gx, gy, gz, ax, ay, az and, where there is a \
+magnetometer, mx, my, mz. A column of one of several files is FILE:COLUMN.")]
+pub(crate) struct Import {
+    /// A ULog, or CSV files that are joined by time.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// The recording to write, gzip where its name ends in .gz; fixes go beside it where it is called NAME_imu.csv.gz.
+    #[arg(short, long, value_name = "FILE.csv.gz")]
+    out: PathBuf,
+    /// Which column is what, as `gx=gyro_x`; several with commas between them, or again.
+    #[arg(long = "map", value_name = "NAME=COLUMN")]
+    maps: Vec<String>,
+    /// Units of rate, force, field and time, in any order: rad/s or deg/s, m/s2 or g, uT, nT, gauss or mT, s, ms, us or ns.
+    #[arg(long, value_name = "UNITS", requires = "maps")]
+    units: Option<String>,
+    /// Body axes of the file: rfu, frd or flu.
+    #[arg(long, value_name = "AXES", requires = "maps")]
+    frame: Option<String>,
+}
+
+pub(crate) fn run(Import { files, out, maps, units, frame }: Import) -> ExitCode {
+    let mapping = (!maps.is_empty()).then(|| Mapping::parse(&maps, units.as_deref(), frame.as_deref()));
+    let mapping = match mapping.transpose() {
+        Ok(mapping) => mapping,
+        Err(error) => return fail(&error, 2),
+    };
+    match with_a_bar(&files, &Options { mapping }, &out) {
+        Ok(summary) => print(&told(&summary, &out)),
+        Err(error) => fail(&error, error.exit_code()),
+    }
+}
+
+/// A recording that is read where another system's was named; it goes when this is dropped.
+pub(crate) struct Readable {
+    pub(crate) path: PathBuf,
+    _folder: Option<TempDir>,
+}
+
+impl Readable {
+    /// What is to be read for `path`: what is imported of the log of another system; else itself, whose reader says what is wrong with it.
+    pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
+        let is_readable = |format| matches!(format, Format::Recording | Format::Csv | Format::Gzip);
+        if Format::of(path).map_or(true, is_readable) {
+            return Ok(Self { path: path.into(), _folder: None });
+        }
+        let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
+        let folder = folder.map_err(|cause| ImportError::Folder { cause })?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let imported = folder.path().join(format!("{name}_imu.csv"));
+        let summary = with_a_bar(&[path.into()], &Options::default(), &imported)?;
+        supervisor::announce(told(&summary, path));
+        Ok(Self { path: imported, _folder: Some(folder) })
+    }
+}
+
+/// Imports, with a bar on standard error where that is a terminal.
+fn with_a_bar(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summary, ImportError> {
+    let style = ProgressStyle::with_template("{bar:40} {bytes} of {total_bytes}, {eta} left");
+    let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let summary = convert(files, options, out, &mut |progress| {
+        bar.set_length(progress.total_bytes);
+        bar.set_position(progress.done_bytes);
+    });
+    bar.finish_and_clear();
+    summary
+}
+
+/// What came of an import, for people.
+fn told(summary: &Summary, name: &Path) -> String {
+    let Summary { format, rows, rate_hz, duration_s, field_rows, reference_rows, fixes, notes, .. } = summary;
+    let head = format!(
+        "{}: {format}, {rows} samples at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes} fixes",
+        name.display()
+    );
+    notes.iter().fold(head, |text, note| format!("{text}\n  {note}"))
+}

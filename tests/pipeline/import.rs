@@ -1,0 +1,85 @@
+//! A recording of another system: imported, or read where ours would be.
+use std::fs;
+
+use crate::common::{System, data, plumb};
+use serde_json::Value;
+
+/// Inclination of `wz` against PX4's own estimate, degrees.
+const INCLINATION_LIMIT_DEG: f64 = 0.3;
+
+fn inclination_deg(files: &[&str]) -> f64 {
+    let output = plumb(&["score", "--fuser", "wz", "--json"]).args(files).output().unwrap();
+    let people = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{people}");
+    let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let rmse = scores.pointer("/stages/0/trials/0/inclination").and_then(Value::as_f64);
+    rmse.unwrap_or_else(|| panic!("{scores}"))
+}
+
+#[test]
+fn a_flight_of_px4_is_scored_replayed_and_imported_alike() {
+    let Some(data) = data() else { return };
+    let log = data.join("logs/px4_sample.ulg");
+    let log = log.to_str().unwrap();
+    let system = System::new("");
+    let imported = system.path("flight_imu.csv.gz");
+    let imported = imported.to_str().unwrap();
+    let output = plumb(&["import", log, "-o", imported]).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("17070 samples") && said.contains("with a reference"), "{said}");
+    let [direct, by_way] = [log, imported].map(|file| inclination_deg(&[file]));
+    println!("inclination against PX4: {direct:.3}°");
+    assert!(direct < INCLINATION_LIMIT_DEG && direct == by_way, "{direct} and {by_way}");
+
+    let outs = [log, imported].map(|file| {
+        let out = system.path("out.csv");
+        let run = system.run(&["--replay", file, "--in-process", "--speed", "max", "--out", out.to_str().unwrap()]);
+        run.assert_whole();
+        fs::read(out).unwrap()
+    });
+    assert!(outs[0] == outs[1] && outs[0].len() > 1_000_000);
+}
+
+#[test]
+fn columns_of_another_name_unit_and_frame_are_mapped() {
+    let system = System::new("");
+    let (file, out) = (system.path("phone.csv"), system.path("ours.csv"));
+    let rows: String = (0..200).map(|row| format!("{};0,0;0,0;{};0,0;0,0;-1,0\n", row * 10, 0.5)).collect();
+    fs::write(&file, format!("ms;wx;wy;wz;fx;fy;fz\n{}", rows.replace("0.5", "0,5"))).unwrap();
+    let map = "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz";
+    let arguments = ["--map", map, "--units", "deg/s,g,ms", "--frame", "frd", "-o", out.to_str().unwrap()];
+    let output = plumb(&["import", file.to_str().unwrap()]).args(arguments).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = fs::read_to_string(&out).unwrap();
+    let row: Vec<f64> = text.lines().nth(2).unwrap().split(',').map(|number| number.parse().unwrap()).collect();
+    let down_rad_s = 0.5_f64.to_radians();
+    for (found, expected) in row.iter().zip([0.01, 0.0, 0.0, -down_rad_s, 0.0, 0.0, 9.80665]) {
+        assert!((found - expected).abs() < 1e-12, "{text}");
+    }
+    system.run(&["--replay", out.to_str().unwrap(), "--in-process", "--speed", "max"]).assert_whole();
+}
+
+#[test]
+fn what_cannot_be_imported_is_named_with_the_remedy() {
+    let system = System::new("");
+    let (bag, text, out) = (system.path("bag.mcap"), system.path("other.csv"), system.path("out.csv"));
+    fs::write(&bag, b"\x89MCAP0\r\nrest").unwrap();
+    fs::write(&text, "a,b\n1,2\n").unwrap();
+    let [bag, text, out] = [&bag, &text, &out].map(|path| path.to_str().unwrap());
+    let refused = system.run(&["--replay", bag, "--in-process"]);
+    assert!(refused.json["error"].as_str().unwrap().contains("it is not read yet"), "{}", refused.json);
+    for (arguments, code, why) in [
+        (&["import", bag, "-o", out][..], 3, "it is not read yet"),
+        (&["score", bag], 3, "it is not read yet"),
+        (&["up", "--replay", bag], 3, "it is not read yet"),
+        (&["import", text, "-o", out], 2, "--map"),
+        (&["import", text, "-o", out, "--map", "gx=c"], 2, "--map"),
+        (&["import", text, "-o", out, "--map", "gx"], 2, "gx"),
+    ] {
+        let output = plumb(arguments).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(said.contains(why), "{arguments:?}: {said}");
+    }
+}

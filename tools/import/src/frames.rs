@@ -1,0 +1,42 @@
+//! Axes of others, in ours: body right, forward, up; earth east, north, up. Signs and places only, so every value stays exact.
+
+/// Forward, right, down to right, forward, up. North, east, down to east, north, up is the same.
+pub(crate) fn of_frd([forward, right, down]: [f64; 3]) -> [f64; 3] {
+    [right, forward, -down]
+}
+
+/// Forward, left, up to right, forward, up.
+pub(crate) fn of_flu([forward, left, up]: [f64; 3]) -> [f64; 3] {
+    [-left, forward, up]
+}
+
+/// w, x, y, z from forward, right, down to north, east, down, made one from right, forward, up to east, north, up.
+pub(crate) fn of_ned_frd([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+    [w, y, x, -z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// v turned by q: (w² − u·u) v + 2 (u·v) u + 2 w u × v.
+    fn turned([w, x, y, z]: [f64; 4], v: [f64; 3]) -> [f64; 3] {
+        let u = [x, y, z];
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        [0, 1, 2].map(|i| (w * w - dot(u, u)) * v[i] + 2.0 * dot(u, v) * u[i] + 2.0 * w * cross[i])
+    }
+
+    #[test]
+    fn a_vector_turned_in_their_axes_is_the_one_turned_in_ours() {
+        let (q, v) = ([0.5, -0.1, 0.7, 0.5], [1.0, -2.0, 3.5]);
+        let (theirs, ours) = (of_frd(turned(q, v)), turned(of_ned_frd(q), of_frd(v)));
+        assert!(theirs.iter().zip(ours).all(|(a, b)| (a - b).abs() < 1e-12), "{theirs:?} {ours:?}");
+    }
+
+    #[test]
+    fn each_axis_goes_where_its_name_says() {
+        assert_eq!(of_frd([1.0, 2.0, 3.0]), [2.0, 1.0, -3.0]);
+        assert_eq!(of_flu([1.0, 2.0, 3.0]), [-2.0, 1.0, 3.0]);
+    }
+}

@@ -1,0 +1,38 @@
+//! Import: recordings of other systems, made into ours.
+//!
+//! Input: a ULog of PX4, or CSV files and a [`Mapping`] that says which column is what. Output: a recording as
+//! [`recording::Reader`] takes it, the fixes of a satellite receiver beside it, and a [`Summary`] of what was there and what was not.
+//! Frames: body right, forward, up; earth east, north, up. Time: the source's own, in ns. Failure: what cannot be read is refused
+//! with its place; of a log that is cut or damaged, what was good before is read, and the summary says so.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`mod@convert`] | files in, a recording out |
+//! | [`format`](mod@format) | what a file is, by its content |
+//! | [`mapping`] | which column is what, and its unit and frame |
+//! | [`summary`] | what came of it |
+//! | `ulog` | the topics of a ULog |
+//! | `mapped` | the columns of CSV files, joined by time |
+//! | `text` | one CSV file of whatever kind |
+//! | `aligned` | force at the times of the rate |
+//! | `rows` | field and reference at the times of the rows |
+//! | `frames` | axes of others |
+#![forbid(unsafe_code)]
+
+mod aligned;
+pub mod convert;
+mod error;
+pub mod format;
+mod frames;
+mod mapped;
+pub mod mapping;
+mod rows;
+pub mod summary;
+mod text;
+mod ulog;
+
+pub use convert::{Options, Progress, convert};
+pub use error::ImportError;
+pub use format::Format;
+pub use mapping::{Mapping, MappingError};
+pub use summary::{Note, Summary};

@@ -1,0 +1,240 @@
+//! Which column is what, and its unit and frame, as people say it on the command line.
+
+use crate::{error::nearest, frames};
+
+/// What a column can be mapped to: time, rate, force, field.
+const TARGETS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
+pub(crate) const RATE: [&str; 3] = ["gx", "gy", "gz"];
+pub(crate) const FORCE: [&str; 3] = ["ax", "ay", "az"];
+pub(crate) const FIELD: [&str; 3] = ["mx", "my", "mz"];
+
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+
+/// What a unit measures, and how many of ours it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Unit {
+    Rate(f64),
+    Force(f64),
+    Field(f64),
+    /// Digits after the point that a number of whole nanoseconds has.
+    Time(usize),
+}
+
+const UNITS: [(&str, Unit); 12] = [
+    ("rad/s", Unit::Rate(1.0)),
+    ("deg/s", Unit::Rate(std::f64::consts::PI / 180.0)),
+    ("m/s2", Unit::Force(1.0)),
+    ("g", Unit::Force(STANDARD_GRAVITY_M_S2)),
+    ("uT", Unit::Field(1.0)),
+    ("nT", Unit::Field(1e-3)),
+    ("gauss", Unit::Field(100.0)),
+    ("mT", Unit::Field(1e3)),
+    ("s", Unit::Time(9)),
+    ("ms", Unit::Time(6)),
+    ("us", Unit::Time(3)),
+    ("ns", Unit::Time(0)),
+];
+
+const FRAMES: [(&str, Frame); 3] = [("frd", Frame::Frd), ("flu", Frame::Flu), ("rfu", Frame::Rfu)];
+
+/// Body axes of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Frame {
+    /// Forward, right, down.
+    Frd,
+    /// Forward, left, up.
+    Flu,
+    /// Right, forward, up: ours.
+    Rfu,
+}
+
+/// Which column is what, in which unit and which axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mapping {
+    /// Targets and the columns mapped to them.
+    columns: Vec<(&'static str, String)>,
+    rate: f64,
+    force: f64,
+    field: f64,
+    time_digits: usize,
+    frame: Frame,
+}
+
+/// What is wrong with a mapping.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum MappingError {
+    /// No pair.
+    #[error("reading --map: found {found:?}, expected WHAT=COLUMN, WHAT one of {}", TARGETS.join(", "))]
+    NoPair {
+        /// What is there.
+        found: String,
+    },
+    /// A target that nobody reads.
+    #[error("reading --map: found {found:?}{}, expected one of {}", guess(*near), TARGETS.join(", "))]
+    UnknownTarget {
+        /// What is there.
+        found: String,
+        /// The target of nearly that name.
+        near: Option<&'static str>,
+    },
+    /// A target twice.
+    #[error("reading --map: found {target} twice, expected one column for it")]
+    TargetTwice {
+        /// The target.
+        target: &'static str,
+    },
+    /// Targets that must be there.
+    #[error("reading --map: found no {}, expected all of {}", missing.join(", "), expected.join(", "))]
+    MissingTargets {
+        /// Those not there.
+        missing: Vec<&'static str>,
+        /// Those that belong together.
+        expected: &'static [&'static str],
+    },
+    /// A unit that is none.
+    #[error("reading --units: found {found:?}{}, expected one of {}", guess(*near), UNITS.map(|(name, _)| name).join(", "))]
+    UnknownUnit {
+        /// What is there.
+        found: String,
+        /// The unit of nearly that name.
+        near: Option<&'static str>,
+    },
+    /// Two units of one quantity.
+    #[error("reading --units: found {first:?} and {second:?}, expected one unit of the {quantity}")]
+    UnitTwice {
+        /// What both measure.
+        quantity: &'static str,
+        /// The first.
+        first: &'static str,
+        /// The second.
+        second: &'static str,
+    },
+    /// Axes that are none.
+    #[error("reading --frame: found {found:?}, expected one of {}", FRAMES.map(|(name, _)| name).join(", "))]
+    UnknownFrame {
+        /// What is there.
+        found: String,
+    },
+}
+
+fn guess(near: Option<&str>) -> String {
+    near.map_or_else(String::new, |near| format!(", did you mean {near:?}?"))
+}
+
+impl Mapping {
+    /// Of `maps`, each one pair or several with commas between them, as `gx=gyro_x`; a column of one of several files is
+    /// `FILE:COLUMN`. Of `units`, as `deg/s,g,gauss,ms`, in any order; rad/s, m/s2, uT, s where none is named. Of `frame`, the body
+    /// axes of the file; `rfu` where none is named.
+    pub fn parse<S: AsRef<str>>(maps: &[S], units: Option<&str>, frame: Option<&str>) -> Result<Self, MappingError> {
+        let mut mapping =
+            Self { columns: columns(maps)?, rate: 1.0, force: 1.0, field: 1.0, time_digits: 9, frame: Frame::Rfu };
+        mapping.set_units(units.unwrap_or_default())?;
+        if let Some(found) = frame {
+            let known = FRAMES.iter().find(|(name, _)| name.eq_ignore_ascii_case(found.trim()));
+            let known = known.ok_or_else(|| MappingError::UnknownFrame { found: found.into() });
+            mapping.frame = known?.1;
+        }
+        Ok(mapping)
+    }
+
+    fn set_units(&mut self, units: &str) -> Result<(), MappingError> {
+        let mut named: [Option<&'static str>; 4] = [None; 4];
+        for found in units.split(',').map(str::trim).filter(|found| !found.is_empty()) {
+            let Some(&(name, unit)) = UNITS.iter().find(|(name, _)| *name == found) else {
+                let near = UNITS.iter().map(|(name, _)| *name).find(|name| name.eq_ignore_ascii_case(found));
+                let near = near.or_else(|| nearest(found, UNITS.map(|(name, _)| name)));
+                return Err(MappingError::UnknownUnit { found: found.into(), near });
+            };
+            let (index, quantity) = match unit {
+                Unit::Rate(_) => (0, "rate"),
+                Unit::Force(_) => (1, "force"),
+                Unit::Field(_) => (2, "field"),
+                Unit::Time(_) => (3, "time"),
+            };
+            if let Some(first) = named[index].replace(name) {
+                return Err(MappingError::UnitTwice { quantity, first, second: name });
+            }
+            match unit {
+                Unit::Rate(factor) => self.rate = factor,
+                Unit::Force(factor) => self.force = factor,
+                Unit::Field(factor) => self.field = factor,
+                Unit::Time(digits) => self.time_digits = digits,
+            }
+        }
+        Ok(())
+    }
+
+    /// The column mapped to a target.
+    pub(crate) fn column(&self, target: &str) -> Option<&str> {
+        self.columns.iter().find(|(other, _)| *other == target).map(|(_, column)| column.as_str())
+    }
+
+    pub(crate) fn has_field(&self) -> bool {
+        self.column(FIELD[0]).is_some()
+    }
+
+    pub(crate) fn rate_rad_s(&self, found: [f64; 3]) -> [f64; 3] {
+        self.body(found.map(|part| part * self.rate))
+    }
+
+    pub(crate) fn force_m_s2(&self, found: [f64; 3]) -> [f64; 3] {
+        self.body(found.map(|part| part * self.force))
+    }
+
+    pub(crate) fn field_ut(&self, found: [f64; 3]) -> [f64; 3] {
+        self.body(found.map(|part| part * self.field))
+    }
+
+    /// Digits after the point that a time of whole nanoseconds has.
+    pub(crate) fn time_digits(&self) -> usize {
+        self.time_digits
+    }
+
+    fn body(&self, found: [f64; 3]) -> [f64; 3] {
+        match self.frame {
+            Frame::Frd => frames::of_frd(found),
+            Frame::Flu => frames::of_flu(found),
+            Frame::Rfu => found,
+        }
+    }
+}
+
+fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, MappingError> {
+    let mut columns: Vec<(&'static str, String)> = Vec::new();
+    for map in maps {
+        let mut continued = false;
+        for part in map.as_ref().split(',') {
+            let Some((found, column)) = part.split_once('=') else {
+                // A comma in the name of a column.
+                let Some((_, column)) = columns.last_mut().filter(|_| continued) else {
+                    return Err(MappingError::NoPair { found: part.into() });
+                };
+                column.push(',');
+                column.push_str(part);
+                continue;
+            };
+            let found = found.trim();
+            let Some(&target) = TARGETS.iter().find(|target| **target == found) else {
+                let near = nearest(found, TARGETS);
+                return Err(MappingError::UnknownTarget { found: found.into(), near });
+            };
+            if columns.iter().any(|(other, _)| *other == target) {
+                return Err(MappingError::TargetTwice { target });
+            }
+            columns.push((target, column.trim().to_owned()));
+            continued = true;
+        }
+    }
+    let has = |target: &&str| columns.iter().any(|(other, _)| other == target);
+    let missing = |expected: &'static [&'static str]| -> Vec<_> {
+        expected.iter().copied().filter(|target| !has(target)).collect()
+    };
+    let groups: [(&'static [&'static str], bool); 2] = [(&TARGETS[..7], true), (&FIELD, FIELD.iter().any(has))];
+    for (expected, wanted) in groups {
+        let missing = missing(expected);
+        if wanted && !missing.is_empty() {
+            return Err(MappingError::MissingTargets { missing, expected });
+        }
+    }
+    Ok(columns)
+}

@@ -1,0 +1,112 @@
+//! The logs as PX4's own reader reads them, in another language and with nothing of ours.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+
+use import::Format;
+
+use crate::common::{Folder, Imported, log};
+
+/// A Python with pyulog, made once; says why where there is none.
+fn python() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pyulog-venv");
+    let python = folder.join("bin/python");
+    let check = Command::new(&python).args(["-c", "import pyulog"]).stderr(Stdio::null()).status();
+    if check.is_ok_and(|status| status.success()) {
+        return Some(python);
+    }
+    let run = |command: &mut Command| {
+        let output = command.output().map_err(|cause| cause.to_string())?;
+        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+    };
+    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder))
+        .and_then(|()| run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "pyulog==1.3.0"])));
+    match made {
+        Ok(()) => Some(python),
+        Err(cause) => {
+            eprintln!("skipped: no Python with pyulog: {cause}");
+            None
+        }
+    }
+}
+
+/// The samples of each topic: time in µs, and fields.
+fn samples(python: &Path, log: &Path) -> HashMap<String, Vec<(i64, Vec<f64>)>> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/foreign.py");
+    let output = Command::new(python).arg(script).arg(log).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut topics: HashMap<String, Vec<_>> = HashMap::new();
+    for line in String::from_utf8(output.stdout).unwrap().lines() {
+        let words: Vec<_> = line.split(' ').collect();
+        let fields = words[2..].iter().map(|word| word.parse().unwrap()).collect();
+        topics.entry(words[0].into()).or_default().push((words[1].parse().unwrap(), fields));
+    }
+    topics
+}
+
+/// Every value of the import is that of pyulog: exactly, but for the length of quaternions.
+fn assert_equal(imported: &Imported, topics: &HashMap<String, Vec<(i64, Vec<f64>)>>) -> (usize, usize, usize) {
+    let none = Vec::new();
+    let of = |topic: &str| topics.get(topic).unwrap_or(&none);
+    let combined = of("sensor_combined");
+    assert_eq!(imported.rows.len(), combined.len());
+    for (row, (t_us, fields)) in imported.rows.iter().zip(combined) {
+        let [gx, gy, gz, ax, ay, az, relative] = fields[..] else { panic!("{fields:?}") };
+        assert_eq!((row.t_ns, row.rate_rad_s), (t_us * 1000, [gy, gx, -gz]));
+        assert_eq!((relative, row.force_m_s2), (0.0, [ay, ax, -az]));
+    }
+
+    let attitudes: HashMap<_, _> = of("vehicle_attitude").iter().map(|(t_us, q)| (t_us * 1000, q)).collect();
+    let mut same_time = 0;
+    for row in &imported.rows {
+        let (Some(reference), Some(q)) = (row.reference, attitudes.get(&row.t_ns)) else { continue };
+        let expected = [q[0], q[2], q[1], -q[3]];
+        assert!(reference.quaternion.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?} {q:?}");
+        same_time += 1;
+    }
+
+    // The field: each sample once, at the row that is nearest to its time.
+    let mut fields: Vec<(i64, [f64; 3])> =
+        of("vehicle_magnetometer").iter().map(|(t, f)| (t * 1000, [f[0], f[1], f[2]])).collect();
+    let own = of("own_field").iter().filter(|(_, f)| f[3] != f64::from(i32::MAX));
+    fields.extend(own.map(|(t, f)| ((t + f[3] as i64) * 1000, [f[0], f[1], f[2]])));
+    fields.dedup_by_key(|(t_ns, _)| *t_ns);
+    let mut expected: HashMap<i64, (u64, [f64; 3])> = HashMap::new();
+    for (t_ns, [x, y, z]) in fields {
+        let nearest = imported.rows.iter().min_by_key(|row| row.t_ns.abs_diff(t_ns)).unwrap().t_ns;
+        let distance_ns = nearest.abs_diff(t_ns);
+        let held = expected.entry(nearest).or_insert((u64::MAX, [0.0; 3]));
+        if distance_ns <= 50_000_000 && distance_ns < held.0 {
+            *held = (distance_ns, [y * 100.0, x * 100.0, -z * 100.0]);
+        }
+    }
+    expected.retain(|_, (distance_ns, _)| *distance_ns < u64::MAX);
+    let found: HashMap<_, _> = imported.rows.iter().filter_map(|row| Some((row.t_ns, row.field_ut?))).collect();
+    assert_eq!(found, expected.iter().map(|(t_ns, (_, field))| (*t_ns, *field)).collect());
+
+    let fixes = of("vehicle_gps_position");
+    assert_eq!(imported.fixes.len(), fixes.len());
+    for (fix, (t_us, fields)) in imported.fixes.iter().zip(fixes) {
+        let [north, east, down, latitude, ..] = fields[..] else { panic!("{fields:?}") };
+        assert_eq!((fix.t_ns, fix.velocity_m_s), (t_us * 1000, [east, north, -down]));
+        assert_eq!(fix.latitude_deg, Some(latitude / 1e7));
+    }
+    (same_time, found.len(), fixes.len())
+}
+
+#[test]
+fn the_samples_of_real_logs_are_those_of_pyulog() {
+    for (name, rows, expected) in
+        [("px4_sample.ulg", 17_070, (6_459, 6_551, 0)), ("px4_small.ulg", 1_298, (1_298, 319, 32))]
+    {
+        let (Some(path), Some(python)) = (log(name), python()) else { return };
+        let folder = Folder::new();
+        let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+        assert_eq!((imported.summary.format, imported.rows.len()), (Format::Ulog, rows));
+        let compared = assert_equal(&imported, &samples(&python, &path));
+        assert_eq!(compared, expected, "attitudes, fields, fixes");
+    }
+}

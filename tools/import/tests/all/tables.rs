@@ -1,0 +1,160 @@
+//! CSV of other systems.
+
+use std::io::Write as _;
+
+use flate2::{Compression, write::GzEncoder};
+use import::{Mapping, Note, Options, convert};
+use recording::Row;
+
+use crate::common::{Folder, Imported};
+
+/// The names of most tables here.
+const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
+const MS: i64 = 1_000_000;
+
+fn mapping(maps: &[&str], units: &str, frame: &str) -> Mapping {
+    Mapping::parse(maps, Some(units), Some(frame)).unwrap()
+}
+
+fn imported(contents: impl AsRef<[u8]>, mapping: Mapping) -> Imported {
+    let folder = Folder::new();
+    folder.import(&[folder.file("a.txt", contents)], Some(mapping)).unwrap()
+}
+
+fn row(t_ns: i64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) -> Row {
+    Row { t_ns, rate_rad_s, force_m_s2, field_ut: None, reference: None }
+}
+
+#[test]
+fn separators_decimal_commas_quotes_and_gzip_are_seen_by_content() {
+    let expected =
+        [row(500 * MS, [1.5, 0.0, -2.0], [0.25, 0.0, 9.75]), row(510 * MS, [1e-3, 0.0, 0.0], [0.0, 0.0, 9.75])];
+    let point = "t,p,q,r,u,v,w\n0.5,1.5,0,-2,.25,0,9.75\n0.51,1e-3,0,0,0,0,9.75\n";
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
+    gzip.write_all(point.as_bytes()).unwrap();
+    for contents in [
+        point.to_owned(),
+        point.replace(',', "\t"),
+        point.replace(',', ";"),
+        point.replace(',', ";").replace('.', ","),
+        point.replace(',', "\t").replace('.', ","),
+        format!("sep=;\r\n# a remark\r\n\r\n{}", point.replace(',', " ; ").replace('\n', "\r\n")),
+        format!("\u{feff}{}", point.replace("p,q", "\"p\",\"q\"").replace("1.5", "\"1.5\"")),
+        "t,p,q,r,u,v,w\n\"0,5\",\"1,5\",0,-2,\",25\",0,\"9,75\"\n\"0,51\",1e-3,0,0,0,0,\"9,75\"\n".to_owned(),
+    ] {
+        assert_eq!(imported(&contents, mapping(&[NAMES], "", "rfu")).rows, expected, "{contents}");
+    }
+    assert_eq!(imported(gzip.finish().unwrap(), mapping(&[NAMES], "", "rfu")).rows, expected);
+}
+
+#[test]
+fn units_are_made_ours() {
+    let table = "t,p,q,r,u,v,w,x,y,z\n1700000000123456,180,0,-90,0,0.5,1,1,0,-2\n";
+    let names = format!("{NAMES},mx=x,my=y,mz=z");
+    for (units, t_ns, rate, force, field) in [
+        ("deg/s,g,gauss,us", 1_700_000_000_123_456_000, std::f64::consts::PI, 9.80665, 100.0),
+        ("us, nT ,deg/s", 1_700_000_000_123_456_000, std::f64::consts::PI, 1.0, 1e-3),
+        ("ns,mT", 1_700_000_000_123_456, 180.0, 1.0, 1000.0),
+        ("rad/s,m/s2,uT,ns", 1_700_000_000_123_456, 180.0, 1.0, 1.0),
+    ] {
+        let rows = imported(table, mapping(&[&names], units, "rfu")).rows;
+        let force = [0.0, 0.5 * force, force];
+        let expected = Row { field_ut: Some([field, 0.0, -2.0 * field]), ..row(t_ns, [rate, 0.0, -rate / 2.0], force) };
+        assert_eq!(rows, [expected], "{units}");
+    }
+    let times = "t,p,q,r,u,v,w\n1.5,0,0,0,0,0,1\n2.000001,0,0,0,0,0,1\n";
+    let rows = imported(times, mapping(&[NAMES], "ms", "rfu")).rows;
+    assert_eq!(rows.iter().map(|row| row.t_ns).collect::<Vec<_>>(), [1_500_000, 2_000_001]);
+}
+
+#[test]
+fn axes_are_made_ours() {
+    let table = "t,p,q,r,u,v,w,x,y,z\n0,1,2,3,4,5,6,7,8,9\n";
+    let names = format!("{NAMES},mx=x,my=y,mz=z");
+    for (frame, of) in [
+        ("frd", (|[x, y, z]| [y, x, -z]) as fn([f64; 3]) -> [f64; 3]),
+        ("flu", |[x, y, z]| [-y, x, z]),
+        ("rfu", |body| body),
+        ("FLU", |[x, y, z]| [-y, x, z]),
+    ] {
+        let expected = row(0, of([1.0, 2.0, 3.0]), of([4.0, 5.0, 6.0]));
+        let expected = Row { field_ut: Some(of([7.0, 8.0, 9.0])), ..expected };
+        assert_eq!(imported(table, mapping(&[&names], "", frame)).rows, [expected], "{frame}");
+    }
+}
+
+#[test]
+fn files_of_one_sensor_each_are_joined_by_time() {
+    let folder = Folder::new();
+    let gyro = "time,seconds_elapsed,z,y,x\n1000000000,0.0,0.3,0.2,0.1\n1010000000,0.01,0.3,0.2,0.1\n1020000000,0.02,0.3,0.2,0.1\n";
+    let force = "time,seconds_elapsed,z,y,x\n995000000,0,9,0,0\n1015000000,0,11,2,-4\n";
+    let field = "time,seconds_elapsed,z,y,x\n1002000000,0,3,2,1\n1019000000,0,6,5,4\n";
+    let paths = [("Gyroscope.csv", gyro), ("TotalAcceleration.csv", force), ("Magnetometer.csv", field)]
+        .map(|(name, text)| folder.file(name, text));
+    let maps = [
+        "t=time",
+        "gx=Gyroscope:x,gy=Gyroscope:y,gz=Gyroscope.csv:z",
+        "ax=TotalAcceleration:x,ay=TotalAcceleration:y",
+        "az=TotalAcceleration:z",
+        "mx=Magnetometer:x,my=Magnetometer:y,mz=Magnetometer:z",
+    ];
+    let Imported { summary, rows, .. } = folder.import(&paths, Some(mapping(&maps, "ns", "rfu"))).unwrap();
+    let rate = [0.1, 0.2, 0.3];
+    let expected = [
+        Row { field_ut: Some([1.0, 2.0, 3.0]), ..row(1000 * MS, rate, [-1.0, 0.5, 9.5]) },
+        row(1010 * MS, rate, [-3.0, 1.5, 10.5]),
+        Row { field_ut: Some([4.0, 5.0, 6.0]), ..row(1020 * MS, rate, [-4.0, 2.0, 11.0]) },
+    ];
+    assert_eq!(rows, expected, "on the line between two forces; the last one holds for 5 ms");
+    assert_eq!((summary.rows, summary.field_rows, summary.notes), (3, 2, vec![]));
+}
+
+#[test]
+fn what_is_not_measured_at_a_row_is_blank_or_nan() {
+    let table = "t,p,q,r,u,v,w,x,y,z\n0,1,1,1,,,,,,\n0.01,,,,0,0,9,nan,nan,nan\n0.02,2,2,2,NaN,0,0,1,2,3\n0.03,,,,0,0,11,,,\n9,3,3,3,,,,,,\n";
+    let Imported { summary, rows, .. } = imported(table, mapping(&[NAMES, "mx=x,my=y,mz=z"], "", "rfu"));
+    let expected = [
+        row(0, [1.0; 3], [0.0, 0.0, 9.0]),
+        Row { field_ut: Some([1.0, 2.0, 3.0]), ..row(20 * MS, [2.0; 3], [0.0, 0.0, 10.0]) },
+    ];
+    assert_eq!(rows, expected);
+    let left_out = Note::LeftOut { what: "samples of the rate", count: 1, why: "there is no force at their time" };
+    assert_eq!(summary.notes, [left_out]);
+}
+
+#[test]
+fn forces_far_apart_say_nothing_about_the_time_between() {
+    let table = "t,p,q,r,u,v,w\n0,1,1,1,0,0,9\n0.2,1,1,1,,,\n0.39,1,1,1,,,\n0.4,1,1,1,0,0,11\n";
+    let rows = imported(table, mapping(&[NAMES], "", "rfu")).rows;
+    assert_eq!(
+        rows.iter().map(|row| (row.t_ns / MS, row.force_m_s2[2])).collect::<Vec<_>>(),
+        [(0, 9.0), (390, 11.0), (400, 11.0)]
+    );
+}
+
+#[test]
+fn a_recording_of_ours_is_turned_by_a_mapping() {
+    let table = "t_s,gx,gy,gz,ax,ay,az\n0,1,2,3,4,5,6\n";
+    let names = "t=t_s,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az";
+    assert_eq!(imported(table, mapping(&[names], "", "frd")).rows, [row(0, [2.0, 1.0, -3.0], [5.0, 4.0, -6.0])]);
+}
+
+#[test]
+fn names_may_have_blanks_brackets_equal_signs_commas_and_colons() {
+    let table = "\"t, in s\",Gyro x (rad/s),a=b,r:z,u,v,w\n0,1,2,3,4,5,6\n";
+    let maps = ["t=t, in s,gx=Gyro x (rad/s)", "gy=a=b", "gz=r:z,ax=u,ay=v,az=w"];
+    assert_eq!(imported(table, mapping(&maps, "", "rfu")).rows, [row(0, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0])]);
+}
+
+#[test]
+fn progress_grows_to_the_whole() {
+    let folder = Folder::new();
+    let rows: String = (0..20_000).map(|i| format!("{i},0.1,0.2,0.3,0.4,0.5,9.8\n")).collect();
+    let path = folder.file("a.csv", format!("t,p,q,r,u,v,w\n{rows}"));
+    let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")) };
+    let mut told = Vec::new();
+    convert(&[path], &options, &folder.path("b.csv.gz"), &mut |progress| told.push(progress)).unwrap();
+    assert!(told.len() > 10 && told.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{told:?}");
+    let last = told.last().unwrap();
+    assert_eq!(last.done_bytes, last.total_bytes);
+}

@@ -1,0 +1,185 @@
+//! The stages over the trials, through the slots of the running system.
+//!
+//! Input: a request. Output: the scores, and the files asked for. Time: the samples' own. Failure: the first of anything ends the
+//! run; every trial has been read once before the first is run.
+
+use std::{
+    collections::HashSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use ingest::{conditioner::Sample, source::Truth};
+use launch::{Launch, Source};
+use messages::Reference;
+use pipeline::{Collector, is_same_file};
+use runtime::{Pace, RuntimeError, ServiceConfig};
+
+use crate::{
+    ScoreError,
+    chain::Stages,
+    plot::Figures,
+    stages::{self, Choice},
+    table::{ErrorsDeg, Scores, StageScore, TrialScore},
+    timing::{SAMPLES_MAX, Step, ns_per_update},
+    trial::{Gnss, Options, Trial},
+};
+
+/// Readings between two signs of progress.
+const PROGRESS_ROWS: u64 = 1024;
+
+/// What is to be scored.
+#[derive(Debug, Clone, Default)]
+pub struct Request {
+    /// The trials.
+    pub files: Vec<String>,
+    /// How they are read.
+    pub options: Options,
+    /// The stages.
+    pub choice: Choice,
+    /// Folder for the attitude of each tick.
+    pub out: Option<PathBuf>,
+    /// Folder for figures.
+    pub plot: Option<PathBuf>,
+}
+
+/// Runs every stage over every trial. `progress` is told the readings done, and of how many.
+pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scores, ScoreError> {
+    let launches = stages::launches(&request.choice)?;
+    let trials = trials(request)?;
+    let rows = trials.iter().map(|trial| trial.rows).sum();
+    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect() };
+    let mut done = 0;
+    for trial in &trials {
+        let mut tell = |rows_done| progress(done + rows_done, rows);
+        for (score, stage) in one(request, trial, &launches, &mut tell)?.into_iter().zip(&mut scores.stages) {
+            stage.trials.push(score);
+        }
+        done += trial.rows;
+    }
+    progress(rows, rows);
+    scores.stages.iter_mut().for_each(StageScore::finish);
+    Ok(scores)
+}
+
+fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
+    if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
+        return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
+    }
+    let mut names = HashSet::new();
+    let mut trials = Vec::new();
+    for file in &request.files {
+        let trial = Trial::open(file, &request.options)?;
+        if !names.insert(trial.name.clone()) {
+            return Err(ScoreError::NameTwice { name: trial.name });
+        }
+        trials.push(trial);
+    }
+    Ok(trials)
+}
+
+/// One trial through every launch.
+fn one(
+    request: &Request,
+    trial: &Trial,
+    launches: &[Launch],
+    progress: &mut dyn FnMut(u64),
+) -> Result<Vec<TrialScore>, ScoreError> {
+    let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
+    let mut lanes = all.iter().map(|config| Lane::new(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
+    let Some(first) = all.first() else { return Ok(Vec::new()) };
+    let mut conditioner = ingest::conditioner(first)?;
+    let mut steps = Vec::new();
+    for (count, reading) in (0u64..).zip(trial.readings()?) {
+        let reading = reading?;
+        if count.is_multiple_of(PROGRESS_ROWS) {
+            progress(count);
+        }
+        let Some(sample) = conditioner.condition(&reading) else { continue };
+        if steps.len() < SAMPLES_MAX {
+            steps.push(Step::new(&sample));
+        }
+        for lane in &mut lanes {
+            lane.offer(&sample, reading.reference)?;
+        }
+    }
+    let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
+    let times = ns_per_update(&steps, &compared);
+    lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect()
+}
+
+/// What the slots are told. The limits are those of a system that replays the recording.
+fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
+    let mut launch = launch.clone();
+    launch.ingest.source = Source::Replay;
+    launch.ingest.replay.gyro_samples = trial.gyro_samples;
+    ServiceConfig {
+        launch,
+        rate_hz: trial.rate_hz,
+        pace: Pace::Max,
+        ticks_max: None,
+        incarnation: 0,
+        epoch: runtime::service_config::FIRST_EPOCH,
+        role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
+        resume: None,
+        supervisor_pid: std::process::id(),
+    }
+}
+
+/// One path through the slots, and what becomes of its attitudes.
+struct Lane {
+    path: pipeline::Path,
+    collector: Collector,
+    figures: Option<Figures>,
+}
+
+impl Lane {
+    fn new(request: &Request, trial: &Trial, config: &ServiceConfig) -> Result<Self, ScoreError> {
+        let place = |folder: &Path, ending: &str| {
+            let several = request.choice.fusers.len() > 1;
+            let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
+            let made = fs::create_dir_all(&folder);
+            made.map_err(|cause| ScoreError::Write { path: folder.clone(), cause })?;
+            Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.file_stem())))
+        };
+        let out = request.out.as_deref().map(|folder| place(folder, ".csv")).transpose()?;
+        if let Some(path) = out.as_ref().filter(|out| trial.file().is_some_and(|file| is_same_file(out, file))) {
+            return Err(ScoreError::OutIsTrial { path: path.clone() });
+        }
+        let figures = match &request.plot {
+            Some(folder) => Some(Figures::new(place(folder, "")?, trial, config)?),
+            None => None,
+        };
+        Ok(Self { path: pipeline::Path::new(config)?, collector: Collector::new(out.as_deref())?, figures })
+    }
+
+    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), RuntimeError> {
+        let Self { path, collector, figures } = self;
+        if let Some(truth) = truth {
+            let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
+            collector.reference(Reference { tick, scored, quaternion: truth.quaternion });
+        }
+        path.offer(*sample, &mut |output| {
+            collector.attitude(&output);
+            if let Some(figures) = figures {
+                figures.take(&sample.imu, truth, &output);
+            }
+        })
+    }
+
+    fn finish(mut self, trial: &Trial, ns_per_update: Option<f64>) -> Result<TrialScore, ScoreError> {
+        self.collector.finish()?;
+        if let Some(figures) = &mut self.figures {
+            figures.write()?;
+        }
+        let accuracy = self.collector.accuracy();
+        Ok(TrialScore {
+            name: trial.name.clone(),
+            error: ErrorsDeg::of(accuracy.rmse()),
+            scored: accuracy.count(),
+            ticks: self.collector.ticks(),
+            ns_per_update,
+        })
+    }
+}

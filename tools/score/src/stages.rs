@@ -1,0 +1,233 @@
+//! Which stages run, and how they are set.
+//!
+//! Input: names and settings as a person writes them. Output: a launch for each fuser, which the slots are filled by. Time: none.
+//! Failure: a stage or parameter that does not exist is refused with those that do.
+
+use std::{collections::BTreeMap, str::FromStr};
+
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
+use launch::{Launch, Program, Service};
+
+use crate::{ScoreError, catalogue::Told, chain::Stages};
+
+/// Jaro-Winkler similarity from which a name is another one misspelt.
+const NEAR: f64 = 0.8;
+
+/// The stages asked for. What is not named is the slot's default.
+#[derive(Debug, Clone, Default)]
+pub struct Choice {
+    /// Of the slot `gyro`.
+    pub gyro: Option<String>,
+    /// Of the slot `accel`.
+    pub accel: Option<String>,
+    /// Of the slot `course`.
+    pub course: Option<String>,
+    /// Of the slot `fuser`, side by side.
+    pub fusers: Vec<String>,
+    /// Stages that are programs of their own, by name: they can be asked for, too.
+    pub programs: BTreeMap<String, Program>,
+    /// Parameters that are to differ from their defaults.
+    pub settings: Vec<Setting>,
+}
+
+/// A parameter and its value, as `key=value`, `slot.key=value` or `stage.key=value`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setting {
+    /// The slot or stage that is meant, where it is said.
+    pub of: Option<String>,
+    /// The parameter's name.
+    pub key: String,
+    /// Its value, in the parameter's unit.
+    pub value: f64,
+}
+
+impl FromStr for Setting {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (place, value) = text.split_once('=').ok_or("expected key=value, as in beta=0.1")?;
+        let value = value.trim().parse().map_err(|_| format!("expected a number after =, found {value:?}"))?;
+        let (of, key) = match place.trim().split_once('.') {
+            Some((of, key)) => (Some(of.into()), key),
+            None => (None, place.trim()),
+        };
+        Ok(Self { of, key: key.into(), value })
+    }
+}
+
+/// One launch for each fuser asked for, with the default limits of the source.
+pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
+    let mut common = Launch { stages: choice.programs.clone(), ..Launch::default() };
+    name(&mut common, Service::Gyro, choice.gyro.as_deref(), &Gyro::NAMES)?;
+    name(&mut common, Service::Accel, choice.accel.as_deref(), &Accelerometer::NAMES)?;
+    name(&mut common, Service::Course, choice.course.as_deref(), &Course::NAMES)?;
+    let mut launches = vec![common.clone()];
+    if !choice.fusers.is_empty() {
+        launches.clear();
+        for fuser in &choice.fusers {
+            if launches.iter().any(|launch| launch.fuser.stage == *fuser) {
+                return Err(ScoreError::FuserTwice { name: fuser.clone() });
+            }
+            let mut launch = common.clone();
+            name(&mut launch, Service::Fuser, Some(fuser), &Fuser::NAMES)?;
+            launches.push(launch);
+        }
+    }
+    choice.settings.iter().try_for_each(|setting| apply(setting, &mut launches))?;
+    Ok(launches)
+}
+
+fn name(
+    launch: &mut Launch,
+    slot: Service,
+    asked: Option<&str>,
+    known: &'static [&'static str],
+) -> Result<(), ScoreError> {
+    let Some(found) = asked else { return Ok(()) };
+    let is_program = launch.stages.get(found).is_some_and(|program| program.slot == slot);
+    if !is_program && !known.contains(&found) {
+        return Err(ScoreError::Stage { slot, found: found.into(), near: near(found, known.iter().copied()), known });
+    }
+    filling(launch, slot).stage = found.into();
+    Ok(())
+}
+
+/// Gives the setting to every launch with a stage that has the parameter.
+fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
+    let Setting { of, key, value } = setting;
+    let meant = |slot: Service, stage: &str| of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
+    let mut places: Vec<Service> = Vec::new();
+    let mut known: Vec<(Service, &str, &Parameter)> = Vec::new();
+    for launch in launches {
+        let mut stages = Stages::of(launch)?;
+        for (slot, stage, parameters) in stages.parameters() {
+            for parameter in parameters.iter().filter(|_| meant(slot, stage)) {
+                if !known.contains(&(slot, stage, parameter)) {
+                    known.push((slot, stage, parameter));
+                }
+            }
+            if !meant(slot, stage) || !parameters.iter().any(|parameter| parameter.name == key) {
+                continue;
+            }
+            let value_refused = |cause| ScoreError::Value { key: key.clone(), stage: stage.into(), cause };
+            stages.set(slot, key, *value).map_err(value_refused)?;
+            filling(launch, slot).set.insert(key.clone(), *value);
+            if !places.contains(&slot) {
+                places.push(slot);
+            }
+        }
+    }
+    match places.len() {
+        1 => Ok(()),
+        0 => Err(ScoreError::Key {
+            key: match of {
+                Some(of) => format!("{of}.{key}"),
+                None => key.clone(),
+            },
+            near: near(key, known.iter().map(|(_, _, parameter)| parameter.name)),
+            known: listed(&known),
+        }),
+        _ => Err(ScoreError::Ambiguous {
+            key: key.clone(),
+            places: places.iter().map(|slot| format!("{slot}.{key}")).collect(),
+        }),
+    }
+}
+
+fn filling(launch: &mut Launch, slot: Service) -> &mut launch::Stage {
+    match slot {
+        Service::Gyro => &mut launch.gyro,
+        Service::Accel => &mut launch.accel,
+        Service::Course => &mut launch.course,
+        Service::Fuser | Service::Ingest | Service::Gateway => &mut launch.fuser,
+    }
+}
+
+fn listed(known: &[(Service, &str, &Parameter)]) -> String {
+    if known.is_empty() {
+        return "  none".into();
+    }
+    let line = |(slot, stage, parameter): &(Service, &str, &Parameter)| {
+        format!("  {slot}.{} of {stage}: {}", parameter.name, Told(parameter))
+    };
+    known.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+fn near(found: &str, known: impl Iterator<Item = &'static str>) -> Option<&'static str> {
+    known
+        .map(|known| (strsim::jaro_winkler(found, known), known))
+        .filter(|(similarity, _)| *similarity >= NEAR)
+        .max_by(|(a, _), (b, _)| a.total_cmp(b))
+        .map(|(_, known)| known)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn choice(fusers: &[&str], settings: &[&str]) -> Choice {
+        Choice {
+            fusers: fusers.iter().map(ToString::to_string).collect(),
+            settings: settings.iter().map(|text| text.parse().unwrap()).collect(),
+            ..Choice::default()
+        }
+    }
+
+    #[test]
+    fn nothing_asked_for_is_the_default_of_every_slot() {
+        assert_eq!(launches(&Choice::default()).unwrap(), [Launch::default()]);
+    }
+
+    #[test]
+    fn a_setting_goes_to_every_stage_that_has_it_and_to_no_other() {
+        let chosen = launches(&choice(&["wz-closed", "wz"], &["declination_deg=11"])).unwrap();
+        for launch in &chosen {
+            assert_eq!(launch.course.set.get("declination_deg"), Some(&11.0));
+            assert!(launch.fuser.set.is_empty() && launch.gyro.set.is_empty());
+        }
+        for of in ["course", "angles"] {
+            assert_eq!(
+                launches(&choice(&["wz-closed", "wz"], &[&format!("{of}.declination_deg=11")])).unwrap(),
+                chosen
+            );
+        }
+    }
+
+    #[test]
+    fn what_no_chosen_stage_has_is_refused_with_what_there_is() {
+        for text in ["declination=11", "fuser.declination_deg=1", "gyro.declination_deg=1"] {
+            let error = launches(&choice(&[], &[text])).unwrap_err();
+            assert!(matches!(error, ScoreError::Key { .. }), "{error}");
+            assert_eq!(error.exit_code(), 2);
+        }
+        let said = launches(&choice(&[], &["declination=11"])).unwrap_err().to_string();
+        for words in ["did you mean `declination_deg`?", "course.declination_deg of angles: -180 to 180 °, default 0."]
+        {
+            assert!(said.contains(words), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_refused_with_the_range() {
+        let said = launches(&choice(&[], &["declination_deg=400"])).unwrap_err().to_string();
+        assert_eq!(said, "setting declination_deg of `angles`: declination_deg: expected -180 to 180 °, found 400");
+    }
+
+    #[test]
+    fn a_stage_misspelt_is_refused_with_the_one_meant() {
+        let said = launches(&choice(&["wz-clsed"], &[])).unwrap_err().to_string();
+        assert!(said.contains("no `wz-clsed`, did you mean `wz-closed`?; there are wz, wz-closed"), "{said}");
+        let twice = launches(&choice(&["wz", "wz"], &[])).unwrap_err();
+        assert_eq!(twice.exit_code(), 2);
+    }
+
+    #[test]
+    fn settings_are_read_as_people_write_them() {
+        let setting = |of: Option<&str>, key: &str, value| Setting { of: of.map(Into::into), key: key.into(), value };
+        assert_eq!("fuser.beta=1e-2".parse(), Ok(setting(Some("fuser"), "beta", 0.01)));
+        assert_eq!("beta = 3".parse(), Ok(setting(None, "beta", 3.0)));
+        for bad in ["beta", "beta=", "beta=x"] {
+            assert!(bad.parse::<Setting>().is_err(), "{bad}");
+        }
+    }
+}
