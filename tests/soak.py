@@ -203,7 +203,9 @@ class Soak:
         command = [self.plumb, *words, "--json", "--system", self.name]
         answered = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
         self.refusal = answered.stderr
-        return json.loads(answered.stdout.splitlines()[-1]) if answered.stdout.strip() else None
+        answer = json.loads(answered.stdout.splitlines()[-1]) if answered.stdout.strip() else None
+        # What failed is an object, too.
+        return None if isinstance(answer, dict) and "error" in answer else answer
 
     def until(self, what, done):
         deadline = time.monotonic() + BACK_LIMIT_S
