@@ -11,8 +11,9 @@ use crate::{
 };
 
 /// How far ahead of the newest sample a slot changes hands, s: a decision that reaches the stage later than that is taken back.
-const MARGIN_S: f64 = 0.1;
-/// How often a slot is to change hands for one request: on a machine that stands still for a moment the decision comes too late.
+const MARGIN_S: f64 = 0.05;
+/// How often a slot is to change hands for one request, each time with twice the margin: on a machine that stands still for a moment the
+/// decision comes too late.
 const ATTEMPTS_MAX: u32 = 3;
 
 /// The slots of a system.
@@ -149,7 +150,8 @@ impl Supervision {
             }
         };
         self.pending.open(Pending::new(id, asker, service, from, stage.stage.clone(), &self.output));
-        let request = swap::Request { id, stage: stage.stage.clone(), shadow_only: shadow, until_ms };
+        let request =
+            swap::Request { id, stage: stage.stage.clone(), shadow_only: shadow, until_ms, attempts_before: 0 };
         let Some(slot) = self.swaps.slot(service) else { return id };
         if matches!(slot.coordinator.state(), State::Committed { .. } | State::Retiring { .. } | State::Aborting)
             && !self.swaps.queued.iter().any(|(queued, ..)| *queued == service)
@@ -356,7 +358,9 @@ impl Supervision {
             return false;
         }
         let Some(stage) = slot.candidate.take() else { return false };
-        let request = swap::Request { id, stage: stage.stage.clone(), shadow_only: false, until_ms };
+        // In lockstep the source waits for the decision.
+        let attempts_before = if self.config.lockstep { 0 } else { times };
+        let request = swap::Request { id, stage: stage.stage.clone(), shadow_only: false, until_ms, attempts_before };
         self.swaps.queued.push((service, stage, request));
         self.announce(format!("{service}: the change of hands came too late; it is tried again"));
         true
@@ -388,11 +392,12 @@ impl Supervision {
 fn limits(config: &Config) -> Limits {
     let Config { rate_hz, lockstep, window_ticks, .. } = *config;
     let margin_ticks = if lockstep { window_ticks } else { (rate_hz * MARGIN_S) as u64 }.max(8);
+    let longest_margin_ticks = if lockstep { margin_ticks } else { margin_ticks << (ATTEMPTS_MAX - 1) };
     Limits {
         ready_ms: 10_000,
         caught_up_ms: 5_000,
         shadow_ms: 100,
-        commit_ms: 300 + (margin_ticks as f64 / rate_hz * 1e3) as u64,
+        commit_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_ms: 500,
         // In lockstep readers that are away find what they lack however late they come back: a stage that is to begin in the place of
         // one that has ended may take `ready_ms` to fail, and each process that is then started as long again.

@@ -25,7 +25,8 @@ pub struct Limits {
     pub end_ms: u64,
     /// Ticks that the candidate may be behind the active stage, and that behind its input, when hands change.
     pub lag_max_ticks: u64,
-    /// Ticks between the newest one known and the first one of the new owner: what passes while a decision is on its way.
+    /// Ticks between the newest one known and the first one of the new owner: what passes while a decision is on its way. Each further
+    /// attempt has twice as many.
     pub margin_ticks: u64,
 }
 
@@ -40,6 +41,15 @@ pub struct Request {
     pub shadow_only: bool,
     /// Until when it waits for a tick of the slot, ms; `u64::MAX` for a shadow.
     pub until_ms: u64,
+    /// How often the slot was to change hands for it before, and the decision came too late.
+    pub attempts_before: u32,
+}
+
+impl Limits {
+    /// The margin of an attempt, ticks.
+    pub fn margin_ticks(&self, attempts_before: u32) -> u64 {
+        self.margin_ticks.saturating_mul(1 << attempts_before.min(16))
+    }
 }
 
 /// What the coordinator hears. What the supervisor is asked to start, it answers once; of every service it tells the death, once.

@@ -13,7 +13,7 @@ impl Coordinator {
         let Some(owner) = swap.candidate else { return };
         let ahead = [self.status, swap.status].into_iter().flatten().map(|status| status.next_tick).max();
         let newest = ahead.unwrap_or(0).max(self.newest_input_tick.saturating_add(1)).max(self.checkpoint_tick);
-        let from_tick = newest.saturating_add(self.limits.margin_ticks);
+        let from_tick = newest.saturating_add(self.limits.margin_ticks(swap.request.attempts_before));
         self.epoch += 1;
         swap.from_tick = Some(from_tick);
         swap.enter(State::Armed { from_tick }, now_ms);

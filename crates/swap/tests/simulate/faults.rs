@@ -9,6 +9,8 @@ use crate::{
 
 /// For how long a request waits for a tick, ms.
 pub(crate) const PATIENCE_MS: u64 = 200;
+/// As many as a request may have.
+pub(crate) const ATTEMPTS_BEFORE_MAX: u32 = 2;
 /// Longest time for which the supervisor does nothing, ms.
 const STALL_MS: u64 = 30;
 
@@ -20,7 +22,8 @@ impl World {
             let shadow_only = self.chance.happens(200);
             self.asked.insert(id, (self.now_ms, shadow_only));
             let until_ms = if shadow_only { u64::MAX } else { self.now_ms + PATIENCE_MS };
-            self.apply(Event::Request(Request { id, stage: id.to_string(), shadow_only, until_ms }));
+            let attempts_before = self.chance.between(0, ATTEMPTS_BEFORE_MAX.into()) as u32;
+            self.apply(Event::Request(Request { id, stage: id.to_string(), shadow_only, until_ms, attempts_before }));
         }
         if self.chance.happens(5) {
             self.apply(Event::Promote { until_ms: self.now_ms + PATIENCE_MS });

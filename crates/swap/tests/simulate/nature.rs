@@ -2,7 +2,10 @@
 
 use swap::Limits;
 
-use crate::chance::{Chance, DELAY_MS};
+use crate::{
+    chance::{Chance, DELAY_MS},
+    faults::ATTEMPTS_BEFORE_MAX,
+};
 
 /// What this world is like.
 #[derive(Debug)]
@@ -38,7 +41,8 @@ impl Nature {
             lag_max_ticks: chance.between(8, 20),
             margin_ticks: chance.between(0, 60),
         };
-        let lateness_ticks = limits.lag_max_ticks + limits.margin_ticks + (limits.commit_ms + 260) / period_ms;
+        let lateness_ticks =
+            limits.lag_max_ticks + limits.margin_ticks(ATTEMPTS_BEFORE_MAX) + (limits.commit_ms + 260) / period_ms;
         let calm = chance.happens(300);
         Self {
             period_ms,
