@@ -5,6 +5,8 @@
 pub mod beyond;
 
 use std::{
+    cell::RefCell,
+    collections::HashMap,
     fs,
     os::unix::process::CommandExt,
     path::{Path, PathBuf},
@@ -161,6 +163,8 @@ impl System {
 /// A system that runs. It ends with the test.
 pub struct Running {
     child: Option<Child>,
+    /// The services that have been seen, by their processes.
+    seen: RefCell<HashMap<u32, String>>,
 }
 
 impl Running {
@@ -170,7 +174,8 @@ impl Running {
 
     /// What it says to people goes to `stderr`.
     pub fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
-        Self { child: Some(command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap()) }
+        let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
+        Self { child: Some(child), seen: RefCell::default() }
     }
 
     pub fn pid(&self) -> u32 {
@@ -179,12 +184,19 @@ impl Running {
 
     /// The processes of the services, by name.
     pub fn services(&self) -> Vec<(String, u32)> {
+        let mut seen = self.seen.borrow_mut();
         children_of(self.pid())
             .into_iter()
             .filter_map(|pid| {
+                // Each is looked at until it says what it is: whoever is in the folder of a dying process holds up its parent.
+                if let Some(name) = seen.get(&pid) {
+                    return Some((name.clone(), pid));
+                }
                 let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
                 let words: Vec<_> = line.split(|byte| *byte == 0).map(String::from_utf8_lossy).collect();
-                (words.get(1)? == "service").then(|| (words[2].to_string(), pid))
+                let name = (words.get(1)? == "service").then(|| words[2].to_string())?;
+                seen.insert(pid, name.clone());
+                Some((name, pid))
             })
             .collect()
     }

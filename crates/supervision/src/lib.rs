@@ -92,7 +92,7 @@ impl Supervision {
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
         self.now = self.now.max(now);
         if !self.flow.has_ended() {
-            self.checkpoints.on_positions(self.table.positions());
+            self.checkpoints.on_positions(self.table.positions(self.candidate_from()));
             self.apply(event);
         }
         std::mem::take(&mut self.actions)
@@ -115,6 +115,14 @@ impl Supervision {
             Event::FilesRemoved { path } => self.on_files_removed(path),
             Event::BusRenewed => self.on_bus_renewed(),
         }
+    }
+
+    /// From where on a service that is started again looks after a candidate: what lies further back than half of what a topic holds may
+    /// be overwritten before it is read.
+    fn candidate_from(&self) -> u64 {
+        let Config { rate_hz, launch, .. } = &self.config;
+        let newest = self.published.iter().max().copied().unwrap_or(0);
+        newest.saturating_sub((rate_hz * launch.buffer_s / 2.0) as u64)
     }
 
     /// Looks at every deadline, and at what follows from all that was told since the last time.

@@ -97,12 +97,17 @@ impl ProcessTable {
         Service::ALL.into_iter().zip(&self.entries)
     }
 
-    /// The first tick whose inputs a living process of each slot may still take, as far as it is known.
-    pub(crate) fn positions(&self) -> [Option<u64>; Service::ALL.len()] {
+    /// The first tick whose inputs a living process of each slot may still take, as far as it is known. For a candidate before
+    /// `candidate_from` nobody goes back: it may never have opened its topics.
+    pub(crate) fn positions(&self, candidate_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
-            let processes = entry.process.iter().chain(&entry.candidate).filter(|_| service.is_slot());
-            *position = processes.filter_map(Process::next_tick).min();
+            if !service.is_slot() {
+                continue;
+            }
+            let owner = entry.process.as_ref().and_then(Process::next_tick);
+            let candidate = entry.candidate.as_ref().and_then(Process::next_tick);
+            *position = owner.into_iter().chain(candidate.filter(|tick| *tick >= candidate_from)).min();
         }
         positions
     }
