@@ -5,18 +5,96 @@
 
 use std::{
     cell::Cell,
+    fs,
     path::{Path, PathBuf},
     rc::Rc,
 };
 
 use crate::{
-    ImportError, Mapping,
+    Format, ImportError, Mapping,
     aligned::{Aligned, Sample},
-    error::nearest,
+    error::{nearest, opening},
     mapping::{FIELD, FORCE, RATE},
-    rows::{Fields, Rows},
+    rows::{Attitude, Rows, Samples},
+    source::{Source, Survey, TakeFix},
     text::Text,
 };
+
+/// Files and which of their columns are what.
+pub(crate) struct Table<'a> {
+    files: Files,
+    groups: Groups,
+    mapping: &'a Mapping,
+    length_bytes: u64,
+}
+
+impl<'a> Table<'a> {
+    /// Reads the headers.
+    pub(crate) fn open(paths: &[PathBuf], mapping: &'a Mapping) -> Result<Self, ImportError> {
+        let files = Files::open(paths)?;
+        let groups = files.groups(mapping)?;
+        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| opening(path, cause));
+        let length_bytes = files.read_bytes() + groups.paths().map(length).sum::<Result<u64, _>>()?;
+        Ok(Self { files, groups, mapping, length_bytes })
+    }
+}
+
+impl Source for Table<'_> {
+    fn format(&self) -> Format {
+        Format::Csv
+    }
+
+    /// Each group reads its file.
+    fn total_bytes(&self) -> u64 {
+        self.length_bytes
+    }
+
+    fn survey(&mut self, _: &mut TakeFix<'_>, _: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let expected = "numbers in the columns of --map, at times of one clock".into();
+        Ok(Survey { has_field: self.groups.field.is_some(), expected, ..Survey::default() })
+    }
+
+    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        let Some(group) = &self.groups.field else { return Ok(Box::new(std::iter::empty())) };
+        let samples = self.files.samples(group, self.mapping.time_digits(), |found| self.mapping.field_ut(found))?;
+        Ok(Box::new(samples))
+    }
+
+    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        Ok(Box::new(std::iter::empty()))
+    }
+
+    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
+        let (digits, mapping) = (self.mapping.time_digits(), self.mapping);
+        let mut rates = self.files.samples(&self.groups.rate, digits, |found| mapping.rate_rad_s(found))?;
+        let mut forces = self.files.samples(&self.groups.force, digits, |found| mapping.force_m_s2(found))?;
+        let mut aligned = Aligned::default();
+        let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
+        for count in 0u64.. {
+            if count.is_multiple_of(1024) {
+                tell(self.files.read_bytes());
+            }
+            match (rate, force) {
+                (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
+                    aligned.rate(sample, rows)?;
+                    rate = rates.next().transpose()?;
+                }
+                (_, Some(sample)) => {
+                    aligned.force(sample, rows)?;
+                    force = forces.next().transpose()?;
+                }
+                (Some(sample), None) => {
+                    aligned.rate(sample, rows)?;
+                    rate = rates.next().transpose()?;
+                }
+                (None, None) => break,
+            }
+        }
+        aligned.finish(rows)?;
+        tell(self.files.read_bytes());
+        Ok(aligned)
+    }
+}
 
 /// Files and the columns of each.
 pub(crate) struct Files {
@@ -25,22 +103,22 @@ pub(crate) struct Files {
 }
 
 /// The columns of one vector and the file they are in.
-pub(crate) struct Group {
+struct Group {
     path: PathBuf,
     time: usize,
     indices: [usize; 3],
 }
 
 /// Which columns are rate, force and field.
-pub(crate) struct Groups {
-    pub(crate) rate: Group,
-    pub(crate) force: Group,
-    pub(crate) field: Option<Group>,
+struct Groups {
+    rate: Group,
+    force: Group,
+    field: Option<Group>,
 }
 
 impl Groups {
     /// The file of each.
-    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
+    fn paths(&self) -> impl Iterator<Item = &Path> {
         [&self.rate, &self.force].into_iter().chain(&self.field).map(|group| group.path.as_path())
     }
 }
@@ -65,17 +143,17 @@ impl Files {
     }
 
     /// What has been read so far.
-    pub(crate) fn read_bytes(&self) -> u64 {
+    fn read_bytes(&self) -> u64 {
         self.read_bytes.get()
     }
 
-    pub(crate) fn groups(&self, mapping: &Mapping) -> Result<Groups, ImportError> {
+    fn groups(&self, mapping: &Mapping) -> Result<Groups, ImportError> {
         let field = mapping.has_field().then(|| self.group(mapping, FIELD)).transpose()?;
         Ok(Groups { rate: self.group(mapping, RATE)?, force: self.group(mapping, FORCE)?, field })
     }
 
     /// The samples of a group, in the order of its file.
-    pub(crate) fn samples<F: Fn([f64; 3]) -> [f64; 3]>(
+    fn samples<F: Fn([f64; 3]) -> [f64; 3]>(
         &self,
         group: &Group,
         time_digits: usize,
@@ -145,52 +223,6 @@ impl Files {
             }
         }
     }
-}
-
-/// The samples of the field.
-pub(crate) fn fields<'a>(files: &'a Files, groups: &Groups, mapping: &'a Mapping) -> Result<Fields<'a>, ImportError> {
-    match &groups.field {
-        Some(group) => Ok(Box::new(files.samples(group, mapping.time_digits(), |found| mapping.field_ut(found))?)),
-        None => Ok(Box::new(std::iter::empty())),
-    }
-}
-
-/// Makes the rows. `progress` is told what has been read.
-pub(crate) fn join(
-    files: &Files,
-    groups: &Groups,
-    mapping: &Mapping,
-    rows: &mut Rows,
-    progress: &mut dyn FnMut(u64),
-) -> Result<Aligned, ImportError> {
-    let digits = mapping.time_digits();
-    let mut rates = files.samples(&groups.rate, digits, |found| mapping.rate_rad_s(found))?;
-    let mut forces = files.samples(&groups.force, digits, |found| mapping.force_m_s2(found))?;
-    let mut aligned = Aligned::default();
-    let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
-    for count in 0u64.. {
-        if count.is_multiple_of(1024) {
-            progress(files.read_bytes());
-        }
-        match (rate, force) {
-            (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
-                aligned.rate(sample, rows)?;
-                rate = rates.next().transpose()?;
-            }
-            (_, Some(sample)) => {
-                aligned.force(sample, rows)?;
-                force = forces.next().transpose()?;
-            }
-            (Some(sample), None) => {
-                aligned.rate(sample, rows)?;
-                rate = rates.next().transpose()?;
-            }
-            (None, None) => break,
-        }
-    }
-    aligned.finish(rows)?;
-    progress(files.read_bytes());
-    Ok(aligned)
 }
 
 fn is_called(path: &Path, name: &str) -> bool {

@@ -151,7 +151,7 @@ fn progress_grows_to_the_whole() {
     let folder = Folder::new();
     let rows: String = (0..20_000).map(|i| format!("{i},0.1,0.2,0.3,0.4,0.5,9.8\n")).collect();
     let path = folder.file("a.csv", format!("t,p,q,r,u,v,w\n{rows}"));
-    let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")) };
+    let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")), ..Options::default() };
     let mut told = Vec::new();
     convert(&[path], &options, &folder.path("b.csv.gz"), &mut |progress| told.push(progress)).unwrap();
     assert!(told.len() > 10 && told.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{told:?}");
