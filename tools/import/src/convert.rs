@@ -15,6 +15,7 @@ use crate::{
     Format, ImportError, Mapping, Note, Summary,
     aligned::Aligned,
     bag::Bag,
+    dataflash,
     mapped::{Files, Table},
     rows::Rows,
     source::{Fixed, Source},
@@ -91,6 +92,7 @@ fn source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> Result
     let path = &paths[0];
     Ok(match (format, &options.mapping) {
         (Format::Ulog, _) => Box::new(Log::open(path)?),
+        (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, &options.topics)?),
         (_, Some(mapping)) => Box::new(Table::open(paths, mapping)?),
         (_, None) => {

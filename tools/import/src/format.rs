@@ -97,13 +97,10 @@ impl Format {
     /// What to do about a format that is not read; `None` of one that is.
     pub fn remedy(self) -> Option<&'static str> {
         match self {
-            Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite => None,
+            Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,
             Self::Recording => {
                 Some("there is nothing to import; name its columns with --map to change its axes or units")
             }
-            Self::ArduPilot => Some(
-                "it is not read yet; export IMU as CSV (mavlogdump.py --types IMU --format csv) and name its columns with --map",
-            ),
             Self::Zip => Some("unpack it and name the files in it"),
             Self::Gzip => Some("unpack it (gunzip) and name the file in it"),
         }

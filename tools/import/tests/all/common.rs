@@ -143,7 +143,7 @@ impl Log {
     }
 }
 
-/// What a ULog is made of.
+/// What logs are made of.
 pub(crate) trait Bytes {
     fn bytes(&self) -> Vec<u8>;
 }

@@ -28,7 +28,7 @@ fn a_format_is_known_by_content_under_any_name() {
         (
             vec![0xa3, 0x95, 0x80, 0x80, 0x59],
             Format::ArduPilot,
-            "an ArduPilot log (BIN); it is not read yet; export IMU",
+            "found no sample of rate and force, expected IMU with GyrX and AccX",
         ),
         (b"SQLite format 3\0\x10\0".into(), Format::Sqlite, "found no sample of rate and force"),
         (b"PK\x03\x04\x14\0".into(), Format::Zip, "a zip archive; unpack it"),

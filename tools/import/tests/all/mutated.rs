@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use proptest::{collection::vec, prelude::*, sample::Index, test_runner::TestCaseResult};
 use serde::Serialize;
 
-use crate::common::Folder;
+use crate::{ardupilot::flash, common::Folder};
 
 /// Values that a length or an index is not expected to have.
 const ODD: [u8; 6] = [0x00, 0x01, 0x7f, 0x80, 0xfe, 0xff];
@@ -118,4 +118,9 @@ fn mcap_of_any_bytes_is_read_or_refused() {
 #[test]
 fn a_database_of_any_bytes_is_read_or_refused() {
     run(&database(), ROWS);
+}
+
+#[test]
+fn a_log_of_ardupilot_of_any_bytes_is_read_or_refused() {
+    run(&flash(ROWS).0, ROWS);
 }
