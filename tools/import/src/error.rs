@@ -153,7 +153,7 @@ pub enum ImportError {
     #[error("mapping {}: found columns of {}, expected all of them in one file", group.join(", "), names(files))]
     Split {
         /// The components.
-        group: [&'static str; 3],
+        group: Vec<&'static str>,
         /// The files they are in.
         files: Vec<String>,
     },

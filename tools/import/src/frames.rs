@@ -32,6 +32,28 @@ pub(crate) fn of_enu_flu([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     [w + z, x - y, x + y, z - w].map(|part| part * FRAC_1_SQRT_2)
 }
 
+/// Forward, right, down and right, forward, up are half a turn apart; so are north, east, down and east, north, up.
+const HALF_TURN: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
+
+/// The same attitude to east, north, up of one to north, east, down.
+pub(crate) fn to_enu_of_ned(quaternion: [f64; 4]) -> [f64; 4] {
+    product(HALF_TURN, quaternion)
+}
+
+/// The same attitude from right, forward, up of one from forward, right, down.
+pub(crate) fn from_rfu_of_frd(quaternion: [f64; 4]) -> [f64; 4] {
+    product(quaternion, HALF_TURN)
+}
+
+fn product([w, x, y, z]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
+    [
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -49,8 +71,13 @@ mod tests {
         let (q, v) = ([0.5, -0.1, 0.7, 0.5], [1.0, -2.0, 3.5]);
         let (theirs, ours) = (of_frd(turned(q, v)), turned(of_ned_frd(q), of_frd(v)));
         assert!(theirs.iter().zip(ours).all(|(a, b)| (a - b).abs() < 1e-12), "{theirs:?} {ours:?}");
-        let (theirs, ours) = (turned(q, v), turned(of_enu_flu(q), of_flu(v)));
-        assert!(theirs.iter().zip(ours).all(|(a, b)| (a - b).abs() < 1e-12), "{theirs:?} {ours:?}");
+        for (theirs, ours) in [
+            (turned(q, v), turned(of_enu_flu(q), of_flu(v))),
+            (turned(q, v), turned(from_rfu_of_frd(q), of_frd(v))),
+            (of_frd(turned(q, v)), turned(to_enu_of_ned(q), v)),
+        ] {
+            assert!(theirs.iter().zip(ours).all(|(a, b)| (a - b).abs() < 1e-12), "{theirs:?} {ours:?}");
+        }
     }
 
     #[test]

@@ -109,8 +109,8 @@ pub(crate) struct Fields<'a> {
 
 impl Fields<'_> {
     /// The numbers at these indices; `None` where one of them is blank or nan: no sample.
-    pub(crate) fn numbers(&self, indices: [usize; 3]) -> Result<Option<[f64; 3]>, ImportError> {
-        let mut values = [f64::NAN; 3];
+    pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<Option<[f64; N]>, ImportError> {
+        let mut values = [f64::NAN; N];
         for (value, index) in values.iter_mut().zip(indices) {
             let text = self.decimal(index, "a number")?;
             if !text.is_empty() {

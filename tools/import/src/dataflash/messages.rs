@@ -1,8 +1,8 @@
 //! The messages of a DataFlash log, one by one.
 //!
 //! Input: a log of ArduPilot, which says in itself how its messages are laid out (FMT). Output: the messages of the wanted types.
-//! Memory: a buffer. Failure: of the file alone; bytes that are no message are passed over and counted, and reading goes on at the next
-//! message that is followed by another.
+//! Memory: a buffer. Failure: of the file alone; bytes that are no message are passed over and counted. There is no checksum: a message
+//! counts where another one or the end of the log follows it.
 //!
 //! Written here because the one parser among the registry's crates ends without a word after 256 faults in a row, does not tell what it
 //! passed over, and allocates for each field of each message.
@@ -46,8 +46,6 @@ pub(super) struct Messages {
     start: usize,
     end: usize,
     formats: [Option<Format>; 256],
-    /// The bytes before were no message: the next may be none although it begins like one.
-    is_lost: bool,
     /// Bytes that are no message.
     pub(super) passed_over: u64,
 }
@@ -62,7 +60,6 @@ impl Messages {
             start: 0,
             end: 0,
             formats,
-            is_lost: false,
             passed_over: 0,
         })
     }
@@ -85,13 +82,12 @@ impl Messages {
             let available = self.fill(length_bytes + START.len())?;
             let next = &self.buffer[self.start..self.end][length_bytes.min(available)..];
             let is_followed = next.len() < START.len() || next.starts_with(&START);
-            if available < length_bytes || (self.is_lost && !is_followed) {
+            if available < length_bytes || !is_followed {
                 self.pass_over(1);
                 continue;
             }
             let message = self.start..self.start + length_bytes;
             self.start = message.end;
-            self.is_lost = false;
             if kind == FMT {
                 self.learn(message.start);
             } else if self.formats[usize::from(kind)].as_ref().is_some_and(|format| format.layout.is_some()) {
@@ -135,7 +131,6 @@ impl Messages {
     fn pass_over(&mut self, bytes: usize) {
         self.start += bytes;
         self.passed_over += bytes as u64;
-        self.is_lost = true;
     }
 }
 

@@ -22,7 +22,7 @@ impl Flash {
     fn format(&mut self, kind: u8, name: &str, letters: &str, labels: &str) {
         let size = |letter| match letter {
             b'b' | b'B' => 1,
-            b'c' | b'C' => 2,
+            b'c' | b'C' | b'H' => 2,
             b'f' | b'e' | b'L' | b'I' => 4,
             b'Q' => 8,
             b'Z' => 64,
@@ -54,7 +54,7 @@ pub(crate) fn flash(rows: u32) -> Flash {
     log.format(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns");
     log.format(IMU, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ");
     log.format(MAG, "MAG", "QBffff", "TimeUS,I,MagX,MagY,MagZ,Oth");
-    log.format(GPS, "GPS", "QBBLLefff", "TimeUS,I,Status,Lat,Lng,Alt,Spd,GCrs,VZ");
+    log.format(GPS, "GPS", "QBBIHLLefff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ");
     log.format(XKQ, "XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4");
     log.format(ATT, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw");
     log.format(MSG, "MSG", "QZ", "TimeUS,Message");
@@ -76,7 +76,8 @@ pub(crate) fn flash(rows: u32) -> Flash {
         if row % 80 == 5 {
             let status = if row < 400 { 1u8 } else { 4 };
             let place = [480_000_001i32, 110_000_002, 51_234];
-            log.message(GPS, &[&t_us, &0u8, &status, &place, &[12.5f32, 90.0 + turn, -1.5]]);
+            let (ms, week) = ((row * 5 / 2).to_le_bytes(), 2300u16.to_le_bytes());
+            log.message(GPS, &[&t_us, &0u8, &status, &ms, &week, &place, &[12.5f32, 90.0 + turn, -1.5]]);
         }
         if row % 500 == 3 {
             let mut text = b"\xa3\x95\x01 looks like another".to_vec();
@@ -181,6 +182,10 @@ fn what_is_damaged_is_passed_over_and_told_and_the_rest_is_read() {
     });
     assert!((400..600).contains(&left_out.unwrap()), "{left_out:?}");
     let read: Vec<_> = folder.import(&[folder.file("whole.bin", &whole.0)], None).unwrap().rows;
-    let same = imported.rows.iter().filter(|row| read.iter().any(|other| other.rate_rad_s == row.rate_rad_s)).count();
+    let same = imported
+        .rows
+        .iter()
+        .filter(|row| read.iter().any(|other| (other.rate_rad_s, other.force_m_s2) == (row.rate_rad_s, row.force_m_s2)))
+        .count();
     assert_eq!(same, imported.rows.len(), "nothing is read that was not there");
 }

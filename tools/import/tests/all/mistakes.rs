@@ -22,15 +22,15 @@ fn a_mapping_that_is_none_is_refused() {
     for (maps, said) in [
         (
             &["gyro"][..],
-            "reading --map: found \"gyro\", expected WHAT=COLUMN, WHAT one of t, gx, gy, gz, ax, ay, az, mx, my, mz",
+            "reading --map: found \"gyro\", expected WHAT=COLUMN, WHAT one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (
             &["gxx=a"],
-            "reading --map: found \"gxx\", did you mean \"gx\"?, expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz",
+            "reading --map: found \"gxx\", did you mean \"gx\"?, expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (&[NAMES, "gx=a"], "reading --map: found gx twice, expected one column for it"),
         (&["t=t,gx=p,gy=q"], "reading --map: found no gz, ax, ay, az, expected all of t, gx, gy, gz, ax, ay, az"),
-        (&[NAMES, "my=a"], "reading --map: found no mx, mz, expected all of mx, my, mz"),
+        (&[NAMES, "my=a"], "reading --map: found no mx, mz, expected all of mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt"),
     ] {
         assert_eq!(parsed(maps, "", "rfu"), said);
     }

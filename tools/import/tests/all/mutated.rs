@@ -99,8 +99,7 @@ fn mutated(whole: &[u8], (bytes, end, is_cut): (Vec<(Index, u8)>, Index, bool)) 
 }
 
 fn run(whole: &[u8], rows: u32) {
-    let mut runner =
-        proptest::test_runner::TestRunner::new(ProptestConfig { cases: 1500, ..ProptestConfig::default() });
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig { cases: 500, ..ProptestConfig::default() });
     check(whole, rows.into()).unwrap();
     runner.run(&mutations(), |mutations| check(&mutated(whole, mutations), rows.into())).unwrap();
     let start = whole[..16].to_vec();
