@@ -15,10 +15,11 @@ use crate::{fail, out::print};
 /// The command line of `plumb import`.
 #[derive(Args)]
 #[command(after_help = "\
-A ULog of PX4, an MCAP file and a bag of ROS 2 need no more than their name. Of any other CSV --map says which column is what: t, gx, gy, gz, \
-ax, ay, az and, where there is a magnetometer, mx, my, mz. A column of one of several files is FILE:COLUMN.")]
+A ULog of PX4, a log of ArduPilot, an MCAP file and a bag of ROS 2 need no more than their name. Of any other CSV --map says which column is \
+what: t, gx, gy, gz, ax, ay, az and, where they are known, mx, my, mz (field), qw, qx, qy, qz (reference), ve, vn, vu or vd (velocity, m/s) and \
+lat, lon, alt. A column of one of several files is FILE:COLUMN.")]
 pub(crate) struct Import {
-    /// A ULog, an MCAP file, a bag of ROS 2, or CSV files that are joined by time.
+    /// A ULog, a log of ArduPilot, an MCAP file, a bag of ROS 2, or CSV files that are joined by time.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// The recording to write, gzip where its name ends in .gz; fixes go beside it where it is called NAME_imu.csv.gz.
@@ -38,7 +39,7 @@ pub(crate) struct Reading {
     /// Units of rate, force, field and time, in any order: rad/s or deg/s, m/s2 or g, uT, nT, gauss or mT, s, ms, us or ns.
     #[arg(long, value_name = "UNITS", requires = "maps")]
     units: Option<String>,
-    /// Body axes of the file: rfu, frd or flu.
+    /// Body axes of the file: rfu, frd or flu; with a reference after its axes of the earth, as enu-flu or ned-frd.
     #[arg(long, value_name = "AXES", requires = "maps")]
     frame: Option<String>,
     /// A topic to read of a bag or an MCAP file that has several of a kind; again for another kind.

@@ -20,7 +20,7 @@ use crate::{
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
-    /// A recording (CSV, CSV.gz, a ULog of PX4, MCAP or a ROS 2 bag) in place of the launch file's source.
+    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Seconds of the source per second, or `max`: as fast as the slowest service.

@@ -299,7 +299,7 @@ fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, Map
     let missing = |expected: &'static [&'static str]| -> Vec<_> {
         expected.iter().copied().filter(|target| !has(target)).collect()
     };
-    let any = |group: &[&str]| group.iter().any(|target| has(&target));
+    let any = |group: &[&str]| group.iter().any(has);
     let velocity: &'static [&'static str] = if has(&DOWNWARD[2]) { &DOWNWARD } else { &UPWARD };
     let has_velocity = any(&UPWARD) || any(&DOWNWARD) || any(&POSITION);
     let groups: [(&'static [&'static str], bool); 4] =

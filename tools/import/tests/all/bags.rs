@@ -1,6 +1,6 @@
 //! Bags as rosbags and the Python library of MCAP write them, read as rosbags reads them.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path, slice::from_ref};
 
 use import::{Format, Note, Options};
 
@@ -70,7 +70,7 @@ fn the_samples_of_bags_are_those_of_rosbags() {
     let bags = bags(&folder.path(""));
     for name in NAMES {
         let path = folder.path(name);
-        let Imported { summary, fixes, .. } = &folder.import(&[path.clone()], None).unwrap();
+        let Imported { summary, fixes, .. } = &folder.import(from_ref(&path), None).unwrap();
         let format = if name.ends_with(".mcap") { Format::Mcap } else { Format::Bag };
         assert_eq!((summary.format, summary.fixes, fixes.len()), (format, 0, 0), "{name}");
         let told: Vec<_> = summary.notes.iter().map(ToString::to_string).collect();
@@ -85,7 +85,7 @@ fn the_samples_of_bags_are_those_of_rosbags() {
         );
 
         for imu in ["/imu/data", "/imu/raw"] {
-            let imported = folder.import_with(&[path.clone()], &chosen(&[imu, "/vel"])).unwrap();
+            let imported = folder.import_with(from_ref(&path), &chosen(&[imu, "/vel"])).unwrap();
             assert_equal(&imported, &bags[name], imu);
             let fixes: Vec<_> =
                 imported.fixes.iter().map(|fix| (fix.t_ns, fix.velocity_m_s.to_vec(), fix.latitude_deg)).collect();
@@ -122,7 +122,7 @@ fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
     let whole = fs::read(folder.path("lz4.mcap")).unwrap();
     fs::write(split.join("split_10.mcap"), &whole).unwrap();
     fs::write(split.join("split_9.mcap"), &whole[..whole.len() / 2]).unwrap();
-    let imported = folder.import(&[split.clone()], None).unwrap();
+    let imported = folder.import(from_ref(&split), None).unwrap();
     let measured = bags["lz4.mcap"]["/imu/data"].iter().filter(|(_, numbers)| numbers[5] != -1.0).count();
     assert_eq!(imported.rows.len(), measured, "what the second has again is left out");
     let told: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
