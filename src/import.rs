@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use import::{Format, ImportError, Mapping, Options, Summary, convert};
+use import::{Format, ImportError, Mapping, MappingError, Options, Summary, convert};
 use indicatif::{ProgressBar, ProgressStyle};
 use tempfile::TempDir;
 
@@ -15,33 +15,49 @@ use crate::{fail, out::print};
 /// The command line of `plumb import`.
 #[derive(Args)]
 #[command(after_help = "\
-A ULog of PX4 needs no more than its name. Of any other CSV --map says which column is what: t, gx, gy, gz, ax, ay, az and, where there is a \
-magnetometer, mx, my, mz. A column of one of several files is FILE:COLUMN.")]
+A ULog of PX4, a log of ArduPilot, an MCAP file and a bag of ROS 2 need no more than their name. Of any other CSV --map says which column is \
+what: t, gx, gy, gz, ax, ay, az and, where they are known, mx, my, mz (field), qw, qx, qy, qz (reference), ve, vn, vu or vd (velocity, m/s) and \
+lat, lon, alt. A column of one of several files is FILE:COLUMN.")]
 pub(crate) struct Import {
-    /// A ULog, or CSV files that are joined by time.
+    /// A ULog, a log of ArduPilot, an MCAP file, a bag of ROS 2, or CSV files that are joined by time.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// The recording to write, gzip where its name ends in .gz; fixes go beside it where it is called NAME_imu.csv.gz.
     #[arg(short, long, value_name = "FILE.csv.gz")]
     out: PathBuf,
-    /// Which column is what, as `gx=gyro_x`; several with commas between them, or again.
+    #[command(flatten)]
+    reading: Reading,
+}
+
+/// How a recording of another system is read.
+#[derive(Args, Default)]
+#[command(next_help_heading = "Recordings of others")]
+pub(crate) struct Reading {
+    /// Which column of a CSV is what, as `gx=gyro_x`; several with commas between them, or again.
     #[arg(long = "map", value_name = "NAME=COLUMN")]
     maps: Vec<String>,
     /// Units of rate, force, field and time, in any order: rad/s or deg/s, m/s2 or g, uT, nT, gauss or mT, s, ms, us or ns.
     #[arg(long, value_name = "UNITS", requires = "maps")]
     units: Option<String>,
-    /// Body axes of the file: rfu, frd or flu.
+    /// Body axes of the file: rfu, frd or flu; with a reference after its axes of the earth, as enu-flu or ned-frd.
     #[arg(long, value_name = "AXES", requires = "maps")]
     frame: Option<String>,
+    /// A topic to read of a bag or an MCAP file that has several of a kind; again for another kind.
+    #[arg(long = "topic", value_name = "TOPIC")]
+    topics: Vec<String>,
 }
 
-pub(crate) fn run(Import { files, out, maps, units, frame }: Import) -> ExitCode {
-    let mapping = (!maps.is_empty()).then(|| Mapping::parse(&maps, units.as_deref(), frame.as_deref()));
-    let mapping = match mapping.transpose() {
-        Ok(mapping) => mapping,
-        Err(error) => return fail(&error, 2),
-    };
-    match with_a_bar(&files, &Options { mapping }, &out) {
+impl Reading {
+    fn options(&self) -> Result<Options, MappingError> {
+        let Self { maps, units, frame, topics } = self;
+        let mapping = (!maps.is_empty()).then(|| Mapping::parse(maps, units.as_deref(), frame.as_deref()));
+        Ok(Options { mapping: mapping.transpose()?, topics: topics.clone() })
+    }
+}
+
+pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
+    let summary = reading.options().map_err(ImportError::from).and_then(|options| with_a_bar(&files, &options, &out));
+    match summary {
         Ok(summary) => print(&told(&summary, &out)),
         Err(error) => fail(&error, error.exit_code()),
     }
@@ -55,16 +71,18 @@ pub(crate) struct Readable {
 
 impl Readable {
     /// What is to be read for `path`: what is imported of the log of another system; else itself, whose reader says what is wrong with it.
-    pub(crate) fn of(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn of(path: &Path, reading: &Reading) -> Result<Self, ImportError> {
+        let options = reading.options()?;
+        let is_named = options.mapping.is_some() || !options.topics.is_empty();
         let is_readable = |format| matches!(format, Format::Recording | Format::Csv | Format::Gzip);
-        if Format::of(path).map_or(true, is_readable) {
+        if !is_named && Format::of(path).map_or(true, is_readable) {
             return Ok(Self { path: path.into(), _folder: None });
         }
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::Folder { cause })?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let imported = folder.path().join(format!("{name}_imu.csv"));
-        let summary = with_a_bar(&[path.into()], &Options::default(), &imported)?;
+        let summary = with_a_bar(&[path.into()], &options, &imported)?;
         supervisor::announce(told(&summary, path));
         Ok(Self { path: imported, _folder: Some(folder) })
     }

@@ -16,7 +16,11 @@ use score::{
     trial::{Gnss, Options},
 };
 
-use crate::{fail, import::Readable, out::print};
+use crate::{
+    fail,
+    import::{Readable, Reading},
+    out::print,
+};
 
 /// The command line of `plumb score`.
 #[derive(Args)]
@@ -29,7 +33,7 @@ rounds' means counts.\n\n\
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
 and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
-    /// Recordings (CSV, CSV.gz or a ULog of PX4), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
+    /// Recordings (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.
@@ -68,6 +72,8 @@ pub(crate) struct Score {
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -83,8 +89,8 @@ enum Samples {
 }
 
 pub(crate) fn run(score: Score) -> ExitCode {
-    let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, out, plot, json } =
-        score;
+    let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
+    let Score { out, plot, json, reading, .. } = score;
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
@@ -94,7 +100,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Err(error) => return fail(&error, 3),
     };
     // What is imported is there until the end.
-    let readable = match files.iter().map(|file| readable(file)).collect::<Result<Vec<_>, _>>() {
+    let readable = match files.iter().map(|file| readable(file, &reading)).collect::<Result<Vec<_>, _>>() {
         Ok(readable) => readable,
         Err(error) => return fail(&error, error.exit_code()),
     };
@@ -126,8 +132,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
 }
 
 /// The recording to read for a name; none for a simulation's.
-fn readable(file: &str) -> Result<Option<Readable>, ImportError> {
-    if file.starts_with("sim:") { Ok(None) } else { Readable::of(Path::new(file)).map(Some) }
+fn readable(file: &str, reading: &Reading) -> Result<Option<Readable>, ImportError> {
+    if file.starts_with("sim:") { Ok(None) } else { Readable::of(Path::new(file), reading).map(Some) }
 }
 
 /// The programs that can be chosen; who asks only for what this executable has needs no launch file.

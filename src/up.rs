@@ -9,14 +9,18 @@ use clap::Args;
 use runtime::Pace;
 use supervisor::{Report, Request};
 
-use crate::{fail_after_result, import::Readable, out::print};
+use crate::{
+    fail_after_result,
+    import::{Readable, Reading},
+    out::print,
+};
 
 /// The command line of `plumb up`.
 #[derive(Args, Default)]
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
-    /// A recording (CSV, CSV.gz or a ULog of PX4) in place of the launch file's source.
+    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Seconds of the source per second, or `max`: as fast as the slowest service.
@@ -37,12 +41,21 @@ pub(crate) struct Up {
     /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    reading: Reading,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
-    let report =
-        report(replay.as_deref(), |replay| Request { launch, replay, pace: speed, duration_s, in_process, out, cold });
+    let Up { launch, replay, speed, duration_s, in_process, out, cold, json, reading } = up;
+    let report = report(replay.as_deref(), &reading, |replay| Request {
+        launch,
+        replay,
+        pace: speed,
+        duration_s,
+        in_process,
+        out,
+        cold,
+    });
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -51,9 +64,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
 }
 
 /// Runs what is asked for, of a recording whatever its format.
-fn report(replay: Option<&Path>, request: impl FnOnce(Option<PathBuf>) -> Request) -> Report {
+fn report(replay: Option<&Path>, reading: &Reading, request: impl FnOnce(Option<PathBuf>) -> Request) -> Report {
     // What is imported is there until the end.
-    let readable = match replay.map(Readable::of).transpose() {
+    let readable = match replay.map(|path| Readable::of(path, reading)).transpose() {
         Ok(readable) => readable,
         Err(error) => return Report::none(&error, error.exit_code()),
     };

@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 18] = [
+const LEFT_OUT: [(&str, &str); 23] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -40,6 +40,11 @@ const LEFT_OUT: [(&str, &str); 18] = [
     ("plumb score flight.ulg", "needs a log of PX4; `pipeline` reads one"),
     ("plumb up --replay flight.ulg", "needs a log of PX4; `pipeline` reads one"),
     ("plumb import flight.ulg", "needs a log of PX4; `pipeline` reads one"),
+    ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
+    ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),
+    ("plumb score walk.mcap", "needs an MCAP file; tools/import reads some"),
+    ("plumb score bag/", "needs a bag of ROS 2; tools/import reads some"),
+    ("plumb import bag/", "needs a bag of ROS 2; tools/import reads some"),
     (
         "plumb stage test my-fuser",
         "holds a stage in Python against the whole kit, for minutes; `own_stage` does it with stages in C",

@@ -57,22 +57,44 @@ fn columns_of_another_name_unit_and_frame_are_mapped() {
     for (found, expected) in row.iter().zip([0.01, 0.0, 0.0, -down_rad_s, 0.0, 0.0, 9.80665]) {
         assert!((found - expected).abs() < 1e-12, "{text}");
     }
-    system.run(&["--replay", out.to_str().unwrap(), "--in-process", "--speed", "max"]).assert_whole();
+    let replayed = |file: &str, mapping: &[&str]| {
+        let attitudes = system.path("attitudes.csv");
+        let replay = ["--replay", file, "--in-process", "--speed", "max", "--out", attitudes.to_str().unwrap()];
+        system.run(&[&replay[..], mapping].concat()).assert_whole();
+        fs::read(attitudes).unwrap()
+    };
+    let by_way = replayed(out.to_str().unwrap(), &[]);
+    assert!(replayed(file.to_str().unwrap(), &arguments[..6]) == by_way && by_way.len() > 5000);
+    // Level all the way, and so is the reference that is mapped.
+    let rows: String = (0..200).map(|row| format!("{},0,0,0,0,0,-9.8,1,0,0,0\n", row * 10)).collect();
+    fs::write(&file, format!("ms,wx,wy,wz,fx,fy,fz,a,b,c,d\n{rows}")).unwrap();
+    let output = plumb(&["score", file.to_str().unwrap(), "--json", "--map", map, "--map", "qw=a,qx=b,qy=c,qz=d"])
+        .args(["--units", "ms", "--frame", "ned-frd"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let inclination = scores.pointer("/stages/0/trials/0/inclination").and_then(Value::as_f64);
+    assert!(inclination.is_some_and(|deg| deg < 1e-6), "{scores}");
 }
 
 #[test]
 fn what_cannot_be_imported_is_named_with_the_remedy() {
     let system = System::new("");
     let (bag, text, out) = (system.path("bag.mcap"), system.path("other.csv"), system.path("out.csv"));
+    let archive = system.path("bag.zip");
     fs::write(&bag, b"\x89MCAP0\r\nrest").unwrap();
+    fs::write(&archive, b"PK\x03\x04rest").unwrap();
     fs::write(&text, "a,b\n1,2\n").unwrap();
-    let [bag, text, out] = [&bag, &text, &out].map(|path| path.to_str().unwrap());
-    let refused = system.run(&["--replay", bag, "--in-process"]);
-    assert!(refused.json["error"].as_str().unwrap().contains("it is not read yet"), "{}", refused.json);
+    let [bag, text, out, archive] = [&bag, &text, &out, &archive].map(|path| path.to_str().unwrap());
+    let refused = system.run(&["--replay", archive, "--in-process"]);
+    assert!(refused.json["error"].as_str().unwrap().contains("unpack it"), "{}", refused.json);
     for (arguments, code, why) in [
-        (&["import", bag, "-o", out][..], 3, "it is not read yet"),
-        (&["score", bag], 3, "it is not read yet"),
-        (&["up", "--replay", bag], 3, "it is not read yet"),
+        (&["import", bag, "-o", out][..], 3, "bag.mcap is not whole: byte 8: the file was cut here"),
+        (&["score", bag], 3, "found no sample of rate and force"),
+        (&["up", "--replay", archive], 3, "unpack it"),
+        (&["import", text, "-o", out, "--topic", "/imu"], 2, "leave out --topic"),
+        (&["score", text, "--map", "gx"], 2, "gx"),
         (&["import", text, "-o", out], 2, "--map"),
         (&["import", text, "-o", out, "--map", "gx=c"], 2, "--map"),
         (&["import", text, "-o", out, "--map", "gx"], 2, "gx"),

@@ -14,10 +14,12 @@ use recording::{
 use crate::{
     Format, ImportError, Mapping, Note, Summary,
     aligned::Aligned,
-    error::opening,
-    mapped::{self, Files, Groups},
-    rows::{Fields, Rows},
-    ulog::{Log, Topics},
+    bag::Bag,
+    dataflash,
+    mapped::{Files, Table},
+    rows::Rows,
+    source::{Fixed, Source},
+    ulog::Log,
 };
 
 /// Between what is gravity's doing and what is not, m/s².
@@ -28,6 +30,8 @@ const GRAVITY_RANGE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 pub struct Options {
     /// Which column is what; of CSV only, and there it must be given.
     pub mapping: Option<Mapping>,
+    /// Which topics to read where there are several of a kind; of a bag or an MCAP file only.
+    pub topics: Vec<String>,
 }
 
 /// How far an import is.
@@ -56,11 +60,7 @@ pub fn convert(
             return Err(ImportError::OutIsSource { path: path.clone() });
         }
     }
-    match (format, &options.mapping) {
-        (Format::Ulog, _) => ulog(&paths[0], out, progress),
-        (_, Some(mapping)) => csv(paths, mapping, out, progress),
-        (_, None) => Err(ImportError::MappingNeeded { path: paths[0].clone(), columns: Files::open(paths)?.known() }),
-    }
+    import(&mut *source(format, paths, options)?, &paths[0], out, progress)
 }
 
 /// The one format of all files, which is read.
@@ -74,88 +74,100 @@ fn format_of(paths: &[PathBuf], options: &Options) -> Result<Format, ImportError
         if let Some(remedy) = format.remedy() {
             return Err(ImportError::Unread { path: path.clone(), format, remedy });
         }
-        if format == Format::Ulog && paths.len() > 1 {
+        if format != Format::Csv && paths.len() > 1 {
             return Err(ImportError::NotAlone { path: path.clone(), format, count: paths.len() });
         }
-        if format == Format::Ulog && options.mapping.is_some() {
+        if format != Format::Csv && options.mapping.is_some() {
             return Err(ImportError::MappingUnused { path: path.clone(), format });
+        }
+        if !format.has_topics() && !options.topics.is_empty() {
+            return Err(ImportError::TopicsUnused { path: path.clone(), format });
         }
         first = first.or(Some(format));
     }
     first.ok_or(ImportError::Nothing)
 }
 
-fn csv(
-    paths: &[PathBuf],
-    mapping: &Mapping,
+fn source<'a>(format: Format, paths: &[PathBuf], options: &'a Options) -> Result<Box<dyn Source + 'a>, ImportError> {
+    let path = &paths[0];
+    Ok(match (format, &options.mapping) {
+        (Format::Ulog, _) => Box::new(Log::open(path)?),
+        (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path)?),
+        (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, &options.topics)?),
+        (_, Some(mapping)) => Box::new(Table::open(paths, mapping)?),
+        (_, None) => {
+            return Err(ImportError::MappingNeeded { path: path.clone(), columns: Files::open(paths)?.known() });
+        }
+    })
+}
+
+fn import(
+    source: &mut dyn Source,
+    path: &Path,
     out: &Path,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Summary, ImportError> {
-    let files = Files::open(paths)?;
-    let groups = files.groups(mapping)?;
-    let total_bytes = files.read_bytes() + lengths(&groups)?;
-    let mut tell = |done_bytes: u64| progress(Progress { done_bytes: done_bytes.min(total_bytes), total_bytes });
-    let layout = Layout { field: groups.field.is_some(), reference: false };
-    let fields = mapped::fields(&files, &groups, mapping)?;
-    let mut rows = Rows::new(Writer::create(out, layout)?, fields, &[]);
-    let aligned = mapped::join(&files, &groups, mapping, &mut rows, &mut tell)?;
+    let mut tell = |done_bytes: u64, total_bytes: u64| {
+        progress(Progress { done_bytes: done_bytes.min(total_bytes), total_bytes });
+    };
+    let mut fixes = FixesFile::beside(out);
+    let total_bytes = source.total_bytes();
+    let survey = source.survey(&mut |fix| fixes.write(fix), &mut |done_bytes| tell(done_bytes, total_bytes))?;
+    let total_bytes = source.total_bytes();
+    let source = &*source;
+    let layout = Layout { field: survey.has_field, reference: survey.has_reference };
+    let mut rows = Rows::new(Writer::create(out, layout)?, source.fields()?, source.attitudes()?);
+    let aligned = source.rows(&mut rows, &mut |done_bytes| tell(done_bytes, total_bytes))?;
     rows.finish()?;
     if rows.rows == 0 {
-        let reason = (aligned.without_force > 0)
+        let without_force = (aligned.without_force > 0)
             .then(|| format!("{} of the rate have no force at their time", aligned.without_force));
-        let expected = "numbers in the columns of --map, at times of one clock";
-        return Err(ImportError::NoRows { path: paths[0].clone(), reason, expected });
+        let reason = survey.reason.or(without_force);
+        return Err(ImportError::NoRows { path: path.to_owned(), reason, expected: survey.expected });
     }
-    no_old_fixes(out)?;
-    let summary = summary(Format::Csv, &mut rows, &aligned, Vec::new());
+    let mut notes = survey.notes;
+    let (fixes, fixes_file) = (fixes.count, fixes.finish()?);
+    match &fixes_file {
+        None => no_old_fixes(out)?,
+        Some(fixes) if gnss::place(out).is_none() => notes.push(Note::FixesNotFound { fixes: fixes.clone() }),
+        Some(_) => {}
+    }
+    let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligned, notes) };
+    // After the fixes: whoever finds the recording finds them.
     rows.into_writer().finish()?;
     Ok(summary)
 }
 
-fn ulog(path: &Path, out: &Path, progress: &mut dyn FnMut(Progress)) -> Result<Summary, ImportError> {
-    let log = Log::open(path)?;
-    let total_bytes = 2 * log.length_bytes();
-    let topics = log.topics(&mut |bytes| progress(Progress { done_bytes: bytes, total_bytes }))?;
-    if topics.combined == 0 {
-        let reason = topics.ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}"));
-        let expected = "the topic sensor_combined";
-        return Err(ImportError::NoRows { path: path.to_owned(), reason, expected });
+/// The file of fixes, which is there where there are any.
+struct FixesFile {
+    path: PathBuf,
+    writer: Option<gnss::Writer>,
+    count: u64,
+}
+
+impl FixesFile {
+    fn beside(recording: &Path) -> Self {
+        Self { path: fixes_path(recording), writer: None, count: 0 }
     }
-    let Topics { fields, attitudes, fixes, .. } = &topics;
-    let layout = Layout { field: !fields.is_empty(), reference: !attitudes.is_empty() };
-    let series: Fields<'_> = Box::new(fields.iter().map(|field| Ok(field.sample())));
-    let mut rows = Rows::new(Writer::create(out, layout)?, series, attitudes);
-    let mut tell =
-        |bytes: u64| progress(Progress { done_bytes: (total_bytes / 2 + bytes).min(total_bytes), total_bytes });
-    let aligned = log.rows(topics.combined_instance, &mut rows, &mut tell)?;
-    rows.finish()?;
-    if rows.rows == 0 {
-        let expected = "gyro_rad and accelerometer_m_s2 in sensor_combined";
-        return Err(ImportError::NoRows { path: path.to_owned(), reason: None, expected });
+
+    fn write(&mut self, fix: &Fixed) -> Result<(), ImportError> {
+        let writer = match &mut self.writer {
+            Some(writer) => writer,
+            none => none.insert(gnss::Writer::create(&self.path)?),
+        };
+        let latitude_deg = Some(fix.latitude_deg).filter(|deg| !deg.is_nan());
+        let velocity_m_s = fix.velocity_m_s;
+        writer.write(&Fix { t_ns: fix.t_ns, velocity_m_s, latitude_deg }, fix.longitude_deg, fix.altitude_m)?;
+        self.count += 1;
+        Ok(())
     }
-    let mut notes = topics.notes(log.length_bytes());
-    let mut fixes_file = None;
-    if fixes.is_empty() {
-        no_old_fixes(out)?;
-    } else {
-        let place = fixes_path(out);
-        let mut writer = gnss::Writer::create(&place)?;
-        for fix in fixes {
-            let latitude_deg = Some(fix.latitude_deg).filter(|deg| !deg.is_nan());
-            let velocity_m_s = fix.velocity_m_s;
-            writer.write(&Fix { t_ns: fix.t_ns, velocity_m_s, latitude_deg }, fix.longitude_deg, fix.altitude_m)?;
-        }
-        // Before the recording: whoever finds that finds its fixes.
+
+    /// Puts the file in its place; `None` where there was no fix.
+    fn finish(self) -> Result<Option<PathBuf>, ImportError> {
+        let Some(writer) = self.writer else { return Ok(None) };
         writer.finish()?;
-        if gnss::place(out).is_none() {
-            notes.push(Note::FixesNotFound { fixes: place.clone() });
-        }
-        fixes_file = Some(place);
+        Ok(Some(self.path))
     }
-    let mut summary = summary(Format::Ulog, &mut rows, &aligned, notes);
-    (summary.fixes, summary.fixes_file) = (fixes.len() as u64, fixes_file);
-    rows.into_writer().finish()?;
-    Ok(summary)
 }
 
 fn summary(format: Format, rows: &mut Rows, aligned: &Aligned, mut notes: Vec<Note>) -> Summary {
@@ -166,6 +178,7 @@ fn summary(format: Format, rows: &mut Rows, aligned: &Aligned, mut notes: Vec<No
         ("samples of the force", aligned.forces_not_after, not_after),
         ("samples of the field", rows.fields_not_after, not_after),
         ("samples of the field", rows.fields_without_row, "no row is near them, or another one is nearer to it"),
+        ("reference attitudes", rows.attitudes_not_after, not_after),
     ] {
         if count > 0 {
             notes.push(Note::LeftOut { what, count, why });
@@ -214,10 +227,4 @@ fn no_old_fixes(out: &Path) -> Result<(), ImportError> {
 fn is_same_file(a: &Path, b: &Path) -> bool {
     let identity = |path: &Path| fs::metadata(path).map(|found| (found.dev(), found.ino()));
     matches!((identity(a), identity(b)), (Ok(a), Ok(b)) if a == b)
-}
-
-/// What is to be read: each group reads its file.
-fn lengths(groups: &Groups) -> Result<u64, ImportError> {
-    let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| opening(path, cause));
-    groups.paths().map(length).sum()
 }

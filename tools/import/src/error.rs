@@ -35,7 +35,7 @@ pub enum ImportError {
     },
     /// The file is none of the known formats.
     #[error(
-        "recognising {}: found no known format, expected ULog or CSV; text must be UTF-8 (save it as \"CSV UTF-8\")",
+        "recognising {}: found no known format, expected ULog, MCAP, a ROS 2 bag, an ArduPilot log or CSV; text must be UTF-8 (save it as \"CSV UTF-8\")",
         path.display()
     )]
     Unknown {
@@ -69,6 +69,48 @@ pub enum ImportError {
         path: PathBuf,
         /// What it is.
         format: Format,
+    },
+    /// Topics chosen of a file that has none.
+    #[error("importing {}: {format} has no topics to choose from; leave out --topic", path.display())]
+    TopicsUnused {
+        /// The log.
+        path: PathBuf,
+        /// What it is.
+        format: Format,
+    },
+    /// A topic that is not there, or that nothing is read of.
+    #[error("importing {}: there is no topic {found:?} to read{}; there are {}", path.display(), guess(near.as_deref()), names(known))]
+    UnknownTopic {
+        /// The log.
+        path: PathBuf,
+        /// The topic's name.
+        found: String,
+        /// The topic of nearly that name.
+        near: Option<String>,
+        /// Those that can be read.
+        known: Vec<String>,
+    },
+    /// Two topics chosen for one thing.
+    #[error("importing {}: --topic names both {first:?} and {second:?}, expected one of {what}", path.display())]
+    TopicTwice {
+        /// The log.
+        path: PathBuf,
+        /// The first.
+        first: String,
+        /// The second.
+        second: String,
+        /// What both hold.
+        what: &'static str,
+    },
+    /// A bag that cannot be read.
+    #[error("reading {}: found {found}, expected {expected}", path.display())]
+    NoBag {
+        /// The bag.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+        /// What was expected, or what to do.
+        expected: &'static str,
     },
     /// Text with columns and no mapping.
     #[error(
@@ -111,7 +153,7 @@ pub enum ImportError {
     #[error("mapping {}: found columns of {}, expected all of them in one file", group.join(", "), names(files))]
     Split {
         /// The components.
-        group: [&'static str; 3],
+        group: Vec<&'static str>,
         /// The files they are in.
         files: Vec<String>,
     },
@@ -159,7 +201,7 @@ pub enum ImportError {
         /// What is known about it.
         reason: Option<String>,
         /// Where they would be.
-        expected: &'static str,
+        expected: String,
     },
     /// The recording would replace its source.
     #[error("writing {}: that is the file it is made of; name another", path.display())]
@@ -193,6 +235,9 @@ impl ImportError {
             Self::Nothing
             | Self::NotAlone { .. }
             | Self::MappingUnused { .. }
+            | Self::TopicsUnused { .. }
+            | Self::UnknownTopic { .. }
+            | Self::TopicTwice { .. }
             | Self::MappingNeeded { .. }
             | Self::Mapping(_)
             | Self::UnknownColumn { .. }
@@ -205,6 +250,7 @@ impl ImportError {
             | Self::Unread { .. }
             | Self::Malformed { .. }
             | Self::NoLog { .. }
+            | Self::NoBag { .. }
             | Self::NoField { .. }
             | Self::NoRows { .. } => 3,
             Self::Recording(_) | Self::Folder { .. } => 1,

@@ -26,6 +26,10 @@ const STARTS: [(&[u8], Format); 5] = [
     (b"PK\x03\x04", Format::Zip),
 ];
 
+/// What every bag of ROS 2 has in its folder, and what stands in that.
+const BAG: &str = "metadata.yaml";
+const BAG_KEY: &[u8] = b"rosbag2_bagfile_information";
+
 /// What a file is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
@@ -36,11 +40,13 @@ pub enum Format {
     Csv,
     /// A log of PX4.
     Ulog,
-    /// A log of ROS 2 or Foxglove.
+    /// Messages of topics in one file: a flight of this system, or a log of ROS 2.
     Mcap,
+    /// A folder of ROS 2 with the files of a bag.
+    Bag,
     /// A DataFlash log of ArduPilot.
     ArduPilot,
-    /// A database, as ROS 2 bags were.
+    /// A database, as the file of a ROS 2 bag.
     Sqlite,
     /// An archive of files.
     Zip,
@@ -54,6 +60,9 @@ impl Format {
         let failed = |cause| opening(path, cause);
         // Before it is opened: to open a pipe is to wait for its writer.
         let kind = fs::metadata(path).map_err(failed)?.file_type();
+        if kind.is_dir() && is_bag(path) {
+            return Ok(Self::Bag);
+        }
         if !kind.is_file() && !kind.is_dir() {
             return Err(failed(io::Error::new(
                 io::ErrorKind::NotSeekable,
@@ -80,21 +89,17 @@ impl Format {
         }
     }
 
+    /// Whether it is made of topics, of which some can be chosen.
+    pub fn has_topics(self) -> bool {
+        matches!(self, Self::Mcap | Self::Bag | Self::Sqlite)
+    }
+
     /// What to do about a format that is not read; `None` of one that is.
     pub fn remedy(self) -> Option<&'static str> {
         match self {
-            Self::Csv | Self::Ulog => None,
+            Self::Csv | Self::Ulog | Self::Mcap | Self::Bag | Self::Sqlite | Self::ArduPilot => None,
             Self::Recording => {
                 Some("there is nothing to import; name its columns with --map to change its axes or units")
-            }
-            Self::Mcap => {
-                Some("it is not read yet; export the topics of the sensor as CSV and name their columns with --map")
-            }
-            Self::ArduPilot => Some(
-                "it is not read yet; export IMU as CSV (mavlogdump.py --types IMU --format csv) and name its columns with --map",
-            ),
-            Self::Sqlite => {
-                Some("it is not read yet; export the topics of the sensor as CSV and name their columns with --map")
             }
             Self::Zip => Some("unpack it and name the files in it"),
             Self::Gzip => Some("unpack it (gunzip) and name the file in it"),
@@ -110,11 +115,19 @@ impl fmt::Display for Format {
             Self::Ulog => "ULog",
             Self::Mcap => "MCAP",
             Self::ArduPilot => "an ArduPilot log (BIN)",
-            Self::Sqlite => "an SQLite database, as a ROS 2 bag (db3)",
+            Self::Bag => "a ROS 2 bag",
+            Self::Sqlite => "an SQLite database, as of a ROS 2 bag (db3)",
             Self::Zip => "a zip archive",
             Self::Gzip => "gzip of something that is no text",
         })
     }
+}
+
+/// A folder with what ROS 2 says of its bag.
+fn is_bag(folder: &Path) -> bool {
+    let is_there = fs::metadata(folder.join(BAG)).is_ok_and(|found| found.is_file());
+    let start = || start(&mut File::open(folder.join(BAG))?);
+    is_there && start().is_ok_and(|start| start.windows(BAG_KEY.len()).any(|part| part == BAG_KEY))
 }
 
 fn start(file: &mut impl Read) -> io::Result<Vec<u8>> {

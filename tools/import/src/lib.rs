@@ -1,6 +1,6 @@
 //! Import: recordings of other systems, made into ours.
 //!
-//! Input: a ULog of PX4, or CSV files and a [`Mapping`] that says which column is what. Output: a recording as
+//! Input: a ULog of PX4, a log of ArduPilot, an MCAP file, a bag of ROS 2, or CSV files and a [`Mapping`] that says which column is what. Output: a recording as
 //! [`recording::Reader`] takes it, the fixes of a satellite receiver beside it, and a [`Summary`] of what was there and what was not.
 //! Frames: body right, forward, up; earth east, north, up. Time: the source's own, in ns. Failure: what cannot be read is refused
 //! with its place; of a log that is cut or damaged, what was good before is read, and the summary says so.
@@ -11,7 +11,10 @@
 //! | [`format`](mod@format) | what a file is, by its content |
 //! | [`mapping`] | which column is what, and its unit and frame |
 //! | [`summary`] | what came of it |
+//! | `source` | what every kind of log gives |
 //! | `ulog` | the topics of a ULog |
+//! | `dataflash` | the messages of a log of ArduPilot |
+//! | `bag` | the topics of MCAP files and bags of ROS 2 |
 //! | `mapped` | the columns of CSV files, joined by time |
 //! | `text` | one CSV file of whatever kind |
 //! | `aligned` | force at the times of the rate |
@@ -20,13 +23,16 @@
 #![forbid(unsafe_code)]
 
 mod aligned;
+mod bag;
 pub mod convert;
+mod dataflash;
 mod error;
 pub mod format;
 mod frames;
 mod mapped;
 pub mod mapping;
 mod rows;
+mod source;
 pub mod summary;
 mod text;
 mod ulog;

@@ -5,18 +5,154 @@
 
 use std::{
     cell::Cell,
+    fs,
     path::{Path, PathBuf},
     rc::Rc,
 };
 
+use recording::Reference;
+
 use crate::{
-    ImportError, Mapping,
+    Format, ImportError, Mapping, Note,
     aligned::{Aligned, Sample},
-    error::nearest,
-    mapping::{FIELD, FORCE, RATE},
-    rows::{Fields, Rows},
+    error::{nearest, opening},
+    mapping::{FIELD, FORCE, POSITION, RATE, REFERENCE},
+    rows::{Attitude, Rows, Samples},
+    source::{Fixed, Source, Survey, TakeFix},
     text::Text,
 };
+
+/// Files and which of their columns are what.
+pub(crate) struct Table<'a> {
+    files: Files,
+    groups: Groups,
+    mapping: &'a Mapping,
+    length_bytes: u64,
+}
+
+impl<'a> Table<'a> {
+    /// Reads the headers.
+    pub(crate) fn open(paths: &[PathBuf], mapping: &'a Mapping) -> Result<Self, ImportError> {
+        let files = Files::open(paths)?;
+        let groups = files.groups(mapping)?;
+        let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| opening(path, cause));
+        let length_bytes = files.read_bytes() + groups.paths().map(length).sum::<Result<u64, _>>()?;
+        Ok(Self { files, groups, mapping, length_bytes })
+    }
+}
+
+impl Table<'_> {
+    /// Hands the fixes over, each once however many rows of the rate repeat it; tells how many are not after the one before them.
+    fn fixes(
+        &self,
+        group: &Group<3>,
+        position: [Option<usize>; 3],
+        take: &mut TakeFix<'_>,
+    ) -> Result<u64, ImportError> {
+        let mut text = Text::open(&group.path, &self.files.read_bytes)?;
+        let is_repeated = group.path == self.groups.rate.path;
+        let (mut last, mut not_after) = (None, 0);
+        while let Some(fields) = text.next()? {
+            let Some(found) = fields.numbers(group.indices)? else { continue };
+            let t_ns = fields.time_ns(group.time, self.mapping.time_digits())?;
+            let mut place = [f64::NAN; 3];
+            for (part, index) in place.iter_mut().zip(position) {
+                if let Some([number]) = index.map(|index| fields.numbers([index])).transpose()?.flatten() {
+                    *part = number;
+                }
+            }
+            if last.is_some_and(|(last_ns, _, _)| t_ns <= last_ns) {
+                not_after += 1;
+                continue;
+            }
+            let said = (found.map(f64::to_bits), place.map(f64::to_bits));
+            if is_repeated && last.is_some_and(|(_, found, place)| (found, place) == said) {
+                continue;
+            }
+            last = Some((t_ns, said.0, said.1));
+            let [latitude_deg, longitude_deg, altitude_m] = place;
+            let velocity_m_s = self.mapping.velocity_m_s(found);
+            take(&Fixed { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
+        }
+        Ok(not_after)
+    }
+}
+
+impl Source for Table<'_> {
+    fn format(&self) -> Format {
+        Format::Csv
+    }
+
+    /// Each group reads its file.
+    fn total_bytes(&self) -> u64 {
+        self.length_bytes
+    }
+
+    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let mut notes = Vec::new();
+        if let Some((position, group)) = &self.groups.velocity {
+            let not_after = self.fixes(group, *position, take)?;
+            tell(self.files.read_bytes());
+            if not_after > 0 {
+                let why = "they are not later than the one before them";
+                notes.push(Note::LeftOut { what: "fixes", count: not_after, why });
+            }
+        }
+        let expected = "numbers in the columns of --map, at times of one clock".into();
+        let Groups { field, reference, .. } = &self.groups;
+        Ok(Survey { has_field: field.is_some(), has_reference: reference.is_some(), notes, reason: None, expected })
+    }
+
+    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        let Some(group) = &self.groups.field else { return Ok(Box::new(std::iter::empty())) };
+        let mapping = self.mapping;
+        let convert = |t_ns, found| Some((t_ns, mapping.field_ut(found)));
+        Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
+    }
+
+    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        let Some(group) = &self.groups.reference else { return Ok(Box::new(std::iter::empty())) };
+        let mapping = self.mapping;
+        let convert = |t_ns, found| {
+            let reference = Reference { quaternion: mapping.reference(found)?, scored: true };
+            Some(Attitude { t_ns, reference, resets: 0 })
+        };
+        Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
+    }
+
+    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
+        let (digits, mapping) = (self.mapping.time_digits(), self.mapping);
+        let mut rates =
+            self.files.samples(&self.groups.rate, digits, |t_ns, found| Some((t_ns, mapping.rate_rad_s(found))))?;
+        let mut forces =
+            self.files.samples(&self.groups.force, digits, |t_ns, found| Some((t_ns, mapping.force_m_s2(found))))?;
+        let mut aligned = Aligned::default();
+        let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
+        for count in 0u64.. {
+            if count.is_multiple_of(1024) {
+                tell(self.files.read_bytes());
+            }
+            match (rate, force) {
+                (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
+                    aligned.rate(sample, rows)?;
+                    rate = rates.next().transpose()?;
+                }
+                (_, Some(sample)) => {
+                    aligned.force(sample, rows)?;
+                    force = forces.next().transpose()?;
+                }
+                (Some(sample), None) => {
+                    aligned.rate(sample, rows)?;
+                    rate = rates.next().transpose()?;
+                }
+                (None, None) => break,
+            }
+        }
+        aligned.finish(rows)?;
+        tell(self.files.read_bytes());
+        Ok(aligned)
+    }
+}
 
 /// Files and the columns of each.
 pub(crate) struct Files {
@@ -25,23 +161,28 @@ pub(crate) struct Files {
 }
 
 /// The columns of one vector and the file they are in.
-pub(crate) struct Group {
+struct Group<const N: usize> {
     path: PathBuf,
     time: usize,
-    indices: [usize; 3],
+    indices: [usize; N],
 }
 
-/// Which columns are rate, force and field.
-pub(crate) struct Groups {
-    pub(crate) rate: Group,
-    pub(crate) force: Group,
-    pub(crate) field: Option<Group>,
+/// Which columns are what.
+struct Groups {
+    rate: Group<3>,
+    force: Group<3>,
+    field: Option<Group<3>>,
+    reference: Option<Group<4>>,
+    /// After the columns of the position in the same file.
+    velocity: Option<([Option<usize>; 3], Group<3>)>,
 }
 
 impl Groups {
     /// The file of each.
-    pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
-        [&self.rate, &self.force].into_iter().chain(&self.field).map(|group| group.path.as_path())
+    fn paths(&self) -> impl Iterator<Item = &Path> {
+        let velocity = self.velocity.iter().map(|(_, group)| group);
+        let vectors = [&self.rate, &self.force].into_iter().chain(&self.field).chain(velocity);
+        vectors.map(|group| &group.path).chain(self.reference.iter().map(|group| &group.path)).map(PathBuf::as_path)
     }
 }
 
@@ -65,28 +206,37 @@ impl Files {
     }
 
     /// What has been read so far.
-    pub(crate) fn read_bytes(&self) -> u64 {
+    fn read_bytes(&self) -> u64 {
         self.read_bytes.get()
     }
 
-    pub(crate) fn groups(&self, mapping: &Mapping) -> Result<Groups, ImportError> {
+    fn groups(&self, mapping: &Mapping) -> Result<Groups, ImportError> {
         let field = mapping.has_field().then(|| self.group(mapping, FIELD)).transpose()?;
-        Ok(Groups { rate: self.group(mapping, RATE)?, force: self.group(mapping, FORCE)?, field })
+        let reference = mapping.has_reference().then(|| self.group(mapping, REFERENCE)).transpose()?;
+        let velocity = mapping.velocity().map(|targets| self.group(mapping, targets)).transpose()?;
+        let velocity = match velocity {
+            Some(group) => Some((self.position(mapping, &group.path)?, group)),
+            None => None,
+        };
+        let (rate, force) = (self.group(mapping, RATE)?, self.group(mapping, FORCE)?);
+        Ok(Groups { rate, force, field, reference, velocity })
     }
 
-    /// The samples of a group, in the order of its file.
-    pub(crate) fn samples<F: Fn([f64; 3]) -> [f64; 3]>(
+    /// The samples of a group, in the order of its file, without those that `convert` has nothing of.
+    fn samples<const N: usize, T, F: Fn(i64, [f64; N]) -> Option<T>>(
         &self,
-        group: &Group,
+        group: &Group<N>,
         time_digits: usize,
         convert: F,
-    ) -> Result<impl Iterator<Item = Result<Sample, ImportError>> + use<F>, ImportError> {
+    ) -> Result<impl Iterator<Item = Result<T, ImportError>> + use<N, T, F>, ImportError> {
         let mut text = Text::open(&group.path, &self.read_bytes)?;
         let (time, indices) = (group.time, group.indices);
-        let mut next = move || -> Result<Option<Sample>, ImportError> {
+        let mut next = move || -> Result<Option<T>, ImportError> {
             while let Some(fields) = text.next()? {
-                if let Some(values) = fields.numbers(indices)? {
-                    return Ok(Some((fields.time_ns(time, time_digits)?, convert(values))));
+                if let Some(values) = fields.numbers(indices)?
+                    && let Some(sample) = convert(fields.time_ns(time, time_digits)?, values)
+                {
+                    return Ok(Some(sample));
                 }
             }
             Ok(None)
@@ -94,14 +244,26 @@ impl Files {
         Ok(std::iter::from_fn(move || next().transpose()))
     }
 
-    fn group(&self, mapping: &Mapping, group: [&'static str; 3]) -> Result<Group, ImportError> {
-        let places = group.map(|target| self.find(target, mapping.column(target).unwrap_or_default(), None));
-        let [x, y, z] = places;
-        let places = [x?, y?, z?];
+    /// The columns of the position, in the file of the velocity.
+    fn position(&self, mapping: &Mapping, path: &Path) -> Result<[Option<usize>; 3], ImportError> {
+        let file = self.columns.iter().position(|(other, _)| other == path);
+        let find = |target: &'static str| -> Result<Option<usize>, ImportError> {
+            let column = mapping.column(target).map(|column| self.find(target, column, file));
+            Ok(column.transpose()?.map(|(_, index)| index))
+        };
+        let [latitude, longitude, altitude] = POSITION.map(find);
+        Ok([latitude?, longitude?, altitude?])
+    }
+
+    fn group<const N: usize>(&self, mapping: &Mapping, group: [&'static str; N]) -> Result<Group<N>, ImportError> {
+        let mut places = [(0, 0); N];
+        for (place, target) in places.iter_mut().zip(group) {
+            *place = self.find(target, mapping.column(target).unwrap_or_default(), None)?;
+        }
         let file = places[0].0;
         if places.iter().any(|(other, _)| *other != file) {
             let files = places.map(|(file, _)| shown(&self.columns[file].0));
-            return Err(ImportError::Split { group, files: files.into() });
+            return Err(ImportError::Split { group: group.into(), files: files.into() });
         }
         let (_, time) = self.find("t", mapping.column("t").unwrap_or_default(), Some(file))?;
         Ok(Group { path: self.columns[file].0.clone(), time, indices: places.map(|(_, index)| index) })
@@ -145,52 +307,6 @@ impl Files {
             }
         }
     }
-}
-
-/// The samples of the field.
-pub(crate) fn fields<'a>(files: &'a Files, groups: &Groups, mapping: &'a Mapping) -> Result<Fields<'a>, ImportError> {
-    match &groups.field {
-        Some(group) => Ok(Box::new(files.samples(group, mapping.time_digits(), |found| mapping.field_ut(found))?)),
-        None => Ok(Box::new(std::iter::empty())),
-    }
-}
-
-/// Makes the rows. `progress` is told what has been read.
-pub(crate) fn join(
-    files: &Files,
-    groups: &Groups,
-    mapping: &Mapping,
-    rows: &mut Rows,
-    progress: &mut dyn FnMut(u64),
-) -> Result<Aligned, ImportError> {
-    let digits = mapping.time_digits();
-    let mut rates = files.samples(&groups.rate, digits, |found| mapping.rate_rad_s(found))?;
-    let mut forces = files.samples(&groups.force, digits, |found| mapping.force_m_s2(found))?;
-    let mut aligned = Aligned::default();
-    let (mut rate, mut force) = (rates.next().transpose()?, forces.next().transpose()?);
-    for count in 0u64.. {
-        if count.is_multiple_of(1024) {
-            progress(files.read_bytes());
-        }
-        match (rate, force) {
-            (Some(sample), Some((force_ns, _))) if sample.0 < force_ns => {
-                aligned.rate(sample, rows)?;
-                rate = rates.next().transpose()?;
-            }
-            (_, Some(sample)) => {
-                aligned.force(sample, rows)?;
-                force = forces.next().transpose()?;
-            }
-            (Some(sample), None) => {
-                aligned.rate(sample, rows)?;
-                rate = rates.next().transpose()?;
-            }
-            (None, None) => break,
-        }
-    }
-    aligned.finish(rows)?;
-    progress(files.read_bytes());
-    Ok(aligned)
 }
 
 fn is_called(path: &Path, name: &str) -> bool {

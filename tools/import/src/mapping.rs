@@ -2,11 +2,21 @@
 
 use crate::{error::nearest, frames};
 
-/// What a column can be mapped to: time, rate, force, field.
-const TARGETS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
+/// What a column can be mapped to: time, rate, force, field, reference, velocity, position.
+const TARGETS: [&str; 21] = [
+    "t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "vd", "lat",
+    "lon", "alt",
+];
+/// Those that must be there.
+const NEEDED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
 pub(crate) const RATE: [&str; 3] = ["gx", "gy", "gz"];
 pub(crate) const FORCE: [&str; 3] = ["ax", "ay", "az"];
 pub(crate) const FIELD: [&str; 3] = ["mx", "my", "mz"];
+pub(crate) const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
+const UPWARD: [&str; 3] = ["ve", "vn", "vu"];
+const DOWNWARD: [&str; 3] = ["ve", "vn", "vd"];
+/// Each by itself, where it is known.
+pub(crate) const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
@@ -36,6 +46,7 @@ const UNITS: [(&str, Unit); 12] = [
 ];
 
 const FRAMES: [(&str, Frame); 3] = [("frd", Frame::Frd), ("flu", Frame::Flu), ("rfu", Frame::Rfu)];
+const EARTHS: [(&str, Earth); 2] = [("enu", Earth::Enu), ("ned", Earth::Ned)];
 
 /// Body axes of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,6 +59,15 @@ enum Frame {
     Rfu,
 }
 
+/// What the reference of a file leads to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Earth {
+    /// East, north, up: ours.
+    Enu,
+    /// North, east, down.
+    Ned,
+}
+
 /// Which column is what, in which unit and which axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
@@ -58,6 +78,7 @@ pub struct Mapping {
     field: f64,
     time_digits: usize,
     frame: Frame,
+    earth: Option<Earth>,
 }
 
 /// What is wrong with a mapping.
@@ -110,11 +131,17 @@ pub enum MappingError {
         second: &'static str,
     },
     /// Axes that are none.
-    #[error("reading --frame: found {found:?}, expected one of {}", FRAMES.map(|(name, _)| name).join(", "))]
+    #[error(
+        "reading --frame: found {found:?}, expected one of {}, with a reference after enu- or ned-",
+        FRAMES.map(|(name, _)| name).join(", ")
+    )]
     UnknownFrame {
         /// What is there.
         found: String,
     },
+    /// A reference, and nothing that says from where it is counted.
+    #[error("reading --frame: found no axes of the earth for qw, qx, qy, qz, expected such as enu-flu or ned-frd")]
+    NoEarth,
 }
 
 fn guess(near: Option<&str>) -> String {
@@ -124,15 +151,14 @@ fn guess(near: Option<&str>) -> String {
 impl Mapping {
     /// Of `maps`, each one pair or several with commas between them, as `gx=gyro_x`; a column of one of several files is
     /// `FILE:COLUMN`. Of `units`, as `deg/s,g,gauss,ms`, in any order; rad/s, m/s2, uT, s where none is named. Of `frame`, the body
-    /// axes of the file; `rfu` where none is named.
+    /// axes of the file; `rfu` where none is named; with a reference those of the earth before them, as `ned-frd`.
     pub fn parse<S: AsRef<str>>(maps: &[S], units: Option<&str>, frame: Option<&str>) -> Result<Self, MappingError> {
-        let mut mapping =
-            Self { columns: columns(maps)?, rate: 1.0, force: 1.0, field: 1.0, time_digits: 9, frame: Frame::Rfu };
+        let columns = columns(maps)?;
+        let (frame, earth) = frame.map_or(Ok((Frame::Rfu, None)), axes)?;
+        let mut mapping = Self { columns, rate: 1.0, force: 1.0, field: 1.0, time_digits: 9, frame, earth };
         mapping.set_units(units.unwrap_or_default())?;
-        if let Some(found) = frame {
-            let known = FRAMES.iter().find(|(name, _)| name.eq_ignore_ascii_case(found.trim()));
-            let known = known.ok_or_else(|| MappingError::UnknownFrame { found: found.into() });
-            mapping.frame = known?.1;
+        if mapping.has_reference() && earth.is_none() {
+            return Err(MappingError::NoEarth);
         }
         Ok(mapping)
     }
@@ -173,6 +199,39 @@ impl Mapping {
         self.column(FIELD[0]).is_some()
     }
 
+    pub(crate) fn has_reference(&self) -> bool {
+        self.column(REFERENCE[0]).is_some()
+    }
+
+    /// The targets of the velocity, where it is mapped.
+    pub(crate) fn velocity(&self) -> Option<[&'static str; 3]> {
+        [UPWARD, DOWNWARD].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
+    }
+
+    /// Of the columns of [`Mapping::velocity`].
+    pub(crate) fn velocity_m_s(&self, [east, north, vertical]: [f64; 3]) -> [f64; 3] {
+        [east, north, if self.column(DOWNWARD[2]).is_some() { -vertical } else { vertical }]
+    }
+
+    /// w, x, y, z of unit length in our axes; `None` of what is no rotation.
+    pub(crate) fn reference(&self, found: [f64; 4]) -> Option<[f64; 4]> {
+        if !frames::is_rotation(found) {
+            return None;
+        }
+        Some(match (self.earth, self.frame) {
+            // Signs and places alone, so exact.
+            (Some(Earth::Ned), Frame::Frd) => frames::of_ned_frd(found),
+            (earth, frame) => {
+                let found = match frame {
+                    Frame::Frd => frames::from_rfu_of_frd(found),
+                    Frame::Flu => frames::of_enu_flu(found),
+                    Frame::Rfu => found,
+                };
+                if earth == Some(Earth::Ned) { frames::to_enu_of_ned(found) } else { found }
+            }
+        })
+    }
+
     pub(crate) fn rate_rad_s(&self, found: [f64; 3]) -> [f64; 3] {
         self.body(found.map(|part| part * self.rate))
     }
@@ -197,6 +256,17 @@ impl Mapping {
             Frame::Rfu => found,
         }
     }
+}
+
+/// Body axes, and before them those of the earth.
+fn axes(found: &str) -> Result<(Frame, Option<Earth>), MappingError> {
+    let unknown = || MappingError::UnknownFrame { found: found.into() };
+    let lower = found.trim().to_ascii_lowercase();
+    let (earth, body) = lower.split_once('-').map_or((None, lower.as_str()), |(earth, body)| (Some(earth), body));
+    let known = |earth: &str| EARTHS.iter().find(|(name, _)| *name == earth).map(|(_, earth)| *earth);
+    let earth = earth.map(|earth| known(earth).ok_or_else(unknown)).transpose()?;
+    let frame = FRAMES.iter().find(|(name, _)| *name == body).ok_or_else(unknown)?.1;
+    Ok((frame, earth))
 }
 
 fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, MappingError> {
@@ -229,7 +299,11 @@ fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, Map
     let missing = |expected: &'static [&'static str]| -> Vec<_> {
         expected.iter().copied().filter(|target| !has(target)).collect()
     };
-    let groups: [(&'static [&'static str], bool); 2] = [(&TARGETS[..7], true), (&FIELD, FIELD.iter().any(has))];
+    let any = |group: &[&str]| group.iter().any(has);
+    let velocity: &'static [&'static str] = if has(&DOWNWARD[2]) { &DOWNWARD } else { &UPWARD };
+    let has_velocity = any(&UPWARD) || any(&DOWNWARD) || any(&POSITION);
+    let groups: [(&'static [&'static str], bool); 4] =
+        [(&NEEDED, true), (&FIELD, any(&FIELD)), (&REFERENCE, any(&REFERENCE)), (velocity, has_velocity)];
     for (expected, wanted) in groups {
         let missing = missing(expected);
         if wanted && !missing.is_empty() {

@@ -2,7 +2,7 @@
 //!
 //! Input: rate and force row by row, samples of field and reference in the order of time. Output: the recording. Time: a sample of
 //! the field is put at the nearest row and nowhere else; the reference is turned evenly between two samples that are close to each
-//! other. Failure: of the file, or of whoever gives the field.
+//! other. Failure: of the file, or of whoever gives field and reference.
 
 use std::iter::Peekable;
 
@@ -19,23 +19,25 @@ const INTERVALS_MAX: usize = 100_000;
 /// Where 1 − cos is below this, the chord is the arc.
 const CHORD_IS_ARC: f64 = 1e-9;
 
-/// The attitude at a time: w, x, y, z, of unit length, body to earth.
+/// The attitude at a time, in our axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Attitude {
     pub(crate) t_ns: i64,
-    pub(crate) quaternion: [f32; 4],
+    pub(crate) reference: Reference,
     /// Changes where the estimator set its attitude anew: nothing is between the two.
     pub(crate) resets: u8,
 }
 
-pub(crate) type Fields<'a> = Box<dyn Iterator<Item = Result<Sample, ImportError>> + 'a>;
+/// What a source says beside the rows, sample by sample.
+pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
 pub(crate) struct Rows<'a> {
     writer: Writer,
-    fields: Peekable<Fields<'a>>,
+    fields: Peekable<Samples<'a, Sample>>,
     last_field_ns: Option<i64>,
-    references: &'a [Attitude],
-    next_reference: usize,
+    attitudes: Peekable<Samples<'a, Attitude>>,
+    /// The newest that is before the row.
+    attitude: Option<Attitude>,
     /// Waits for the row after it, which may be nearer to the next sample of the field.
     pending: Option<Row>,
     /// From the pending row to the sample of the field it has.
@@ -51,17 +53,18 @@ pub(crate) struct Rows<'a> {
     pub(crate) fields_not_after: u64,
     /// Samples of the field that are near no row, or less near than another one.
     pub(crate) fields_without_row: u64,
+    /// Attitudes that are not after the one before them.
+    pub(crate) attitudes_not_after: u64,
 }
 
 impl<'a> Rows<'a> {
-    /// `references` in the order of time, made into our axes here.
-    pub(crate) fn new(writer: Writer, fields: Fields<'a>, references: &'a [Attitude]) -> Self {
+    pub(crate) fn new(writer: Writer, fields: Samples<'a, Sample>, attitudes: Samples<'a, Attitude>) -> Self {
         Self {
             writer,
             fields: fields.peekable(),
             last_field_ns: None,
-            references,
-            next_reference: 0,
+            attitudes: attitudes.peekable(),
+            attitude: None,
             pending: None,
             distance_ns: 0,
             intervals_ns: Vec::new(),
@@ -73,6 +76,7 @@ impl<'a> Rows<'a> {
             reference_rows: 0,
             fields_not_after: 0,
             fields_without_row: 0,
+            attitudes_not_after: 0,
         }
     }
 
@@ -86,7 +90,7 @@ impl<'a> Rows<'a> {
         self.last_ns = t_ns;
         self.rows += 1;
         self.force_sum_m_s2 += force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let reference = self.reference(t_ns);
+        let reference = self.reference(t_ns)?;
         self.reference_rows += u64::from(reference.is_some());
         self.give_fields(Some(t_ns))?;
         let row = Row { t_ns, rate_rad_s, force_m_s2, field_ut: None, reference };
@@ -162,22 +166,30 @@ impl<'a> Rows<'a> {
         Ok(self.writer.write(&row)?)
     }
 
-    fn reference(&mut self, t_ns: i64) -> Option<Reference> {
-        let later = |attitude: &&Attitude| attitude.t_ns < t_ns;
-        self.next_reference += self.references[self.next_reference..].iter().take_while(later).count();
-        let after = self.references.get(self.next_reference)?;
-        let quaternion = if after.t_ns == t_ns {
-            after.quaternion.map(f64::from)
-        } else {
-            let before = self.references.get(self.next_reference.checked_sub(1)?)?;
-            let gap_ns = after.t_ns.abs_diff(before.t_ns);
-            if gap_ns > REFERENCE_GAP_MAX_NS || after.resets != before.resets {
-                return None;
+    fn reference(&mut self, t_ns: i64) -> Result<Option<Reference>, ImportError> {
+        // What is malformed is taken, and ends the import.
+        while let Some(attitude) =
+            self.attitudes.next_if(|next| next.as_ref().map_or(true, |attitude| attitude.t_ns < t_ns))
+        {
+            let attitude = attitude?;
+            if self.attitude.is_some_and(|last| attitude.t_ns <= last.t_ns) {
+                self.attitudes_not_after += 1;
+            } else {
+                self.attitude = Some(attitude);
             }
-            let part = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
-            between(before.quaternion.map(f64::from), after.quaternion.map(f64::from), part)
-        };
-        Some(Reference { quaternion: crate::frames::of_ned_frd(quaternion), scored: true })
+        }
+        let Some(Ok(after)) = self.attitudes.peek() else { return Ok(None) };
+        if after.t_ns == t_ns {
+            return Ok(Some(after.reference));
+        }
+        let Some(before) = self.attitude else { return Ok(None) };
+        let gap_ns = after.t_ns.abs_diff(before.t_ns);
+        if gap_ns > REFERENCE_GAP_MAX_NS || after.resets != before.resets {
+            return Ok(None);
+        }
+        let part = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;
+        let quaternion = between(before.reference.quaternion, after.reference.quaternion, part);
+        Ok(Some(Reference { quaternion, scored: before.reference.scored && after.reference.scored }))
     }
 }
 

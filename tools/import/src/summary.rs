@@ -63,6 +63,31 @@ pub enum Note {
         /// Why.
         why: &'static str,
     },
+    /// A part of a bag that cannot be read, and what was behind it.
+    Unread {
+        /// The file.
+        file: String,
+        /// What is there.
+        found: String,
+    },
+    /// Only one of several topics of a kind was read.
+    OtherTopics {
+        /// What they hold.
+        what: &'static str,
+        /// The topic that was read.
+        read: String,
+        /// The others.
+        others: Vec<String>,
+    },
+    /// A topic that is read only where it is named.
+    Unnamed {
+        /// What it may hold.
+        what: &'static str,
+        /// The topic.
+        topic: String,
+        /// What it means where it is named.
+        meaning: &'static str,
+    },
     /// Only one of several sensors of a kind was read.
     OtherInstances {
         /// The topic.
@@ -98,6 +123,15 @@ impl fmt::Display for Note {
                 "the mean force is {mean_force_m_s2:.2} m/s², not near 9.8: check its unit, and that gravity is in it"
             ),
             Self::LeftOut { what, count, why } => write!(f, "left out {count} {what}: {why}"),
+            Self::Unread { file, found } => {
+                write!(f, "{file} is not whole: {found}; nothing from there on was read of it")
+            }
+            Self::OtherTopics { what, read, others } => {
+                write!(f, "read {what} of {read}; there is also {}: --topic chooses another", others.join(", "))
+            }
+            Self::Unnamed { what, topic, meaning } => {
+                write!(f, "{topic} may hold {what}; --topic {topic} reads it as {meaning}")
+            }
             Self::OtherInstances { topic, read, others } => {
                 write!(f, "read instance {read} of {topic}; {others} samples of other instances were not read")
             }

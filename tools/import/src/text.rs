@@ -109,8 +109,8 @@ pub(crate) struct Fields<'a> {
 
 impl Fields<'_> {
     /// The numbers at these indices; `None` where one of them is blank or nan: no sample.
-    pub(crate) fn numbers(&self, indices: [usize; 3]) -> Result<Option<[f64; 3]>, ImportError> {
-        let mut values = [f64::NAN; 3];
+    pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<Option<[f64; N]>, ImportError> {
+        let mut values = [f64::NAN; N];
         for (value, index) in values.iter_mut().zip(indices) {
             let text = self.decimal(index, "a number")?;
             if !text.is_empty() {
@@ -206,7 +206,7 @@ struct Lines {
 impl Lines {
     fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
         let failed = |cause| opening(path, cause);
-        let file = Counted { inner: File::open(path).map_err(failed)?, read_bytes: read_bytes.clone() };
+        let file = Counted::new(File::open(path).map_err(failed)?, read_bytes);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
         let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP) {
             Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(file)))
@@ -249,9 +249,16 @@ impl Lines {
     }
 }
 
-struct Counted {
+/// A file that counts what is read of it.
+pub(crate) struct Counted {
     inner: File,
     read_bytes: Rc<Cell<u64>>,
+}
+
+impl Counted {
+    pub(crate) fn new(inner: File, read_bytes: &Rc<Cell<u64>>) -> Self {
+        Self { inner, read_bytes: read_bytes.clone() }
+    }
 }
 
 impl Read for Counted {

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 
-use crate::{ImportError, aligned::Sample, frames, rows::Attitude};
+use recording::Reference;
+
+use crate::{ImportError, aligned::Sample, frames, rows::Attitude, source::Fixed};
 
 /// A relative time that is none.
 const NO_TIME: i32 = i32::MAX;
@@ -18,16 +20,19 @@ pub(crate) struct Field {
     pub(crate) field_ga: [f32; 3],
 }
 
-/// A receiver's fix, in our axes; nan where the log does not say.
+/// The attitude at a time, forward, right, down to north, east, down.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fixed {
-    /// When it arrived.
+pub(crate) struct Turned {
     pub(crate) t_ns: i64,
-    pub(crate) velocity_m_s: [f64; 3],
-    pub(crate) latitude_deg: f64,
-    pub(crate) longitude_deg: f64,
-    /// Above mean sea level.
-    pub(crate) altitude_m: f64,
+    quaternion: [f32; 4],
+    resets: u8,
+}
+
+impl Turned {
+    pub(crate) fn attitude(&self) -> Attitude {
+        let quaternion = frames::of_ned_frd(self.quaternion.map(f64::from));
+        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, resets: self.resets }
+    }
 }
 
 type Three<T> = [FieldParser<T>; 3];
@@ -106,10 +111,12 @@ impl AttitudeFields {
         Ok(Self { time: Sampled::of(path, message)?, quaternion, resets: optional(message, "quat_reset_counter") })
     }
 
-    pub(super) fn attitude(&self, data: &[u8]) -> Option<Attitude> {
+    /// `None` of a quaternion that is no rotation.
+    pub(super) fn attitude(&self, data: &[u8]) -> Option<Turned> {
         let quaternion = [0, 1, 2, 3].map(|part: usize| self.quaternion[part].parse(data));
         let resets = self.resets.as_ref().map_or(0, |resets| resets.parse(data));
-        Some(Attitude { t_ns: self.time.ns(data)?, quaternion, resets })
+        let is_rotation = frames::is_rotation(quaternion.map(f64::from));
+        Some(Turned { t_ns: self.time.ns(data)?, quaternion, resets }).filter(|_| is_rotation)
     }
 }
 

@@ -16,15 +16,15 @@ use std::{
 use px4_ulog::stream_parser::DataMessage;
 
 use crate::{
-    ImportError, Note,
+    Format, ImportError, Note,
     aligned::{Aligned, Sample},
     error::opening,
     frames,
-    rows::{Attitude, Rows},
+    rows::{Attitude, Rows, Samples},
+    source::{Fixed, Source, Survey, TakeFix},
 };
-use fields::{AttitudeFields, Combined, Magnetometer, Receiver};
-pub(crate) use fields::{Field, Fixed};
-pub(crate) use messages::Ending;
+use fields::{AttitudeFields, Combined, Field, Magnetometer, Receiver, Turned};
+use messages::Ending;
 
 const COMBINED: &str = "sensor_combined";
 const MAGNETOMETER: &str = "vehicle_magnetometer";
@@ -36,26 +36,22 @@ const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_
 
 /// Samples of a topic that are kept: nine hours at 250 Hz.
 const SAMPLES_MAX: usize = 1 << 23;
-/// By how much the length of an attitude's quaternion may differ from 1.
-const LENGTH_TOLERANCE: f64 = 0.01;
-
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
+    topics: Topics,
 }
 
-/// What the first reading finds: everything but the rows.
-pub(crate) struct Topics {
+/// What the first reading finds: everything but the rows; each series in the order of time.
+#[derive(Default)]
+struct Topics {
     /// Samples of `sensor_combined`.
-    pub(crate) combined: u64,
-    pub(crate) combined_instance: u8,
-    /// In the order of time, in our axes.
-    pub(crate) fields: Vec<Field>,
-    /// In the order of time, as the log has them.
-    pub(crate) attitudes: Vec<Attitude>,
-    /// In the order of time, in our axes.
-    pub(crate) fixes: Vec<Fixed>,
-    pub(crate) ending: Ending,
+    combined: u64,
+    combined_instance: u8,
+    fields: Vec<Field>,
+    attitudes: Vec<Turned>,
+    fixes: Vec<Fixed>,
+    ending: Ending,
     notes: Vec<Note>,
 }
 
@@ -128,15 +124,11 @@ impl<T> Series<T> {
 impl Log {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| opening(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len() })
-    }
-
-    pub(crate) fn length_bytes(&self) -> u64 {
-        self.length_bytes
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), topics: Topics::default() })
     }
 
     /// Reads everything but the rows. `progress` is told the bytes that have been read.
-    pub(crate) fn topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Topics, ImportError> {
+    fn topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Topics, ImportError> {
         let path = &self.path;
         let mut combined = Series::<()>::new(COMBINED, "samples of sensor_combined");
         let mut combined_count = 0;
@@ -166,8 +158,7 @@ impl Log {
                 }
                 ATTITUDE if attitudes.admits(message) => {
                     let layout = layout(&mut of_attitude, || AttitudeFields::of(path, message))?;
-                    let attitude = layout.attitude(message.data).filter(|attitude| is_rotation(attitude.quaternion));
-                    attitudes.push(attitude, |attitude| attitude.t_ns);
+                    attitudes.push(layout.attitude(message.data), |attitude| attitude.t_ns);
                 }
                 RECEIVER if blended.admits(message) => {
                     let layout = layout(&mut of_blended, || Receiver::of(path, message))?;
@@ -199,18 +190,50 @@ impl Log {
             notes,
         })
     }
+}
 
-    /// Makes the rows of one instance of `sensor_combined`. `progress` is told the bytes that have been read.
-    pub(crate) fn rows(
-        &self,
-        instance: u8,
-        rows: &mut Rows,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<Aligned, ImportError> {
+impl Source for Log {
+    fn format(&self) -> Format {
+        Format::Ulog
+    }
+
+    fn total_bytes(&self) -> u64 {
+        2 * self.length_bytes
+    }
+
+    fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        self.topics = self.topics(tell)?;
+        let Topics { combined, fields, attitudes, fixes, ending, .. } = &self.topics;
+        fixes.iter().try_for_each(take)?;
+        let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}"));
+        let expected = if *combined == 0 {
+            "the topic sensor_combined"
+        } else {
+            "gyro_rad and accelerometer_m_s2 in sensor_combined"
+        };
+        Ok(Survey {
+            has_field: !fields.is_empty(),
+            has_reference: !attitudes.is_empty(),
+            notes: self.topics.notes(self.length_bytes),
+            reason: damage.filter(|_| *combined == 0),
+            expected: expected.into(),
+        })
+    }
+
+    fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
+        Ok(Box::new(self.topics.fields.iter().map(|field| Ok(field.sample()))))
+    }
+
+    fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
+        Ok(Box::new(self.topics.attitudes.iter().map(|turned| Ok(turned.attitude()))))
+    }
+
+    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
         let mut aligned = Aligned::default();
         let mut of_combined = None;
-        messages::read(&self.path, &[COMBINED], progress, &mut |message| {
-            if message.multi_id.value() != instance {
+        let mut tell = |bytes: u64| tell(self.length_bytes + bytes);
+        messages::read(&self.path, &[COMBINED], &mut tell, &mut |message| {
+            if message.multi_id.value() != self.topics.combined_instance {
                 return Ok(());
             }
             let layout = layout(&mut of_combined, || Combined::of(&self.path, message))?;
@@ -228,7 +251,7 @@ impl Log {
 }
 
 impl Topics {
-    pub(crate) fn notes(&self, length_bytes: u64) -> Vec<Note> {
+    fn notes(&self, length_bytes: u64) -> Vec<Note> {
         let Ending { damage, dropouts, dropouts_ms } = &self.ending;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
@@ -256,11 +279,6 @@ fn layout<T>(known: &mut Option<T>, of: impl FnOnce() -> Result<T, ImportError>)
         Some(known) => known,
         None => known.insert(of()?),
     })
-}
-
-fn is_rotation(quaternion: [f32; 4]) -> bool {
-    let square: f64 = quaternion.iter().map(|part| f64::from(*part).powi(2)).sum();
-    (square.sqrt() - 1.0).abs() <= LENGTH_TOLERANCE
 }
 
 impl Field {

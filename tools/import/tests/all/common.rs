@@ -51,8 +51,13 @@ impl Folder {
     }
 
     pub(crate) fn import(&self, paths: &[PathBuf], mapping: Option<Mapping>) -> Result<Imported, ImportError> {
+        self.import_with(paths, &Options { mapping, ..Options::default() })
+    }
+
+    pub(crate) fn import_with(&self, paths: &[PathBuf], options: &Options) -> Result<Imported, ImportError> {
         let out = self.path("out_imu.csv");
-        let summary = convert(paths, &Options { mapping }, &out, &mut |_| {})?;
+        let _ = fs::remove_file(self.path("out_gnss.csv"));
+        let summary = convert(paths, options, &out, &mut |_| {})?;
         Ok(Imported { summary, rows: rows(&out), fixes: fixes(&out) })
     }
 }
@@ -138,7 +143,7 @@ impl Log {
     }
 }
 
-/// What a ULog is made of.
+/// What logs are made of.
 pub(crate) trait Bytes {
     fn bytes(&self) -> Vec<u8>;
 }

@@ -1,48 +1,20 @@
 //! The logs as PX4's own reader reads them, in another language and with nothing of ours.
 
-use std::{
-    collections::HashMap,
-    path::{Path, PathBuf},
-    process::{Command, Stdio},
-};
+use std::{collections::HashMap, path::Path};
 
 use import::Format;
 
-use crate::common::{Folder, Imported, log};
-
-/// A Python with pyulog, made once; says why where there is none.
-fn python() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pyulog-venv");
-    let python = folder.join("bin/python");
-    let check = Command::new(&python).args(["-c", "import pyulog"]).stderr(Stdio::null()).status();
-    if check.is_ok_and(|status| status.success()) {
-        return Some(python);
-    }
-    let run = |command: &mut Command| {
-        let output = command.output().map_err(|cause| cause.to_string())?;
-        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
-    };
-    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder))
-        .and_then(|()| run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "pyulog==1.3.0"])));
-    match made {
-        Ok(()) => Some(python),
-        Err(cause) => {
-            eprintln!("skipped: no Python with pyulog: {cause}");
-            None
-        }
-    }
-}
+use crate::{
+    common::{Folder, Imported, log},
+    python::{PYTHON, lines},
+};
 
 /// The samples of each topic: time in µs, and fields.
-fn samples(python: &Path, log: &Path) -> HashMap<String, Vec<(i64, Vec<f64>)>> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/foreign.py");
-    let output = Command::new(python).arg(script).arg(log).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+fn samples(log: &Path) -> HashMap<String, Vec<(i64, Vec<f64>)>> {
     let mut topics: HashMap<String, Vec<_>> = HashMap::new();
-    for line in String::from_utf8(output.stdout).unwrap().lines() {
-        let words: Vec<_> = line.split(' ').collect();
+    for words in lines("foreign.py", &[log.as_os_str()]) {
         let fields = words[2..].iter().map(|word| word.parse().unwrap()).collect();
-        topics.entry(words[0].into()).or_default().push((words[1].parse().unwrap(), fields));
+        topics.entry(words[0].clone()).or_default().push((words[1].parse().unwrap(), fields));
     }
     topics
 }
@@ -102,11 +74,11 @@ fn the_samples_of_real_logs_are_those_of_pyulog() {
     for (name, rows, expected) in
         [("px4_sample.ulg", 17_070, (6_459, 6_551, 0)), ("px4_small.ulg", 1_298, (1_298, 319, 32))]
     {
-        let (Some(path), Some(python)) = (log(name), python()) else { return };
+        let (Some(path), Some(_)) = (log(name), PYTHON.as_ref()) else { return };
         let folder = Folder::new();
         let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
         assert_eq!((imported.summary.format, imported.rows.len()), (Format::Ulog, rows));
-        let compared = assert_equal(&imported, &samples(&python, &path));
+        let compared = assert_equal(&imported, &samples(&path));
         assert_eq!(compared, expected, "attitudes, fields, fixes");
     }
 }

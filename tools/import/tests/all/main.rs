@@ -1,11 +1,16 @@
 //! Recordings of others: made here, real ones, broken ones, and what their own reader says of them.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod ardupilot;
+mod bags;
 mod common;
 mod damage;
+mod flights;
 mod foreign;
 mod formats;
 mod logs;
 mod mistakes;
+mod mutated;
 mod pipeline;
+mod python;
 mod tables;

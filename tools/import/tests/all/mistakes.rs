@@ -22,11 +22,11 @@ fn a_mapping_that_is_none_is_refused() {
     for (maps, said) in [
         (
             &["gyro"][..],
-            "reading --map: found \"gyro\", expected WHAT=COLUMN, WHAT one of t, gx, gy, gz, ax, ay, az, mx, my, mz",
+            "reading --map: found \"gyro\", expected WHAT=COLUMN, WHAT one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (
             &["gxx=a"],
-            "reading --map: found \"gxx\", did you mean \"gx\"?, expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz",
+            "reading --map: found \"gxx\", did you mean \"gx\"?, expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (&[NAMES, "gx=a"], "reading --map: found gx twice, expected one column for it"),
         (&["t=t,gx=p,gy=q"], "reading --map: found no gz, ax, ay, az, expected all of t, gx, gy, gz, ax, ay, az"),
@@ -44,7 +44,10 @@ fn a_mapping_that_is_none_is_refused() {
         parsed(&[NAMES], "g,m/s2", "rfu"),
         "reading --units: found \"g\" and \"m/s2\", expected one unit of the force"
     );
-    assert_eq!(parsed(&[NAMES], "", "ned"), "reading --frame: found \"ned\", expected one of frd, flu, rfu");
+    assert_eq!(
+        parsed(&[NAMES], "", "ned"),
+        "reading --frame: found \"ned\", expected one of frd, flu, rfu, with a reference after enu- or ned-"
+    );
 }
 
 #[test]

@@ -83,6 +83,51 @@ fn axes_are_made_ours() {
     }
 }
 
+/// A quarter turn to the left from north, level: the forward axis is west, the right one north.
+#[test]
+fn a_reference_is_made_ours_from_every_axes() {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let west = [half, 0.0, 0.0, half];
+    // Of forward, left, up in east, north, up: half a turn; of forward, right, down in north, east, down: a quarter back.
+    for (frame, [w, x, y, z]) in [
+        ("enu-rfu", west),
+        ("enu-flu", [0.0, 0.0, 0.0, 1.0]),
+        ("NED-frd", [half, 0.0, 0.0, -half]),
+        ("enu-frd", [0.0, 0.0, 1.0, 0.0]),
+        ("ned-flu", [0.0, half, -half, 0.0]),
+        ("ned-rfu", [0.0, 1.0, 0.0, 0.0]),
+    ] {
+        let table = format!("t,p,q,r,u,v,w,a,b,c,d\n0,0,0,0,1,1,1,{w},{x},{y},{z}\n0.01,0,0,0,1,1,1,nan,0,0,0\n");
+        let rows = imported(table, mapping(&[NAMES, "qw=a,qx=b,qy=c,qz=d"], "", frame)).rows;
+        let found = rows[0].reference.unwrap().quaternion;
+        let same = found.iter().zip(west).map(|(a, b)| a * b).sum::<f64>().abs();
+        assert!((same - 1.0).abs() < 1e-12 && rows[1].reference.is_none(), "{frame}: {found:?}");
+    }
+    let error = Mapping::parse(&[NAMES, "qw=a,qx=b,qy=c,qz=d"], None, Some("frd")).unwrap_err();
+    assert_eq!(error, import::MappingError::NoEarth);
+}
+
+#[test]
+fn velocities_and_positions_are_fixes() {
+    let folder = Folder::new();
+    let table = "t,p,q,r,u,v,w,n,e,d,f\n0,0,0,0,0,0,9.8,,,,\n0.01,0,0,0,0,0,9.8,1,2,-3,48\n0.02,0,0,0,0,0,9.8,1,2,-3,48\n0.03,0,0,0,0,0,9.8,1.5,2,-3,\n";
+    let path = folder.file("wide.csv", table);
+    let imported = folder.import(&[path], Some(mapping(&[NAMES, "ve=e,vn=n,vd=d,lat=f"], "", "frd"))).unwrap();
+    let fixes: Vec<_> = imported.fixes.iter().map(|fix| (fix.t_ns / MS, fix.velocity_m_s, fix.latitude_deg)).collect();
+    assert_eq!(
+        fixes,
+        [(10, [2.0, 1.0, 3.0], Some(48.0)), (30, [2.0, 1.5, 3.0], None)],
+        "a row that repeats one is none"
+    );
+
+    let rows = folder.file("rows.csv", "t,p,q,r,u,v,w\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n");
+    let fixes = folder.file("fixes.csv", "t,e,n,z\n0,1,2,3\n0.01,1,2,3\n0.01,1,2,3\n");
+    let imported = folder.import(&[rows, fixes], Some(mapping(&[NAMES, "ve=e,vn=n,vu=z"], "", "frd"))).unwrap();
+    assert_eq!(imported.fixes.len(), 2, "each row of a file of fixes is one");
+    let left_out = Note::LeftOut { what: "fixes", count: 1, why: "they are not later than the one before them" };
+    assert!(imported.summary.notes.contains(&left_out), "{:?}", imported.summary.notes);
+}
+
 #[test]
 fn files_of_one_sensor_each_are_joined_by_time() {
     let folder = Folder::new();
@@ -151,7 +196,7 @@ fn progress_grows_to_the_whole() {
     let folder = Folder::new();
     let rows: String = (0..20_000).map(|i| format!("{i},0.1,0.2,0.3,0.4,0.5,9.8\n")).collect();
     let path = folder.file("a.csv", format!("t,p,q,r,u,v,w\n{rows}"));
-    let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")) };
+    let options = Options { mapping: Some(mapping(&[NAMES], "ms", "rfu")), ..Options::default() };
     let mut told = Vec::new();
     convert(&[path], &options, &folder.path("b.csv.gz"), &mut |progress| told.push(progress)).unwrap();
     assert!(told.len() > 10 && told.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{told:?}");

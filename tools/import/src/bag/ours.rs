@@ -1,0 +1,76 @@
+//! Messages of this system.
+//!
+//! Input: protobuf as `proto/plumbline/v1` defines it. Output: samples; axes and units are ours already. Time: that of each sample
+//! on the source's clock, `t_end_ns`; the reference has the number of its sample. Failure: `None` of what is no message.
+
+use std::collections::VecDeque;
+
+use messages::{GnssFix, ImuSample, MagSample, Reference};
+use wire::Payload;
+
+use super::{Fix, Inertial};
+use crate::{aligned::Sample, rows::Attitude};
+
+/// Samples and references that wait for each other.
+const WAITING_MAX: usize = 4096;
+
+/// A sample and its number.
+pub(super) fn inertial(data: &[u8]) -> Option<(u64, Inertial)> {
+    let ImuSample { header, rate_rad_s, force_m_s2 } = ImuSample::decoded(data).ok()?;
+    Some((header.tick, Inertial { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, attitude: None }))
+}
+
+pub(super) fn field(data: &[u8]) -> Option<Sample> {
+    let MagSample { header, field_ut } = MagSample::decoded(data).ok()?;
+    Some((header.t_end_ns, field_ut))
+}
+
+pub(super) fn fix(data: &[u8]) -> Option<Fix> {
+    let GnssFix { header, velocity_m_s, latitude_rad, .. } = GnssFix::decoded(data).ok()?;
+    let latitude_deg = Some(latitude_rad.to_degrees()).filter(|deg| !deg.is_nan());
+    Some(Fix { t_ns: header.t_end_ns, velocity_m_s, latitude_deg })
+}
+
+pub(super) fn reference(data: &[u8]) -> Option<Reference> {
+    Reference::decoded(data).ok()
+}
+
+/// Samples and references, joined by their number.
+#[derive(Default)]
+pub(super) struct Joined {
+    samples: VecDeque<(u64, i64)>,
+    references: VecDeque<Reference>,
+}
+
+impl Joined {
+    /// Takes a sample's number and time.
+    pub(super) fn sample(&mut self, tick: u64, t_ns: i64) -> Option<Attitude> {
+        let waiting = self.references.iter().position(|reference| reference.tick == tick);
+        if let Some(reference) = waiting.and_then(|index| self.references.drain(..=index).next_back()) {
+            return Some(attitude(t_ns, &reference));
+        }
+        push(&mut self.samples, (tick, t_ns));
+        None
+    }
+
+    pub(super) fn reference(&mut self, reference: Reference) -> Option<Attitude> {
+        let waiting = self.samples.iter().position(|(tick, _)| *tick == reference.tick);
+        if let Some((_, t_ns)) = waiting.and_then(|index| self.samples.drain(..=index).next_back()) {
+            return Some(attitude(t_ns, &reference));
+        }
+        push(&mut self.references, reference);
+        None
+    }
+}
+
+fn attitude(t_ns: i64, reference: &Reference) -> Attitude {
+    let reference = recording::Reference { quaternion: reference.quaternion, scored: reference.scored != 0 };
+    Attitude { t_ns, reference, resets: 0 }
+}
+
+fn push<T>(waiting: &mut VecDeque<T>, next: T) {
+    if waiting.len() >= WAITING_MAX {
+        waiting.pop_front();
+    }
+    waiting.push_back(next);
+}

@@ -1,0 +1,19 @@
+"""What pymavlink reads of a DataFlash log: one line a message, every number with all its digits."""
+
+import sys
+
+from pymavlink.DFReader import DFReader_binary
+
+FIELDS = {
+    "IMU": ["I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"],
+    "MAG": ["I", "MagX", "MagY", "MagZ"],
+    "GPS": ["I", "Status", "Spd", "GCrs", "VZ", "Lat", "Lng", "Alt"],
+    "XKQ": ["C", "Q1", "Q2", "Q3", "Q4"],
+    "ATT": ["Roll", "Pitch", "Yaw"],
+}
+
+log = DFReader_binary(sys.argv[1])
+while (message := log.recv_msg()) is not None:
+    name = message.get_type()
+    if name in FIELDS:
+        print(name, message.TimeUS, *(repr(float(getattr(message, field))) for field in FIELDS[name]))

@@ -1,0 +1,151 @@
+//! Bags as rosbags and the Python library of MCAP write them, read as rosbags reads them.
+
+use std::{collections::BTreeMap, fs, path::Path, slice::from_ref};
+
+use import::{Format, Note, Options};
+
+use crate::{
+    common::{Folder, Imported},
+    python::{PYTHON, lines},
+};
+
+const NAMES: [&str; 5] = ["none", "zstd", "sqlite3", "lz4.mcap", "bare.mcap"];
+
+/// The numbers of each message, by topic.
+type Messages = BTreeMap<String, Vec<(i64, Vec<f64>)>>;
+
+/// The bags in a folder, and what rosbags reads of each.
+fn bags(folder: &Path) -> BTreeMap<String, Messages> {
+    let mut bags: BTreeMap<String, Messages> = BTreeMap::new();
+    for words in lines("bags.py", &[folder.as_os_str()]) {
+        let numbers = words[3..].iter().map(|word| word.parse().unwrap()).collect();
+        let topics = bags.entry(words[0].clone()).or_default();
+        topics.entry(words[1].clone()).or_default().push((words[2].parse().unwrap(), numbers));
+    }
+    bags
+}
+
+fn chosen(topics: &[&str]) -> Options {
+    Options { topics: topics.iter().map(|topic| (*topic).to_owned()).collect(), ..Options::default() }
+}
+
+/// Every value of the import is that of rosbags, to the last bit.
+fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
+    let is_measured = |numbers: &[f64]| numbers[5] != -1.0;
+    let expected: Vec<_> = bag[imu].iter().filter(|(_, numbers)| is_measured(numbers)).collect();
+    assert_eq!(imported.rows.len(), expected.len());
+    let mut references = 0;
+    for (row, (t_ns, numbers)) in imported.rows.iter().zip(expected) {
+        let [w, x, y, z, covariance, _, gx, gy, gz, ax, ay, az] = numbers[..] else { panic!("{numbers:?}") };
+        assert_eq!((row.t_ns, row.rate_rad_s, row.force_m_s2), (*t_ns, [-gy, gx, gz], [-ay, ax, az]));
+        if covariance == -1.0 || [w, x, y, z] == [0.0; 4] {
+            // What is there is between those before and after it.
+            continue;
+        }
+        let reference = row.reference.unwrap();
+        // The forward axis is the first of theirs and the second of ours; of up both have the third.
+        let forward = [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)];
+        let up = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+        let [w, x, y, z] = reference.quaternion;
+        let ours = [
+            [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
+            [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ];
+        let theirs = [forward, up];
+        assert!(ours.iter().flatten().zip(theirs.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
+        references += 1;
+    }
+    assert!(references > 2000);
+    let fields: Vec<_> = imported.rows.iter().filter_map(|row| row.field_ut).collect();
+    let expected: Vec<_> = bag["/mag"].iter().map(|(_, b)| [-b[1] * 1e6, b[0] * 1e6, b[2] * 1e6]).collect();
+    assert_eq!(fields, expected);
+}
+
+#[test]
+fn the_samples_of_bags_are_those_of_rosbags() {
+    if PYTHON.is_none() {
+        return;
+    }
+    let folder = Folder::new();
+    let bags = bags(&folder.path(""));
+    for name in NAMES {
+        let path = folder.path(name);
+        let Imported { summary, fixes, .. } = &folder.import(from_ref(&path), None).unwrap();
+        let format = if name.ends_with(".mcap") { Format::Mcap } else { Format::Bag };
+        assert_eq!((summary.format, summary.fixes, fixes.len()), (format, 0, 0), "{name}");
+        let told: Vec<_> = summary.notes.iter().map(ToString::to_string).collect();
+        assert_eq!(
+            told,
+            [
+                "read rate and force of /imu/data; there is also /imu/raw: --topic chooses another",
+                "left out 30 messages of the topics read: they are malformed, or say that nothing was measured",
+                "/vel may hold the velocity of a receiver; --topic /vel reads it as east, north, up",
+            ],
+            "{name}"
+        );
+
+        for imu in ["/imu/data", "/imu/raw"] {
+            let imported = folder.import_with(from_ref(&path), &chosen(&[imu, "/vel"])).unwrap();
+            assert_equal(&imported, &bags[name], imu);
+            let fixes: Vec<_> =
+                imported.fixes.iter().map(|fix| (fix.t_ns, fix.velocity_m_s.to_vec(), fix.latitude_deg)).collect();
+            let expected = bags[name]["/vel"].iter().zip(&bags[name]["/fix"]);
+            let expected: Vec<_> =
+                expected.map(|((t_ns, numbers), (_, place))| (*t_ns, numbers.clone(), Some(place[0]))).collect();
+            assert_eq!((fixes.len(), &fixes), (150, &expected), "{name}");
+        }
+    }
+    for (topics, said) in [
+        (&["/imu/date"][..], "there is no topic \"/imu/date\" to read, did you mean \"/imu/data\"?; there are"),
+        (
+            &["/imu/raw", "/imu/data"],
+            "--topic names both \"/imu/raw\" and \"/imu/data\", expected one of rate and force",
+        ),
+        (&["/note"], "there is no topic \"/note\" to read"),
+    ] {
+        let error = folder.import_with(&[folder.path("none")], &chosen(topics)).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
+    if PYTHON.is_none() {
+        return;
+    }
+    let folder = Folder::new();
+    let bags = bags(&folder.path(""));
+    // Three files that follow each other, as of a bag that was split: the whole, one that is cut, one that is no file of messages.
+    let split = folder.path("split");
+    fs::create_dir(&split).unwrap();
+    fs::copy(folder.path("none/metadata.yaml"), split.join("metadata.yaml")).unwrap();
+    let whole = fs::read(folder.path("lz4.mcap")).unwrap();
+    fs::write(split.join("split_10.mcap"), &whole).unwrap();
+    fs::write(split.join("split_9.mcap"), &whole[..whole.len() / 2]).unwrap();
+    let imported = folder.import(from_ref(&split), None).unwrap();
+    let measured = bags["lz4.mcap"]["/imu/data"].iter().filter(|(_, numbers)| numbers[5] != -1.0).count();
+    assert_eq!(imported.rows.len(), measured, "what the second has again is left out");
+    let told: Vec<_> = imported.summary.notes.iter().map(ToString::to_string).collect();
+    assert!(told[0].starts_with("split_9.mcap is not whole: byte "), "{told:?}");
+    assert!(told.iter().any(|note| note.contains("they are not later than the one before them")), "{told:?}");
+
+    // A chunk with a damaged byte is left out, and no other.
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 3] ^= 0x10;
+    let imported = folder.import(&[folder.file("damaged.mcap", &damaged)], None).unwrap();
+    assert!(imported.rows.len() < measured && imported.rows.len() > measured * 8 / 10, "{}", imported.rows.len());
+    let left_out = Note::LeftOut { what: "chunks of messages", count: 1, why: "they are damaged" };
+    assert!(imported.summary.notes.contains(&left_out), "{:?}", imported.summary.notes);
+
+    for (name, contents, said) in [
+        ("a.mcap.zstd", &b"\x28\xb5\x2f\xfd"[..], "unpack them with zstd -d"),
+        ("b.txt", b"nothing", "a .mcap or .db3 file beside metadata.yaml"),
+    ] {
+        let empty = folder.path(&format!("of_{name}"));
+        fs::create_dir(&empty).unwrap();
+        fs::copy(folder.path("none/metadata.yaml"), empty.join("metadata.yaml")).unwrap();
+        fs::write(empty.join(name), contents).unwrap();
+        let error = folder.import(&[empty], None).unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+}
