@@ -34,15 +34,26 @@ pub(crate) struct Up {
     /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
     #[arg(long)]
     cold: bool,
+    /// Publish on the topic `reading` what the source gives, before anything is done to it: from a recording of that a flight is replayed.
+    #[arg(long)]
+    readings: bool,
     /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
-    let report =
-        report(replay.as_deref(), |replay| Request { launch, replay, pace: speed, duration_s, in_process, out, cold });
+    let Up { launch, replay, speed, duration_s, in_process, out, cold, readings, json } = up;
+    let report = report(replay.as_deref(), |replay| Request {
+        launch,
+        replay,
+        pace: speed,
+        duration_s,
+        in_process,
+        out,
+        cold,
+        readings,
+    });
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),

@@ -6,6 +6,7 @@
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
 use launch::{Service, Source};
+use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, ProcessEntry, Supervision};
 
@@ -79,6 +80,7 @@ impl Supervision {
     /// Every service that has not failed starts from its checkpoint.
     pub(crate) fn on_bus_renewed(&mut self) {
         self.renewals.under_way = false;
+        self.tell(SystemEvent::new(EventKind::BUS_RENEWED));
         // The time that it took is nobody's silence.
         self.table.stood_still(self.now);
         let launch = &self.config.launch;

@@ -33,6 +33,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Nothing is taken over from an earlier run.
     pub cold: bool,
+    /// What the source gives is published as it came, so that the flight can be replayed.
+    pub readings: bool,
 }
 
 /// What is to run.
@@ -100,6 +102,7 @@ impl Plan {
             role: runtime::Role::Owner { from_tick: 0 },
             prior: None,
             resume: None,
+            readings: request.readings,
             supervisor_pid: std::process::id(),
         };
         Ok(Self {
@@ -130,6 +133,7 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: 0,
     };
     let filled = match slot {

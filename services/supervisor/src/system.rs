@@ -12,9 +12,9 @@ use std::{
 
 use bus::{Claim, SharedMemory, SystemName};
 use launch::Service;
-use messages::Credit;
+use messages::{Credit, EventKind, SystemEvent};
 use pipeline::Collector;
-use runtime::{Role, ServiceConfig};
+use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
 
@@ -58,6 +58,8 @@ struct System {
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
     cost: Cost,
+    /// Events told.
+    events: u64,
     looked: Instant,
     shown: Instant,
     finished: Option<Result<(), UpError>>,
@@ -83,7 +85,7 @@ impl System {
         let view = View::new(plan)?;
         let (warm, prior) = WarmStart::begin(plan)?;
         scheduling::set_own();
-        Ok(Self {
+        let mut system = Self {
             processes: Processes::default(),
             attached: Some(attached),
             supervision: Supervision::new(decisions(plan), Duration::ZERO),
@@ -94,11 +96,16 @@ impl System {
             notifier,
             asked_to_end,
             cost: Cost { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
+            events: 0,
             looked: Instant::now(),
             shown: Instant::now(),
             finished: None,
             claim: Some(claim),
-        })
+        };
+        if let Some(prior) = prior {
+            system.tell(SystemEvent::new(EventKind::WARM).with_stage("", prior.numbers()));
+        }
+        Ok(system)
     }
 
     /// Runs to the end.
@@ -212,6 +219,7 @@ impl System {
                     .map_or(Ok(()), |attached| attached.grant(Credit { ticks, ends: ends.into() }))?;
             }
             Action::Answer { caller, reply } => self.answer(caller, &reply, collector),
+            Action::Tell(event) => self.tell(*event),
             Action::Announce(line) => self.view.announce([line]),
             Action::Ready => {
                 self.notifier.ready();
@@ -231,6 +239,15 @@ impl System {
             Action::Finish(failure) => self.finished = Some(failure.map_or(Ok(()), |failure| Err(failure.into()))),
         }
         Ok(())
+    }
+
+    /// Publishes an event, whether or not anybody listens.
+    fn tell(&mut self, event: SystemEvent) {
+        let number = self.events;
+        self.events += 1;
+        if let Some(attached) = &self.attached {
+            attached.tell(&SystemEvent { number, t_told_ns: monotonic_ns(), ..event });
+        }
     }
 
     fn spawn(&mut self, spawn: Spawn) -> Result<u32, String> {
@@ -348,6 +365,7 @@ fn progress(collector: &mut Collector) -> OutputProgress {
     OutputProgress {
         next_tick: collector.next_tick(),
         lost: collector.lost(),
+        not_taken: collector.not_recorded(),
         duplicated: collector.duplicated(),
         gap_ns: collector.take_gap_ns(),
         swapped: collector.swapped(),

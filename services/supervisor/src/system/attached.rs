@@ -5,7 +5,7 @@ use std::time::Duration;
 use bus::{Bus, Publisher, Subscriber, SystemName};
 use control::ControlSocket;
 use launch::Service;
-use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference};
+use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference, SystemEvent};
 use pipeline::Collector;
 use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
 use supervision::Event;
@@ -23,6 +23,7 @@ pub(super) struct Attached {
     differences: Option<Subscriber<Difference>>,
     credit: Publisher<Credit>,
     control: Publisher<Control>,
+    events: Publisher<SystemEvent>,
     buffer: usize,
     bus: Bus,
 }
@@ -41,6 +42,7 @@ impl Attached {
             differences: watched.then(|| bus.subscriber(BUFFER_BESIDE)).transpose()?,
             credit: bus.publisher(BUFFER_BESIDE)?,
             control: bus.publisher(BUFFER_BESIDE)?,
+            events: bus.publisher(BUFFER_BESIDE)?,
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
@@ -94,6 +96,11 @@ impl Attached {
     /// A decision that nobody hears is not confirmed, and taken back.
     pub(super) fn publish(&self, control: &Control) {
         let _ = self.control.send(control);
+    }
+
+    /// An event that nobody hears is no matter.
+    pub(super) fn tell(&self, event: &SystemEvent) {
+        let _ = self.events.send(event);
     }
 
     pub(super) fn grant(&self, credit: Credit) -> Result<(), UpError> {
