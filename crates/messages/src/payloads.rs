@@ -494,7 +494,8 @@ macro_rules! event_kinds {
 }
 
 event_kinds! {
-    /// A process of a service has started for the first time; `settings` are those of its stage.
+    /// A process of a service has started for the first time; `settings` are those of its stage. Of no service: the run has begun; `settings` are its
+    /// rate and its source (0 simulation, 1 recording, 2 sensors on the bus).
     STARTED = 1 "started",
     /// The run began with what an earlier one had found of the sensors: `settings`.
     WARM = 2 "warm",

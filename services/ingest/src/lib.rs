@@ -6,6 +6,7 @@
 
 mod channel;
 pub mod conditioner;
+pub mod retaken;
 mod script;
 pub mod source;
 mod taken;

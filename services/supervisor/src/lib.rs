@@ -9,6 +9,7 @@
 //! | [`plan`] | what is to run, checked before anything starts |
 //! | [`system`] | the services as processes on the bus: the shell around `supervision`, which decides |
 //! | [`in_process`] | the same slots in this process, without the bus |
+//! | [`flight`] | a flight that is flown again |
 //! | [`report`] | how it went, for scripts and for people |
 //! | `processes` | the processes: started, ended, reaped |
 //! | `warm` | what outlives a stop of the whole system |
@@ -16,6 +17,7 @@
 //! | `scheduling` | which process runs first |
 //! | `view` | the terminal |
 //! | `notify` | what the service manager is told |
+pub mod flight;
 pub mod in_process;
 mod notify;
 pub mod plan;
@@ -35,13 +37,14 @@ use std::{
 
 use bus::BusError;
 use control::ControlError;
-use ingest::source::SourceError;
+use ingest::{retaken::RetakeError, source::SourceError};
 use launch::LaunchError;
 use pipeline::CollectorError;
 use recording::RecordingError;
 use runtime::RuntimeError;
 use supervision::Failure;
 
+pub use flight::Flight;
 pub use plan::{Plan, Request};
 pub use report::Report;
 
@@ -57,6 +60,12 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
         return Err(error.into());
     }
     if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
+}
+
+/// Flies a flight again, to its end.
+pub fn fly_again(request: &Request, flight: Flight) -> Result<Report, UpError> {
+    let ends = asked_to_end()?;
+    in_process::replay(&Plan::of_flight(request, &flight), flight, &ends)
 }
 
 /// Prints a line for people. One that nobody reads any more does not stop a system.
@@ -86,6 +95,14 @@ pub enum UpError {
     /// The source is wrong.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// The readings of a flight are not all there.
+    #[error(transparent)]
+    Retake(#[from] RetakeError),
+    /// A flight that does not tell how it began.
+    #[error(
+        "replaying a flight: its events do not tell how it began; record it from its beginning, by `plumb up --record`"
+    )]
+    NoBeginning,
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
@@ -145,7 +162,7 @@ impl UpError {
     /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Retake(_) | Self::NoBeginning => 3,
             Self::OutIsReplay { .. } | Self::Split { .. } => 2,
             _ => 1,
         }

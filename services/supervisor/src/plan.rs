@@ -6,7 +6,7 @@ use launch::{Launch, Service, Source};
 use pipeline::is_same_file;
 use runtime::{Pace, ServiceConfig};
 
-use crate::{UpError, warm};
+use crate::{Flight, UpError, warm};
 
 /// The launch file that is looked for where none is named.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -90,20 +90,13 @@ impl Plan {
             }
         };
         let live = launch.ingest.source == Source::Bus;
-        let wanted = request.duration_s.map(|duration_s| ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1));
+        let wanted = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
         let ticks_max = wanted.filter(|_| !live);
         let config = ServiceConfig {
-            launch,
-            rate_hz,
-            pace: request.pace.unwrap_or(Pace::Speed(1.0)),
             ticks_max,
-            incarnation: 0,
-            epoch: runtime::service_config::FIRST_EPOCH,
-            role: runtime::Role::Owner { from_tick: 0 },
-            prior: None,
-            resume: None,
             readings: request.readings,
             supervisor_pid: std::process::id(),
+            ..alone(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
         };
         Ok(Self {
             ticks: rows.into_iter().chain(ticks_max).min(),
@@ -117,25 +110,55 @@ impl Plan {
     }
 }
 
+impl Plan {
+    /// The plan for a flight that is flown again, in this process.
+    pub fn of_flight(request: &Request, flight: &Flight) -> Self {
+        let ends = request.duration_s.map(|duration_s| ticks_in(duration_s, flight.rate_hz));
+        let ticks_max = flight.schedule.end_tick().into_iter().chain(ends).min();
+        let pace = request.pace.unwrap_or(Pace::Max);
+        let prior = flight.prior.filter(|_| !request.cold);
+        let config = ServiceConfig { ticks_max, prior, ..alone(flight.launch.clone(), flight.rate_hz, pace) };
+        Self {
+            ticks: ticks_max,
+            stop_after_s: None,
+            has_reference: config.launch.ingest.source != Source::Bus,
+            out: request.out.clone(),
+            state_file: None,
+            cold: request.cold,
+            config,
+        }
+    }
+}
+
+/// A duration in ticks, one at least.
+fn ticks_in(duration_s: f64, rate_hz: f64) -> u64 {
+    ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1)
+}
+
+/// What the slots are told that run without a supervisor.
+fn alone(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
+    ServiceConfig {
+        launch,
+        rate_hz,
+        pace,
+        ticks_max: None,
+        readings: false,
+        incarnation: 0,
+        epoch: runtime::service_config::FIRST_EPOCH,
+        role: runtime::Role::Owner { from_tick: 0 },
+        prior: None,
+        resume: None,
+        supervisor_pid: 0,
+    }
+}
+
 /// What is wrong with the stage that fills a slot, for people.
 pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
     // A program of the user's says itself what is wrong with its settings.
     if launch.program(slot).is_some() {
         return Ok(());
     }
-    let config = ServiceConfig {
-        launch: launch.clone(),
-        rate_hz: 1000.0,
-        pace: Pace::Speed(1.0),
-        ticks_max: None,
-        incarnation: 0,
-        epoch: runtime::service_config::FIRST_EPOCH,
-        role: runtime::Role::Owner { from_tick: 0 },
-        prior: None,
-        resume: None,
-        readings: false,
-        supervisor_pid: 0,
-    };
+    let config = alone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let filled = match slot {
         Service::Ingest | Service::Gateway => return Ok(()),
         Service::Gyro => gyro::slot(&config).map(|_| ()),

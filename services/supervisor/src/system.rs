@@ -20,6 +20,7 @@ use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Sp
 
 use crate::{
     Plan, Report, UpError,
+    flight::beginning,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
     report::{Account, ServiceReport},
@@ -102,6 +103,8 @@ impl System {
             finished: None,
             claim: Some(claim),
         };
+        let Plan { config, .. } = plan;
+        system.tell(beginning(config.rate_hz, config.launch.ingest.source));
         if let Some(prior) = prior {
             system.tell(SystemEvent::new(EventKind::WARM).with_stage("", prior.numbers()));
         }
