@@ -7,9 +7,9 @@ use std::{
 
 use clap::Args;
 use runtime::Pace;
-use supervisor::{Report, Request};
+use supervisor::{Recorder, Report, Request};
 
-use crate::{fail_after_result, import::Readable, out::print};
+use crate::{fail_after_result, import::Readable, out::print, record::FlightRecorder};
 
 /// The command line of `plumb up`.
 #[derive(Args, Default)]
@@ -31,6 +31,9 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// Record the flight from its first tick to its last: each start makes one MCAP file in this folder.
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
     /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
     #[arg(long)]
     cold: bool,
@@ -40,9 +43,13 @@ pub(crate) struct Up {
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, cold, json } = up;
-    let report =
-        report(replay.as_deref(), |replay| Request { launch, replay, pace: speed, duration_s, in_process, out, cold });
+    let Up { launch, replay, speed, duration_s, in_process, out, record, cold, json } = up;
+    let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref()));
+    let report = report(
+        replay.as_deref(),
+        |replay| Request { launch, replay, pace: speed, duration_s, in_process, out, cold },
+        recorder.as_mut(),
+    );
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -51,13 +58,18 @@ pub(crate) fn run(up: Up) -> ExitCode {
 }
 
 /// Runs what is asked for, of a recording whatever its format.
-fn report(replay: Option<&Path>, request: impl FnOnce(Option<PathBuf>) -> Request) -> Report {
+fn report(
+    replay: Option<&Path>,
+    request: impl FnOnce(Option<PathBuf>) -> Request,
+    recorder: Option<&mut FlightRecorder>,
+) -> Report {
+    let recorder = recorder.map(|recorder| recorder as &mut dyn Recorder);
     // What is imported is there until the end.
     let readable = match replay.map(Readable::of).transpose() {
         Ok(readable) => readable,
         Err(error) => return Report::none(&error, error.exit_code()),
     };
-    match supervisor::up(&request(readable.as_ref().map(|readable| readable.path.clone()))) {
+    match supervisor::up(&request(readable.as_ref().map(|readable| readable.path.clone())), recorder) {
         Ok(report) => {
             supervisor::announce(&report);
             report
@@ -74,7 +86,7 @@ fn pace(text: &str) -> Result<Pace, String> {
     }
 }
 
-fn duration_s(text: &str) -> Result<f64, String> {
+pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let scale = match &text[split..] {
         "ms" => 1e-3,

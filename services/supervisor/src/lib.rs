@@ -10,6 +10,7 @@
 //! | [`system`] | the services as processes on the bus: the shell around `supervision`, which decides |
 //! | [`in_process`] | the same slots in this process, without the bus |
 //! | [`report`] | how it went, for scripts and for people |
+//! | [`recorder`] | who takes down what flows |
 //! | `processes` | the processes: started, ended, reaped |
 //! | `warm` | what outlives a stop of the whole system |
 //! | `reaper` | what killed services leave on the bus |
@@ -21,6 +22,7 @@ mod notify;
 pub mod plan;
 mod processes;
 mod reaper;
+pub mod recorder;
 pub mod report;
 mod scheduling;
 pub mod system;
@@ -43,10 +45,15 @@ use runtime::RuntimeError;
 use supervision::Failure;
 
 pub use plan::{Plan, Request};
+pub use recorder::{Recorder, RecordingReport};
 pub use report::Report;
 
-/// Runs what was asked for, to its end. What did not run is an error; of what did there is a report, which may have one too.
-pub fn up(request: &Request) -> Result<Report, UpError> {
+/// Runs what was asked for, to its end, and has it taken down by `recorder`. What did not run is an error; of what did there is a
+/// report, which may have one too.
+pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
+    if request.in_process && recorder.is_some() {
+        return Err(UpError::NoBus);
+    }
     // From here on a signal ends it with a report.
     let ends = asked_to_end()?;
     let plan = Plan::new(request)?;
@@ -56,7 +63,7 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     {
         return Err(error.into());
     }
-    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
+    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends, recorder) }
 }
 
 /// Prints a line for people. One that nobody reads any more does not stop a system.
@@ -107,6 +114,12 @@ pub enum UpError {
         /// The file.
         path: PathBuf,
     },
+    /// There is nothing to record.
+    #[error("recording the flight: one process has no bus to record; leave out --in-process, or --record")]
+    NoBus,
+    /// The recording cannot be begun.
+    #[error("{0}")]
+    Recorder(String),
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -146,7 +159,7 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } => 2,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::NoBus => 2,
             _ => 1,
         }
     }
