@@ -7,6 +7,7 @@ mod common;
 mod aborted;
 mod damage;
 mod files;
+mod flight;
 mod notify;
 mod own_stage;
 mod record;

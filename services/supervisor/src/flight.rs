@@ -50,18 +50,22 @@ impl Flight {
     pub fn new(mut launch: Launch, events: &[SystemEvent], readings: TakenReadings) -> Result<Self, UpError> {
         let is_beginning =
             |event: &&SystemEvent| event.kind == EventKind::STARTED && event.service == SystemEvent::NOBODY;
-        let settings = events.iter().find(is_beginning).and_then(SystemEvent::settings).ok_or(UpError::NoBeginning)?;
+        let settings = events.iter().find(is_beginning).and_then(SystemEvent::settings).ok_or_else(no_beginning)?;
         let number = |name| settings.iter().find(|(other, _)| *other == name).map(|(_, number)| *number);
-        let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or(UpError::NoBeginning)?;
-        let place = number(SOURCE).ok_or(UpError::NoBeginning)?;
-        launch.ingest.source = *SOURCES.get(place as usize).ok_or(UpError::NoBeginning)?;
+        let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or_else(no_beginning)?;
+        let place = number(SOURCE).ok_or_else(no_beginning)?;
+        launch.ingest.source = *SOURCES.get(place as usize).ok_or_else(no_beginning)?;
         let warm = events.iter().find(|event| event.kind == EventKind::WARM);
         let prior = match warm {
-            Some(warm) => {
-                Some(warm.settings().and_then(|known| Prior::of_numbers(&known)).ok_or(UpError::NoBeginning)?)
-            }
+            Some(warm) => Some(warm.settings().and_then(|known| Prior::of_numbers(&known)).ok_or_else(no_beginning)?),
             None => None,
         };
         Ok(Self { launch, rate_hz, prior, schedule: Schedule::new(events), readings })
     }
+}
+
+fn no_beginning() -> UpError {
+    UpError::Flight(
+        "replaying a flight: its recording does not tell how it began; `plumb up --record` records one from its beginning".into(),
+    )
 }

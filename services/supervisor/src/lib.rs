@@ -11,6 +11,7 @@
 //! | [`in_process`] | the same slots in this process, without the bus |
 //! | [`flight`] | a flight that is flown again |
 //! | [`report`] | how it went, for scripts and for people |
+//! | [`recorder`] | who takes down what flows |
 //! | `processes` | the processes: started, ended, reaped |
 //! | `warm` | what outlives a stop of the whole system |
 //! | `reaper` | what killed services leave on the bus |
@@ -23,6 +24,7 @@ mod notify;
 pub mod plan;
 mod processes;
 mod reaper;
+pub mod recorder;
 pub mod report;
 mod scheduling;
 pub mod system;
@@ -46,10 +48,15 @@ use supervision::Failure;
 
 pub use flight::Flight;
 pub use plan::{Plan, Request};
+pub use recorder::{Recorder, RecordingReport};
 pub use report::Report;
 
-/// Runs what was asked for, to its end. What did not run is an error; of what did there is a report, which may have one too.
-pub fn up(request: &Request) -> Result<Report, UpError> {
+/// Runs what was asked for, to its end, and has it taken down by `recorder`. What did not run is an error; of what did there is a
+/// report, which may have one too.
+pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
+    if request.in_process && recorder.is_some() {
+        return Err(UpError::NoBus);
+    }
     // From here on a signal ends it with a report.
     let ends = asked_to_end()?;
     let plan = Plan::new(request)?;
@@ -59,11 +66,16 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     {
         return Err(error.into());
     }
-    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
+    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends, recorder) }
 }
 
-/// Flies a flight again, to its end.
+/// Flies a flight again, in this process, to its end.
 pub fn fly_again(request: &Request, flight: Flight) -> Result<Report, UpError> {
+    if let (Some(out), Some(recording)) = (&request.out, &request.replay)
+        && pipeline::is_same_file(out, recording)
+    {
+        return Err(UpError::OutIsReplay { path: out.clone() });
+    }
     let ends = asked_to_end()?;
     in_process::replay(&Plan::of_flight(request, &flight), flight, &ends)
 }
@@ -98,11 +110,9 @@ pub enum UpError {
     /// The readings of a flight are not all there.
     #[error(transparent)]
     Retake(#[from] RetakeError),
-    /// A flight that does not tell how it began.
-    #[error(
-        "replaying a flight: its events do not tell how it began; record it from its beginning, by `plumb up --record`"
-    )]
-    NoBeginning,
+    /// A flight that cannot be flown again.
+    #[error("{0}")]
+    Flight(String),
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
@@ -124,6 +134,12 @@ pub enum UpError {
         /// The file.
         path: PathBuf,
     },
+    /// There is nothing to record.
+    #[error("recording the flight: one process has no bus to record; leave out --in-process, or --record")]
+    NoBus,
+    /// The recording cannot be begun.
+    #[error("{0}")]
+    Recorder(String),
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -162,8 +178,8 @@ impl UpError {
     /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Retake(_) | Self::NoBeginning => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } => 2,
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Retake(_) | Self::Flight(_) => 3,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::NoBus => 2,
             _ => 1,
         }
     }

@@ -115,7 +115,7 @@ impl Plan {
     pub fn of_flight(request: &Request, flight: &Flight) -> Self {
         let ends = request.duration_s.map(|duration_s| ticks_in(duration_s, flight.rate_hz));
         let ticks_max = flight.schedule.end_tick().into_iter().chain(ends).min();
-        let pace = request.pace.unwrap_or(Pace::Max);
+        let pace = request.pace.unwrap_or(Pace::Speed(1.0));
         let prior = flight.prior.filter(|_| !request.cold);
         let config = ServiceConfig { ticks_max, prior, ..alone(flight.launch.clone(), flight.rate_hz, pace) };
         Self {

@@ -10,6 +10,7 @@ use pipeline::Collector;
 use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
 use supervision::Event;
 
+use super::recorded::Recorded;
 use crate::{UpError, processes::Exit, reaper::StaleNodeReaper};
 
 pub(super) struct Attached {
@@ -24,13 +25,20 @@ pub(super) struct Attached {
     credit: Publisher<Credit>,
     control: Publisher<Control>,
     events: Publisher<SystemEvent>,
+    /// Every topic, where a recorder is there.
+    pub(super) recorded: Option<Recorded>,
     buffer: usize,
     bus: Bus,
 }
 
 impl Attached {
-    /// The first attitude to come is that of `next_tick`.
-    pub(super) fn open(system_name: &SystemName, config: &ServiceConfig, next_tick: u64) -> Result<Self, UpError> {
+    /// The first attitude to come is that of `next_tick`; where the system is `recorded`, every topic is read.
+    pub(super) fn open(
+        system_name: &SystemName,
+        config: &ServiceConfig,
+        next_tick: u64,
+        recorded: bool,
+    ) -> Result<Self, UpError> {
         let bus = Bus::join(system_name, "supervisor")?;
         let buffer = config.buffer_ticks();
         let watched = !config.launch.watch.is_empty();
@@ -43,6 +51,7 @@ impl Attached {
             credit: bus.publisher(BUFFER_BESIDE)?,
             control: bus.publisher(BUFFER_BESIDE)?,
             events: bus.publisher(BUFFER_BESIDE)?,
+            recorded: recorded.then(|| Recorded::open(&bus, config)).transpose()?,
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
