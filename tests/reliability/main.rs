@@ -8,6 +8,7 @@ mod aborted;
 mod damage;
 mod files;
 mod flight;
+mod flown_again;
 mod notify;
 mod own_stage;
 mod record;
