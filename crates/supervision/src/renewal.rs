@@ -91,7 +91,9 @@ impl Supervision {
                 self.spawn_owner(service, Some(resume));
             }
         }
+        let given_up: Vec<_> = Service::SLOTS.into_iter().filter(|slot| self.swaps.beside(*slot).is_some()).collect();
         self.fill_slots();
+        given_up.into_iter().for_each(|slot| self.tell_kept(slot));
         for service in Service::ALL {
             let next_tick = self.published[service as usize];
             self.notify_slot(service, swap::Event::Published { next_tick });

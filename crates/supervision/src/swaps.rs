@@ -342,6 +342,12 @@ impl Supervision {
         }
     }
 
+    /// Tells that a slot stays whose it was: what another had of it lies behind what was published.
+    pub(crate) fn tell_kept(&mut self, service: Service) {
+        let incarnation = self.table.entry(service).incarnation();
+        self.tell_owner(service, FIRST_EPOCH, incarnation, self.published[service as usize]);
+    }
+
     /// Tells a decision, with what there is to know of the owner.
     fn tell_owner(&mut self, service: Service, epoch: u32, owner: u32, from_tick: u64) {
         let is_beside = self.table.is_candidate(service as u32, owner);
