@@ -129,7 +129,8 @@ mod tests {
     #[test]
     fn a_sample_has_its_publication_its_sources_time_and_its_tick() {
         let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
-        (sample.header.tick, sample.header.t_end_ns, sample.header.t_sent_ns) = ((1 << 32) + 7, -5, 42);
+        (sample.header.tick, sample.header.t_sent_ns) = ((1 << 32) + 7, 42);
+        (sample.header.t_start_ns, sample.header.t_end_ns) = (-10, -5);
         sample.force_m_s2 = [0.0, 0.5, 9.81];
         let (data, stamps) =
             Encoder::new(Topic::Imu).encode(bytemuck::bytes_of(&sample), 99, CLOCKS).expect("a sample");
