@@ -13,7 +13,7 @@ use bus::{BusError, Observer, Tap};
 use clap::Args;
 use control::{ControlError, ControlRequest, ask};
 use flight::{FlightError, Heading, Mode, Recorder, Summary};
-use graph::Topic;
+use graph::{Service, Topic};
 use runtime::ServiceConfig;
 use supervisor::{RecordingReport, Report, UpError};
 
@@ -96,7 +96,7 @@ fn follow(Record { system, out, topics, duration_s }: &Record) -> Result<Summary
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
     let seat = observer(&name, "record")?;
     let config = ask::<ServiceConfig>(&name, &ControlRequest::ServiceConfig)?;
-    let heading = Heading::new(env!("CARGO_PKG_VERSION"), &config, None);
+    let heading = Heading::new(env!("CARGO_PKG_VERSION"), &config);
     let mut place = Place::take(seat, topics)?;
     let mut recorder = Recorder::begin(out, &heading, topics, Mode::Live)?;
     let mut until = Until::new(|| true, duration_s.map(Duration::from_secs_f64));
@@ -215,8 +215,17 @@ impl supervisor::Recorder for FlightRecorder {
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         made.map_err(|cause| refused(FlightError::Create { path: self.folder.clone(), cause }))?;
         let path = flight::free_path(&self.folder, &config.launch.name).map_err(refused)?;
-        let mode = if config.lockstep() { Mode::Lockstep } else { Mode::FromTheFirst };
-        let heading = Heading::new(env!("CARGO_PKG_VERSION"), config, self.launch_file.clone());
+        let mode = match config.launch.origin() {
+            Service::Ingest if config.lockstep() => Mode::Lockstep,
+            Service::Ingest => Mode::FromTheFirst,
+            // Ticks come from another host, and do not begin here.
+            _ => Mode::Live,
+        };
+        let heading = Heading {
+            launch_file: self.launch_file.clone(),
+            launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok(),
+            ..Heading::new(env!("CARGO_PKG_VERSION"), config)
+        };
         self.recorder = Some(Recorder::begin(&path, &heading, Topic::ALL, mode).map_err(refused)?);
         supervisor::announce(format_args!("recording to {}", path.display()));
         Ok(())

@@ -1,6 +1,9 @@
 //! What is to run, checked before anything starts.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use launch::{Launch, Service, Source};
 use pipeline::is_same_file;
@@ -167,6 +170,15 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
         Service::Course => course::slot(&config).map(|_| ()),
     };
     filled.map_err(|error| error.to_string())
+}
+
+/// The launch file as it is written: the one named, else that of the folder, else the one built in.
+pub fn launch_text(named: Option<&Path>) -> io::Result<String> {
+    match named {
+        Some(path) => fs::read_to_string(path),
+        None if Path::new(LAUNCH_FILE).exists() => fs::read_to_string(LAUNCH_FILE),
+        None => Ok(BUILT_IN.into()),
+    }
 }
 
 fn launch(named: Option<&Path>) -> Result<Launch, UpError> {

@@ -42,10 +42,12 @@ pub struct Stamps {
 pub(crate) struct Encoder {
     pub(crate) topic: Topic,
     fields: Fields,
-    /// The message as protobuf, and its time on the source's clock, ns; `None` where the bytes are no message.
-    encode: fn(&[u8], f64) -> Option<(Vec<u8>, Option<i64>)>,
+    encode: fn(&[u8], f64) -> Option<Encoded>,
     count: u32,
 }
+
+/// A message as protobuf, and its time on the source's clock, ns, where it has one.
+type Encoded = (Vec<u8>, Option<i64>);
 
 /// Clocks of a recording.
 #[derive(Debug, Clone, Copy)]
@@ -113,7 +115,8 @@ pub(crate) fn has_every_tick(topic: Topic) -> bool {
     topic.entry().presence == Presence::EveryTick
 }
 
-fn encoded<M: Payload>(bytes: &[u8], rate_hz: f64) -> Option<(Vec<u8>, Option<i64>)> {
+/// `None` where the bytes are no message.
+fn encoded<M: Payload>(bytes: &[u8], rate_hz: f64) -> Option<Encoded> {
     let message: M = bytemuck::try_pod_read_unaligned(bytes).ok()?;
     Some((message.encoded(), message.source_time_ns(rate_hz)))
 }
@@ -129,7 +132,8 @@ mod tests {
     #[test]
     fn a_sample_has_its_publication_its_sources_time_and_its_tick() {
         let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
-        (sample.header.tick, sample.header.t_end_ns, sample.header.t_sent_ns) = ((1 << 32) + 7, -5, 42);
+        (sample.header.tick, sample.header.t_sent_ns) = ((1 << 32) + 7, 42);
+        (sample.header.t_start_ns, sample.header.t_end_ns) = (-10, -5);
         sample.force_m_s2 = [0.0, 0.5, 9.81];
         let (data, stamps) =
             Encoder::new(Topic::Imu).encode(bytemuck::bytes_of(&sample), 99, CLOCKS).expect("a sample");

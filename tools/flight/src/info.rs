@@ -97,7 +97,8 @@ impl FlightInfo {
                     (Err(McapError::BadMagic), _) => {
                         return Err(FlightError::Malformed { path: path.to_owned(), cause: McapError::BadMagic });
                     }
-                    (Err(McapError::Io(cause)), _) => return Err(unread(cause)),
+                    // Of what cannot be decompressed the system knows nothing.
+                    (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(unread(cause)),
                     (Err(McapError::UnexpectedEof), _) => info.cut = Some("it ends before its time".into()),
                     (Err(damage), _) => info.cut = Some(format!("it is damaged: {damage}")),
                     (Ok(()), Err(damage)) => info.cut = Some(format!("its summary is damaged: {damage}")),

@@ -39,8 +39,9 @@ const FLUSH_BYTES: usize = 4 << 20;
 /// Bytes of messages that are handed over at once, and how many times so many may wait.
 const BATCH_BYTES: usize = 1 << 20;
 const BATCHES: usize = 32;
-/// How long the disk may take nothing, in lockstep and at the end.
+/// How long the disk may take nothing at the end, and how long a source in lockstep waits for it.
 const DISK_LIMIT: Duration = Duration::from_secs(20);
+const LOCKSTEP_LIMIT: Duration = Duration::from_secs(2);
 /// Between two records of what was missed.
 const TOLD: Duration = Duration::from_secs(1);
 /// Names that are tried for a file.
@@ -57,8 +58,10 @@ pub struct Heading {
     pub host: String,
     /// The launch file's path, where it is known.
     pub launch_file: Option<PathBuf>,
-    /// The launch file with everything that it leaves to its defaults.
-    pub launch: String,
+    /// The launch file as it is written, where it is known.
+    pub launch: Option<String>,
+    /// What every service was told, with all that the launch file leaves to its defaults: JSON.
+    pub config: String,
     /// Ticks per second of the source's time.
     pub rate_hz: f64,
 }
@@ -121,15 +124,15 @@ struct Ended {
 
 impl Heading {
     /// The heading of a system of this configuration.
-    pub fn new(version: &'static str, config: &ServiceConfig, launch_file: Option<PathBuf>) -> Self {
-        let launch = toml::to_string(&config.launch);
+    pub fn new(version: &'static str, config: &ServiceConfig) -> Self {
         Self {
             version,
             system: config.launch.name.clone(),
             host: fs::read_to_string("/proc/sys/kernel/hostname").map_or("unknown".into(), |host| host.trim().into()),
-            launch_file,
-            // What cannot be written down is said in its place.
-            launch: launch.unwrap_or_else(|error| format!("# the launch file cannot be written down: {error}\n")),
+            launch_file: None,
+            launch: None,
+            // Numbers, strings, lists and maps with names always serialise.
+            config: serde_json::to_string_pretty(config).unwrap_or_default(),
             rate_hz: config.rate_hz,
         }
     }
@@ -269,7 +272,7 @@ impl Recorder {
             return;
         }
         let batch = Batch { missed: self.missed(), ..std::mem::take(&mut self.batch) };
-        let patience = if self.mode == Mode::Lockstep { DISK_LIMIT } else { Duration::ZERO };
+        let patience = if self.mode == Mode::Lockstep { LOCKSTEP_LIMIT } else { Duration::ZERO };
         if let Err(Order::Write(batch)) = self.send(Order::Write(batch), patience) {
             self.batch = batch;
             if self.mode == Mode::Lockstep {

@@ -1,6 +1,6 @@
 //! From the recorder into the file and back.
 
-use std::{fs, io::Write as _};
+use std::fs;
 
 use graph::Topic;
 use messages::{AttitudeOutput, Health, ImuSample};
@@ -15,7 +15,8 @@ fn heading() -> Heading {
         system: "boat".into(),
         host: "board".into(),
         launch_file: None,
-        launch: "name = \"boat\"\n".into(),
+        launch: Some("name = \"boat\"\n".into()),
+        config: "{}".into(),
         rate_hz: 100.0,
     }
 }
@@ -57,7 +58,7 @@ fn what_was_taken_is_read_back_with_all_that_goes_with_it() {
     assert_eq!(counts(&info), [("/attitude", 5000), ("/health", 1), ("/imu", 5000), ("/pose", 5000), ("/tf", 5000)]);
     assert_eq!(info.metadata["plumbline"]["system"], "boat");
     let attached: Vec<_> = info.attachments.iter().map(|it| (it.name.as_str(), it.bytes)).collect();
-    assert_eq!(attached, [("launch.toml", 14), ("report.json", 2)]);
+    assert_eq!(attached, [("launch.toml", 14), ("config.json", 2), ("report.json", 2)]);
 
     let error = Recorder::begin(&path, &heading(), &TOPICS, Mode::Live).unwrap_err();
     assert!(matches!(error, FlightError::Exists { .. }), "{error}");
@@ -88,20 +89,24 @@ fn wherever_a_file_is_cut_what_is_before_is_read() {
     recorder.end("it was a test", None);
     let whole = fs::read(&path).unwrap();
     let mut most = 0;
-    for part in 0..64 {
-        fs::write(&cut, &whole[..whole.len() * part / 64]).unwrap();
+    for part in 0..=64 {
+        fs::write(&cut, &whole[..(whole.len() - 1) * part / 64]).unwrap();
         let info = FlightInfo::read(&cut).unwrap();
         assert!(info.cut.is_some() && info.messages >= most, "{part}: {info:?}");
         most = info.messages;
     }
-    assert!(most > 50_000, "{most}");
-    // Damage is not taken for messages.
-    let mut damaged = whole.clone();
-    damaged[whole.len() / 2] ^= 0x55;
-    damaged.truncate(whole.len() - 8);
-    fs::File::create(&cut).unwrap().write_all(&damaged).unwrap();
-    let info = FlightInfo::read(&cut).unwrap();
-    assert!(info.cut.is_some() && info.messages < 90_000, "{info:?}");
+    assert_eq!(most, 120_001);
+    // Of a chunk that is damaged nothing is taken for messages.
+    let mut fewest = u64::MAX;
+    for part in 1..16 {
+        let mut damaged = whole[..whole.len() - 8].to_vec();
+        damaged[whole.len() * part / 16] ^= 0x55;
+        fs::write(&cut, &damaged).unwrap();
+        let info = FlightInfo::read(&cut).unwrap();
+        assert!(info.cut.is_some() && info.messages <= most, "{part}: {info:?}");
+        fewest = fewest.min(info.messages);
+    }
+    assert!(fewest < most / 2, "{fewest} of {most}");
     fs::write(&cut, "t_s,gx,gy\n0,1,2\n").unwrap();
     assert!(matches!(FlightInfo::read(&cut), Err(FlightError::Malformed { .. })));
 }

@@ -21,8 +21,9 @@ const CHUNK_BYTES: u64 = 1 << 20;
 pub(crate) const BEGINNING: &str = "plumbline";
 pub(crate) const END: &str = "end";
 pub(crate) const MISSED: &str = "missed";
-/// The launch file and the report of the run, as attachments.
+/// The launch file, what came of it with the command line, and the report of the run, as attachments.
 pub(crate) const LAUNCH: &str = "launch.toml";
+pub(crate) const CONFIG: &str = "config.json";
 pub(crate) const REPORT: &str = "report.json";
 
 pub(crate) struct Writer {
@@ -53,7 +54,10 @@ impl Writer {
         let mut mcap = options.chunk_size(Some(CHUNK_BYTES)).disable_seeking(true).create(file)?;
         mcap.write_metadata(&Metadata { name: BEGINNING.into(), metadata: heading.entries(clocks) })?;
         let start_ns = clocks.now_ns();
-        mcap.attach(&attachment(LAUNCH, "application/toml", heading.launch.as_bytes(), start_ns))?;
+        if let Some(launch) = &heading.launch {
+            mcap.attach(&attachment(LAUNCH, "application/toml", launch.as_bytes(), start_ns))?;
+        }
+        mcap.attach(&attachment(CONFIG, "application/json", heading.config.as_bytes(), start_ns))?;
         let mut channels = Vec::new();
         let mut places = vec![None; Topic::ALL.len()];
         for topic in topics {
