@@ -78,13 +78,19 @@ impl Readable {
         if !is_named && Format::of(path).map_or(true, is_readable) {
             return Ok(Self { path: path.into(), _folder: None });
         }
+        let (readable, summary) = Self::imported(path, &options)?;
+        supervisor::announce(told(&summary, path));
+        Ok(readable)
+    }
+
+    /// What is imported of the log of another system, and what came of it.
+    pub(crate) fn imported(path: &Path, options: &Options) -> Result<(Self, Summary), ImportError> {
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::Folder { cause })?;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let imported = folder.path().join(format!("{name}_imu.csv"));
-        let summary = with_a_bar(&[path.into()], &options, &imported)?;
-        supervisor::announce(told(&summary, path));
-        Ok(Self { path: imported, _folder: Some(folder) })
+        let summary = with_a_bar(&[path.into()], options, &imported)?;
+        Ok((Self { path: imported, _folder: Some(folder) }, summary))
     }
 }
 
@@ -101,7 +107,7 @@ fn with_a_bar(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summar
 }
 
 /// What came of an import, for people.
-fn told(summary: &Summary, name: &Path) -> String {
+pub(crate) fn told(summary: &Summary, name: &Path) -> String {
     let Summary { format, rows, rate_hz, duration_s, field_rows, reference_rows, fixes, notes, .. } = summary;
     let head = format!(
         "{}: {format}, {rows} samples at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes} fixes",

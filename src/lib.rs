@@ -5,9 +5,12 @@ mod bench;
 mod delivery_tracker;
 mod doctor;
 mod import;
+mod info;
 mod keys;
 mod out;
+mod record;
 mod remote;
+mod replay;
 mod score;
 mod seeing;
 mod stage;
@@ -42,6 +45,10 @@ enum Command {
     Score(Box<score::Score>),
     /// Make a recording of another system into one of ours.
     Import(import::Import),
+    /// Record a running system to an MCAP file, which viewers open as it is.
+    Record(record::Record),
+    /// Say what a recording holds: a flight (MCAP), a CSV, a log of another system.
+    Info(info::Info),
     /// Look at the stages there are, and test them.
     Stage {
         #[command(subcommand)]
@@ -108,6 +115,8 @@ pub fn main() -> ExitCode {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
         Command::Import(import) => import::run(import),
+        Command::Record(record) => record::run(&record),
+        Command::Info(info) => info::run(&info),
         Command::Stage { command } => stage::run(command),
         Command::Swap(swap) => swap::swap(swap),
         Command::Shadow(shadow) => swap::shadow(shadow),

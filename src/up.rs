@@ -1,18 +1,17 @@
 //! `plumb up`: runs a system.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode};
 
 use clap::Args;
 use runtime::Pace;
-use supervisor::{Report, Request};
+use supervisor::{Recorder, Report, Request};
 
 use crate::{
     fail_after_result,
     import::{Readable, Reading},
     out::print,
+    record::FlightRecorder,
+    replay,
 };
 
 /// The command line of `plumb up`.
@@ -20,7 +19,8 @@ use crate::{
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
-    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source.
+    /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source; or a flight of
+    /// `--record`, which is flown again in one process, with its own launch file where none is named.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Seconds of the source per second, or `max`: as fast as the slowest service.
@@ -35,9 +35,15 @@ pub(crate) struct Up {
     /// Write `t_s,qw,qx,qy,qz` of each tick.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// Record the flight from its first tick to its last: each start makes one MCAP file in this folder.
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
     /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
     #[arg(long)]
     cold: bool,
+    /// Publish on the topic `reading` what the source gives, before anything is done to it: from a recording of that a flight is replayed.
+    #[arg(long)]
+    readings: bool,
     /// Print one JSON object at the end, on the last line of standard output; what did not run is told there, too, as "error".
     #[arg(long)]
     json: bool,
@@ -46,16 +52,12 @@ pub(crate) struct Up {
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, cold, json, reading } = up;
-    let report = report(replay.as_deref(), &reading, |replay| Request {
-        launch,
-        replay,
-        pace: speed,
-        duration_s,
-        in_process,
-        out,
-        cold,
-    });
+    let Up { launch, replay, speed, duration_s, in_process, out, record, cold, readings, json, reading } = up;
+    let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref()));
+    // A flight that is recorded can be flown again.
+    let readings = readings || recorder.is_some();
+    let request = Request { launch, replay, pace: speed, duration_s, in_process, out, cold, readings };
+    let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
@@ -64,13 +66,20 @@ pub(crate) fn run(up: Up) -> ExitCode {
 }
 
 /// Runs what is asked for, of a recording whatever its format.
-fn report(replay: Option<&Path>, reading: &Reading, request: impl FnOnce(Option<PathBuf>) -> Request) -> Report {
-    // What is imported is there until the end.
-    let readable = match replay.map(|path| Readable::of(path, reading)).transpose() {
-        Ok(readable) => readable,
-        Err(error) => return Report::none(&error, error.exit_code()),
+fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightRecorder>) -> Report {
+    let ran = match request.replay.clone() {
+        Some(path) if flight::is_flight(&path) => replay::fly_again(&request, &path, recorder.is_some()),
+        replay => {
+            // What is imported is there until the end.
+            let readable = match replay.as_deref().map(|path| Readable::of(path, reading)).transpose() {
+                Ok(readable) => readable,
+                Err(error) => return Report::none(&error, error.exit_code()),
+            };
+            request.replay = readable.as_ref().map(|readable| readable.path.clone());
+            supervisor::up(&request, recorder.map(|recorder| recorder as &mut dyn Recorder))
+        }
     };
-    match supervisor::up(&request(readable.as_ref().map(|readable| readable.path.clone()))) {
+    match ran {
         Ok(report) => {
             supervisor::announce(&report);
             report
@@ -87,7 +96,7 @@ fn pace(text: &str) -> Result<Pace, String> {
     }
 }
 
-fn duration_s(text: &str) -> Result<f64, String> {
+pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let scale = match &text[split..] {
         "ms" => 1e-3,

@@ -90,6 +90,7 @@ fn config(launch: Launch, rate_hz: u32) -> ServiceConfig {
         role: Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: std::process::id(),
     }
 }

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 pub mod beyond;
+pub mod python;
 
 use std::{
     cell::RefCell,

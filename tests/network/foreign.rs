@@ -11,38 +11,13 @@ use crate::common::{
     Running, System,
     beyond::{endpoint, free_port},
     plumb,
+    python::python,
 };
 use serde_json::Value;
 
 /// A Python with what the client needs, made once; says why where there is none.
-pub(crate) static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(python);
-
-fn python() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("foreign-venv");
-    let python = folder.join("bin/python");
-    let is_ready = || {
-        let check = Command::new(&python).args(["-c", "import zenoh, google.protobuf"]).stderr(Stdio::null()).status();
-        check.is_ok_and(|status| status.success())
-    };
-    if is_ready() {
-        return Some(python);
-    }
-    let run = |command: &mut Command| {
-        let output = command.output().map_err(|cause| cause.to_string())?;
-        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
-    };
-    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder)).and_then(|()| {
-        let packages = ["eclipse-zenoh==1.10.2", "protobuf==7.36.2"];
-        run(Command::new(&python).args(["-m", "pip", "install", "--quiet"]).args(packages))
-    });
-    match made {
-        Ok(()) => Some(python),
-        Err(cause) => {
-            eprintln!("skipped: no Python with eclipse-zenoh and protobuf: {cause}");
-            None
-        }
-    }
-}
+pub(crate) static PYTHON: LazyLock<Option<PathBuf>> =
+    LazyLock::new(|| python("foreign-venv", "zenoh, google.protobuf", &["eclipse-zenoh==1.10.2", "protobuf==7.36.2"]));
 
 /// The vehicle boat.
 fn boat(gateway: &str) -> System {

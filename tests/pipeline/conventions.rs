@@ -127,6 +127,7 @@ fn published(it: &Vector) -> AttitudeOutput {
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: 0,
     };
     let attitude = it.attitude();

@@ -7,6 +7,8 @@ mod common;
 mod aborted;
 mod damage;
 mod files;
+mod flight;
+mod flown_again;
 mod notify;
 mod own_stage;
 mod record;

@@ -10,8 +10,8 @@ use crate::{
     port::{InPort, Topic},
 };
 
-/// Messages that an observer holds at most; what it is too slow for is overwritten in its own buffer and nowhere else.
-const BUFFER: usize = 1024;
+/// Messages that an observer holds at most, of what the topic does; what it is too slow for is overwritten in its own buffer and nowhere else.
+const BUFFER: usize = 16_384;
 
 /// An observer's end of a topic.
 #[derive(Debug)]

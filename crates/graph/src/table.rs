@@ -22,6 +22,7 @@ macro_rules! topics {
             Mag = "mag": MagSample, flagged(FIELD), Path, ingest => [fuser];
             Gnss = "gnss": GnssFix, flagged(FIX), Path, ingest => [fuser, course];
             Reference = "reference": Reference, no_tick, Path, ingest => [supervisor];
+            Reading = "reading": TakenReading, no_tick, Path, ingest => [];
             Gyro = "gyro": GyroStep, every_tick, Path, gyro => [fuser];
             Accel = "accel": AccelPoint, every_tick, Path, accel => [fuser];
             Fused = "fused": FusedState, every_tick, Path, fuser => [course];
@@ -31,6 +32,7 @@ macro_rules! topics {
             Difference = "difference": Difference, no_tick, Control, candidates => [supervisor];
             Control = "control": Control, no_tick, Control, supervisor => [slots];
             Health = "health": Health, no_tick, Control, services => [supervisor, gateway];
+            Event = "event": SystemEvent, no_tick, Control, supervisor => [];
             $($more)*
         }
     };

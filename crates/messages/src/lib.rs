@@ -20,8 +20,8 @@ pub use flags::Flags;
 pub use layout::{Field, Layout};
 pub use payloads::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
-    FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference, SensorReading,
-    State,
+    EventKind, FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference,
+    SensorReading, State, SystemEvent, TakenReading,
 };
 
 /// The layout of every topic's payload, in the order of the table.

@@ -191,6 +191,55 @@ payload! {
 }
 
 payload! {
+    /// A reading as ingest took it, in the order in which it did, before faults of the launch file, checks, calibration and mounting: from these a
+    /// flight is replayed. Published while somebody asked for it.
+    ///
+    /// A simulation or a recording is read again by each incarnation of ingest, so that a number may come again, with the same reading. Of sensors on
+    /// the bus each incarnation counts anew, and goes on at `tick` with `offset_ns`.
+    TakenReading = "plumbline.TakenReading.1" at (|reading, _| Some(reading.t_sensor_ns)) {
+        /// Readings that this incarnation had taken before it, those included that were refused.
+        number: u64,
+        /// The tick that it becomes, unless it is refused.
+        tick: u64,
+        /// The source's own time stamp, ns.
+        t_sensor_ns: i64,
+        /// Time of the samples less the source's before this reading, ns.
+        offset_ns: i64,
+        /// Body rate, rad/s, sensor axes.
+        rate_rad_s: [f64; 3],
+        /// Specific force, m/s², sensor axes.
+        force_m_s2: [f64; 3],
+        /// Magnetic field, µT, sensor axes; NaN where there is none.
+        field_ut: [f64; 3],
+        /// Velocity of the fix that belongs to it, m/s, east, north, up; NaN where there is none.
+        velocity_m_s: [f64; 3],
+        /// Standard deviation of each component, m/s; NaN where unknown.
+        velocity_sd_m_s: f64,
+        /// How old the velocity was on arrival, s; NaN where unknown.
+        age_s: f64,
+        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        latitude_rad: f64,
+        /// The true attitude, body → reference, w x y z; NaN where the source does not know it.
+        quaternion: [f64; 4],
+        /// What it brings: 1 a field, 2 a fix, 4 the true attitude, 8 that an estimate is to be judged by that; their sum.
+        brings: u32,
+        /// The incarnation of ingest.
+        incarnation: u32,
+    }
+}
+
+impl TakenReading {
+    /// It has a magnetic field.
+    pub const FIELD: u32 = 1;
+    /// It has a fix.
+    pub const FIX: u32 = 2;
+    /// It has the true attitude.
+    pub const REFERENCE: u32 = 4;
+    /// An estimate is to be judged by the true attitude.
+    pub const SCORED: u32 = 8;
+}
+
+payload! {
     /// The motion over one tick's interval.
     GyroStep = "plumbline.GyroStep.1" {
         /// Tick, interval, flags.
@@ -343,8 +392,7 @@ impl Checkpoint {
 
     /// The stage's name; empty when it is none.
     pub fn stage(&self) -> &str {
-        let len = self.stage.iter().position(|byte| *byte == 0).unwrap_or(self.stage.len());
-        std::str::from_utf8(&self.stage[..len]).unwrap_or_default()
+        text(&self.stage)
     }
 }
 
@@ -424,6 +472,182 @@ payload! {
     }
 }
 
+/// What an event of the system is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct EventKind(pub u32);
+
+macro_rules! event_kinds {
+    ($($(#[doc = $about:literal])+ $name:ident = $number:literal $word:literal,)*) => {
+        impl EventKind {
+            $($(#[doc = $about])+ pub const $name: Self = Self($number);)*
+
+            /// The word for it.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$name => $word,)*
+                    _ => "unknown",
+                }
+            }
+        }
+    };
+}
+
+event_kinds! {
+    /// A process of a service has started for the first time; `settings` are those of its stage. Of no service: the run has begun; `settings` are its
+    /// rate and its source (0 simulation, 1 recording, 2 sensors on the bus).
+    STARTED = 1 "started",
+    /// The run began with what an earlier one had found of the sensors: `settings`.
+    WARM = 2 "warm",
+    /// Every service runs.
+    READY = 3 "ready",
+    /// A process has ended; `why` tells how.
+    ENDED = 4 "ended",
+    /// A service was started again; it goes on at `adopted_tick`.
+    RESTARTED = 5 "restarted",
+    /// A service is not started again.
+    GIVEN_UP = 6 "given-up",
+    /// Somebody asks for a stage in a slot, or a watch does.
+    SWAP_ASKED = 7 "swap-asked",
+    /// Somebody asks for a stage beside the owner of a slot, or a watch does.
+    SHADOW_ASKED = 8 "shadow-asked",
+    /// A stage that is to take over has started, from the slot's state before `adopted_tick`.
+    CANDIDATE = 9 "candidate",
+    /// A decision: from `tick` on the slot is that of `filling`; `filling` 4294967295 is nobody.
+    OWNER = 10 "owner",
+    /// A request has been met: the stage has the slot from `tick` on.
+    SWAPPED = 11 "swapped",
+    /// A request was refused, and nothing was begun; `why` tells the reason.
+    REFUSED = 12 "refused",
+    /// A request has failed, and the slot is as it was; `why` tells the reason.
+    ABORTED = 13 "aborted",
+    /// So many `ticks` before `tick` have no attitude.
+    LOST = 14 "lost",
+    /// The supervisor did not take so many attitudes before `tick` while the topic held them.
+    NOT_TAKEN = 15 "not-taken",
+    /// A new bus in the place of one whose files were removed.
+    BUS_RENEWED = 16 "bus-renewed",
+    /// The end has begun: the source publishes nothing new.
+    ENDING = 17 "ending",
+    /// The system is at its end; `why` tells what ended it before its time.
+    FINISHED = 18 "finished",
+}
+
+payload! {
+    /// What the supervisor did or saw. A number that tells nothing is 2⁶⁴ − 1, or 2³² − 1.
+    SystemEvent = "plumbline.SystemEvent.1" {
+        /// Events of the run before it.
+        number: u64,
+        /// When, CLOCK_MONOTONIC, ns.
+        t_told_ns: u64,
+        /// The tick that it is about.
+        tick: u64,
+        /// How many.
+        ticks: u64,
+        /// The tick before which the state was that the process goes on from.
+        adopted_tick: u64,
+        /// What has happened.
+        kind: EventKind,
+        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway.
+        service: u32,
+        /// The process's incarnation.
+        incarnation: u32,
+        /// The decision's number.
+        epoch: u32,
+        /// Which stage of those that a slot has had: 0 is the launch file's, each candidate counts one on, and a restart changes nothing.
+        filling: u32,
+        /// Of which one the state was that it goes on from.
+        adopted_filling: u32,
+        /// 1 where it began in the place of one that had ended, else 0.
+        alone: u32,
+        /// 1 where a text did not fit and was cut, else 0.
+        cut: u32,
+        /// The stage's name, filled up with zeros.
+        stage: [u8; 32],
+        /// Names and numbers, `name=1.5 other=2`, filled up with zeros.
+        settings: [u8; 512],
+        /// The reason, for people, filled up with zeros.
+        why: [u8; 256],
+    }
+}
+
+impl SystemEvent {
+    /// What a number says that tells nothing.
+    pub const NONE: u64 = u64::MAX;
+    /// The same of a short one.
+    pub const NOBODY: u32 = u32::MAX;
+
+    /// An event that tells nothing but what it is.
+    pub fn new(kind: EventKind) -> Self {
+        Self {
+            kind,
+            tick: Self::NONE,
+            adopted_tick: Self::NONE,
+            service: Self::NOBODY,
+            filling: Self::NOBODY,
+            adopted_filling: Self::NOBODY,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    }
+
+    /// Of the stage with this number, which began with the state of another before a tick, or anew; `alone` where that had ended.
+    pub fn begun(self, filling: u32, adopted_tick: Option<u64>, adopted_filling: u32, alone: bool) -> Self {
+        let adopted_tick = adopted_tick.unwrap_or(Self::NONE);
+        Self { filling, adopted_tick, adopted_filling, alone: alone.into(), ..self }
+    }
+
+    /// With the name and the settings of a stage.
+    pub fn with_stage<'a>(mut self, stage: &str, settings: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
+        self.cut |= u32::from(!put_text(&mut self.stage, stage));
+        // The shortest digits that are read as the same number.
+        let settings = settings.into_iter().map(|(name, value)| format!("{name}={value:?}"));
+        self.cut |= u32::from(!put_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
+        self
+    }
+
+    /// With a reason.
+    pub fn with_why(mut self, why: &str) -> Self {
+        self.cut |= u32::from(!put_text(&mut self.why, why));
+        self
+    }
+
+    /// The stage's name; empty when it is none.
+    pub fn stage(&self) -> &str {
+        text(&self.stage)
+    }
+
+    /// Names and numbers as they are written.
+    pub fn settings_text(&self) -> &str {
+        text(&self.settings)
+    }
+
+    /// Names and numbers; `None` where they are none, or not all of them.
+    pub fn settings(&self) -> Option<Vec<(&str, f64)>> {
+        let parts = self.settings_text().split_whitespace();
+        let pairs = parts.map(|part| part.split_once('=').and_then(|(name, value)| Some((name, value.parse().ok()?))));
+        pairs.collect::<Option<_>>().filter(|_| self.cut == 0)
+    }
+
+    /// The reason.
+    pub fn why(&self) -> &str {
+        text(&self.why)
+    }
+}
+
+/// Puts a text where it is filled up with zeros; what does not fit is left out. Whether all of it fits.
+fn put_text(place: &mut [u8], text: &str) -> bool {
+    let len = text.floor_char_boundary(place.len());
+    place.fill(0);
+    place.iter_mut().zip(text[..len].bytes()).for_each(|(place, byte)| *place = byte);
+    len == text.len()
+}
+
+/// A text that is filled up with zeros; empty when it is none.
+fn text(bytes: &[u8]) -> &str {
+    let len = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    std::str::from_utf8(&bytes[..len]).unwrap_or_default()
+}
+
 graph::topics!(carry { Topic });
 
 const _: () = {
@@ -490,6 +714,16 @@ mod tests {
             "ends",
             "reserved",
             "words",
+            "number",
+            "brings",
+            "adopted_tick",
+            "kind",
+            "filling",
+            "adopted_filling",
+            "alone",
+            "cut",
+            "settings",
+            "why",
         ];
         for layout in layouts() {
             for field in layout.fields {

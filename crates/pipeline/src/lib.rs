@@ -6,6 +6,8 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`path`] | the slots of the path, one after the other |
+//! | [`schedule`] | which stage has which slot from which tick on, of a flight |
+//! | `seat` | a slot with the stages that it has one after the other |
 //! | [`collector`] | what becomes of the attitude: accuracy, latency, order |
 //! | `out` | the file of attitudes |
 #![forbid(unsafe_code)]
@@ -13,7 +15,10 @@
 pub mod collector;
 mod out;
 pub mod path;
+pub mod schedule;
+mod seat;
 
 pub use collector::{Collector, CollectorError};
 pub use out::is_same_file;
 pub use path::Path;
+pub use schedule::{Doubt, Schedule};

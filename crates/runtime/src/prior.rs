@@ -46,6 +46,12 @@ const BIAS: Ageing = Ageing { walk: BIAS_WALK_RAD_S, power_sd: 1e-3, unknown_sd:
 /// 1 µT in three days, for what is loaded and carried; 5 µT are 14° of heading where the horizontal field is 20 µT.
 const HARD_IRON: Ageing = Ageing { walk: 0.002, power_sd: 0.0, unknown_sd: 5.0 };
 
+/// The names of the numbers of bias and hard iron: each component, and their standard deviation.
+const NAMES: [[&str; 4]; 2] = [
+    ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s", "bias_sd_rad_s"],
+    ["hard_iron_x_ut", "hard_iron_y_ut", "hard_iron_z_ut", "hard_iron_sd_ut"],
+];
+
 impl Prior {
     /// What the fuser of a checkpoint has found, if any of it is worth to be kept: known twice as well as it must be to tell something.
     pub fn of(record: &Checkpoint) -> Option<Self> {
@@ -82,6 +88,24 @@ impl Prior {
     /// It can be what it says.
     pub fn is_sound(&self) -> bool {
         self.parts().into_iter().flatten().all(|known| known.sd > 0.0) && self.estimate().checked().is_ok()
+    }
+
+    /// The numbers of it with their names.
+    pub fn numbers(&self) -> Vec<(&'static str, f64)> {
+        let known = self.parts().into_iter().zip(NAMES).filter_map(|(known, names)| Some((known?, names)));
+        known.flat_map(|(Known { mean: [x, y, z], sd }, names)| names.into_iter().zip([x, y, z, sd])).collect()
+    }
+
+    /// The same of numbers with their names; `None` where they are others, or cannot be.
+    pub fn of_numbers(numbers: &[(&str, f64)]) -> Option<Self> {
+        let known = |names: [&str; 4]| {
+            let number = |name| numbers.iter().find(|(other, _)| *other == name).map(|(_, number)| *number);
+            let [x, y, z, sd] = names.map(number);
+            Some(Known { mean: [x?, y?, z?], sd: sd? })
+        };
+        let [bias_rad_s, hard_iron_ut] = NAMES.map(known);
+        let prior = Self { bias_rad_s, hard_iron_ut };
+        (prior.numbers().len() == numbers.len() && prior.is_sound()).then_some(prior)
     }
 
     /// Some of it is known twice as well.

@@ -28,6 +28,8 @@ pub struct ServiceConfig {
     pub pace: Pace,
     /// Ticks after which the source ends.
     pub ticks_max: Option<u64>,
+    /// Ingest publishes each reading as it came.
+    pub readings: bool,
     /// The incarnation of this service.
     pub incarnation: u32,
     /// The decision about its slot that is in force.
@@ -75,7 +77,10 @@ impl ServiceConfig {
             (messages::size(topic) + MESSAGE_OVERHEAD_BYTES) * self.buffer(entry) * publishers
         };
         let from_outside = self.launch.ingest.source == Source::Bus;
-        let is_there = |topic: &Topic| from_outside || topic.entry().publisher != Participant::Outside;
+        let is_there = |topic: &Topic| match topic {
+            Topic::Reading => self.readings,
+            topic => from_outside || topic.entry().publisher != Participant::Outside,
+        };
         let bytes: usize = Topic::ALL.iter().copied().filter(is_there).map(bytes).sum();
         (bytes * 3 / 2) as u64
     }

@@ -131,7 +131,12 @@ impl<S: Slot> SlotService<S> {
             return None;
         }
         self.next_checkpoint = next_tick + self.checkpoint_ticks;
-        Some(checkpoint::checkpoint(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some()))
+        Some(self.state())
+    }
+
+    /// The state before the tick that it takes next.
+    pub fn state(&mut self) -> Checkpoint {
+        checkpoint::checkpoint(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some())
     }
 
     /// How it is, but for what only the bus knows.

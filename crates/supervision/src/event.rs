@@ -3,7 +3,7 @@
 use std::{path::PathBuf, time::Duration};
 
 use launch::{Launch, Service, Stage};
-use messages::{Checkpoint, Control, Difference, Health};
+use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
 use swap::Role;
 
 use crate::request::{ControlRequest, ServiceStatus, SwapReport};
@@ -98,6 +98,8 @@ pub struct OutputProgress {
     pub next_tick: u64,
     /// Ticks before it without an attitude.
     pub lost: u64,
+    /// Attitudes before it that were published and not taken while the topic held them.
+    pub not_taken: u64,
     /// Attitudes that came again.
     pub duplicated: u64,
     /// The longest time between two publications since this was told last, ns.
@@ -137,6 +139,8 @@ pub enum Action {
         /// What.
         reply: Reply,
     },
+    /// Tell whoever listens on the topic `event`; number and time are the shell's.
+    Tell(Box<SystemEvent>),
     /// Say something to people.
     Announce(String),
     /// Every service runs.

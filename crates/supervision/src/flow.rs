@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use launch::Service;
-use messages::State;
+use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
@@ -95,6 +95,7 @@ impl Supervision {
         let ticks = if self.waits() { self.next_tick() + self.config.window_ticks } else { u64::MAX };
         self.grant(ticks);
         self.actions.push(Action::Ready);
+        self.tell(SystemEvent::new(EventKind::READY));
     }
 
     /// Whoever asks for the end of a system that has not begun does not wait for it; one that has goes on to the end of what came in.
@@ -120,6 +121,7 @@ impl Supervision {
             self.flow.phase = Phase::Stopping;
             self.flow.progressed = self.now;
             self.actions.push(Action::Stopping);
+            self.tell(SystemEvent::new(EventKind::ENDING));
             self.actions.push(Action::GrantCredit { ticks: self.flow.granted_ticks, ends: true });
         }
         let stopping = self.flow.phase == Phase::Stopping;
@@ -185,6 +187,8 @@ impl Supervision {
     pub(crate) fn finish(&mut self, failure: Option<Failure>) {
         self.abort_requests("the system ends");
         self.flow.phase = Phase::Ended;
+        let why = failure.as_ref().map_or(String::new(), Failure::to_string);
+        self.tell(SystemEvent { tick: self.next_tick(), ..SystemEvent::new(EventKind::FINISHED) }.with_why(&why));
         self.actions.push(Action::Finish(failure));
     }
 

@@ -17,12 +17,14 @@
 //! | `swaps`, `pending_swaps` | who fills a slot; the requests to change that |
 //! | `watch` | stages that take over by themselves |
 //! | `flow` | readiness, credit for the source, the end |
+//! | `history` | what is told of it all while the system runs |
 //! | `renewal` | what is done when the bus of the running system was removed |
 #![forbid(unsafe_code)]
 
 mod checkpoint_store;
 pub mod event;
 mod flow;
+mod history;
 mod pending_swaps;
 pub mod process;
 mod renewal;

@@ -230,6 +230,11 @@ impl ProcessEntry {
         }
     }
 
+    /// The tick that its owner went on with, where it went on from a checkpoint.
+    pub(crate) fn resumes_at(&self) -> Option<u64> {
+        self.process.as_ref()?.resumes_at
+    }
+
     /// It has opened its topics, or will not any more.
     pub(crate) fn is_settled(&self) -> bool {
         self.away || self.health().is_some() || self.is_replaced() && self.candidate_health().is_some()

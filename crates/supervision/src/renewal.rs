@@ -6,6 +6,7 @@
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
 use launch::{Service, Source};
+use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, ProcessEntry, Supervision};
 
@@ -79,6 +80,7 @@ impl Supervision {
     /// Every service that has not failed starts from its checkpoint.
     pub(crate) fn on_bus_renewed(&mut self) {
         self.renewals.under_way = false;
+        self.tell(SystemEvent::new(EventKind::BUS_RENEWED));
         // The time that it took is nobody's silence.
         self.table.stood_still(self.now);
         let launch = &self.config.launch;
@@ -89,7 +91,9 @@ impl Supervision {
                 self.spawn_owner(service, Some(resume));
             }
         }
+        let given_up: Vec<_> = Service::SLOTS.into_iter().filter(|slot| self.swaps.beside(*slot).is_some()).collect();
         self.fill_slots();
+        given_up.into_iter().for_each(|slot| self.tell_kept(slot));
         for service in Service::ALL {
             let next_tick = self.published[service as usize];
             self.notify_slot(service, swap::Event::Published { next_tick });

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use launch::{OnLimit, Restart, Service};
+use messages::{EventKind, SystemEvent};
 use swap::{FIRST_EPOCH, Role};
 
 use crate::{
@@ -32,8 +33,11 @@ impl Supervision {
         let Some(service) = self.table.service_of(incarnation) else { return };
         self.table.on_spawned(service, incarnation, pid);
         if self.table.is_candidate(service as u32, incarnation) {
+            let beside = self.swaps.beside(service).cloned();
+            self.tell_filling(EventKind::CANDIDATE, service, incarnation, 0, SystemEvent::NONE, beside.as_ref());
             return self.notify_slot(service, swap::Event::Spawned { incarnation });
         }
+        self.tell_start(service, incarnation);
         let restarts = self.table.entry(service).restarts();
         if restarts > 0 {
             self.announce(format!("{service}: process {pid} goes on, restart {restarts}"));
@@ -56,6 +60,7 @@ impl Supervision {
 
     pub(crate) fn on_exit(&mut self, incarnation: u32, how: String, stderr: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
+        self.tell_of(service, incarnation, SystemEvent::new(EventKind::ENDED).with_why(&how));
         match self.table.entry_mut(service).take_ended(incarnation) {
             Some(Ended::Owner(process)) => {
                 self.swaps.note_last_words(service, &stderr);
@@ -110,6 +115,7 @@ impl Supervision {
             Verdict::Stop => self.finish(Some(Failure::ServiceEnded { service, pid, how, stderr })),
             Verdict::Away => {
                 entry.away = true;
+                self.tell_of(service, process.incarnation, SystemEvent::new(EventKind::GIVEN_UP).with_why(&how));
                 self.announce(format!(
                     "{service}: {who}{how}; it has failed and stays away{}{stderr}",
                     remedy(service)

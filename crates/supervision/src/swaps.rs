@@ -1,11 +1,12 @@
 //! Who fills the slots: the coordinator of each, and what it is told and asks for.
 
 use launch::{Launch, Service, Stage, nearest};
-use messages::Health;
+use messages::{EventKind, Health, SystemEvent};
 use swap::{Coordinator, FIRST_EPOCH, Limits, Outcome, OwnershipStatus, Reason, Role, State};
 
 use crate::{
     Action, Config, OutputProgress, Reply, Resume, Spawn, Supervision, SwapReport, SwapRequest,
+    history::{Filling, Fillings, with_stage},
     pending_swaps::{Asker, Pending},
     process::Process,
 };
@@ -30,6 +31,11 @@ struct Slot {
     service: Service,
     coordinator: Coordinator,
     candidate: Option<Stage>,
+    fillings: Fillings,
+    /// The stage that is to have the slot.
+    beside: Option<Filling>,
+    /// One that began in the place of an owner that had ended may have published.
+    replaced: bool,
     attempt: Attempt,
     ready: bool,
     /// What the process said that ended last.
@@ -69,6 +75,16 @@ impl Swaps {
         }
     }
 
+    /// The stage that is to have a slot.
+    pub(crate) fn beside(&self, service: Service) -> Option<&Filling> {
+        self.slot(service)?.beside.as_ref()
+    }
+
+    /// The stages that a slot has had.
+    pub(crate) fn fillings(&self, service: Service) -> Option<&Fillings> {
+        Some(&self.slot(service)?.fillings)
+    }
+
     fn is_busy(&self) -> bool {
         self.slots.iter().any(|slot| slot.coordinator.state() != State::Idle)
     }
@@ -90,11 +106,15 @@ impl Supervision {
     /// Each slot belongs to the process that was started for it last.
     pub(crate) fn fill_slots(&mut self) {
         let limits = limits(&self.config);
-        let with_stage = self.entries().filter(|(service, _)| self.config.launch.slot(*service).is_some());
-        let slots = with_stage.map(|(service, entry)| Slot {
+        let stages =
+            self.entries().filter_map(|(service, entry)| Some((service, entry, self.config.launch.slot(service)?)));
+        let slots = stages.map(|(service, entry, stage)| Slot {
             service,
             coordinator: Coordinator::new(entry.incarnation(), FIRST_EPOCH, limits),
             candidate: None,
+            fillings: self.swaps.fillings(service).cloned().unwrap_or_else(|| Fillings::new(stage.clone())),
+            beside: None,
+            replaced: false,
             attempt: Attempt::default(),
             ready: false,
             last_words: String::new(),
@@ -115,7 +135,14 @@ impl Supervision {
     }
 
     pub(crate) fn on_output(&mut self, output: OutputProgress) {
-        self.output = output;
+        let before = std::mem::replace(&mut self.output, output);
+        let news = [
+            (EventKind::LOST, output.lost.saturating_sub(before.lost)),
+            (EventKind::NOT_TAKEN, output.not_taken.saturating_sub(before.not_taken)),
+        ];
+        for (kind, ticks) in news.into_iter().filter(|(_, ticks)| *ticks > 0) {
+            self.tell(SystemEvent { tick: output.next_tick, ticks, ..SystemEvent::new(kind) });
+        }
         self.checkpoints.on_output(output.next_tick);
         self.pending.note_gap(output.gap_ns);
     }
@@ -140,6 +167,9 @@ impl Supervision {
         self.swaps.requests += 1;
         let id = self.swaps.requests;
         let checked = self.checked(&request);
+        let kind = if request.shadow { EventKind::SHADOW_ASKED } else { EventKind::SWAP_ASKED };
+        let place = Service::named(&request.slot).map_or(SystemEvent::NOBODY, |service| service as u32);
+        self.tell(SystemEvent { service: place, ..with_stage(SystemEvent::new(kind), &request.stage) });
         let until_ms = request.limit_ms.map_or(u64::MAX, |limit_ms| self.now_ms().saturating_add(limit_ms));
         let SwapRequest { slot, stage, shadow, .. } = request;
         let (service, from) = match checked {
@@ -293,6 +323,7 @@ impl Supervision {
             swap::Action::PublishControl(swap::Control { epoch, owner, from_tick }) => {
                 let control = messages::Control { from_tick, epoch, service: service as u32, owner, reserved: 0 };
                 self.actions.push(Action::PublishControl(control));
+                self.tell_owner(service, epoch, owner, from_tick);
             }
             swap::Action::EndCandidate { incarnation } | swap::Action::RetireOld { incarnation } => {
                 self.table.dismiss(service, incarnation, &mut self.actions);
@@ -300,12 +331,35 @@ impl Supervision {
             swap::Action::RestartActive { epoch, from_tick } => {
                 let entry = self.table.entry_mut(service);
                 entry.ownership = Some((epoch, from_tick));
-                if let Some(process) = &entry.process {
-                    self.actions.push(Action::Kill { incarnation: process.incarnation });
+                let incarnation = entry.incarnation();
+                if entry.process.is_some() {
+                    self.actions.push(Action::Kill { incarnation });
+                }
+                // What another has published in its place was taken; it goes on behind that.
+                if self.swaps.slot(service).is_some_and(|slot| slot.replaced) {
+                    self.tell_owner(service, epoch, incarnation, self.published[service as usize].max(from_tick));
                 }
             }
             swap::Action::Answer(report) => self.on_swap_answer(service, &report),
         }
+    }
+
+    /// Tells that a slot stays whose it was: what another had of it lies behind what was published.
+    pub(crate) fn tell_kept(&mut self, service: Service) {
+        let incarnation = self.table.entry(service).incarnation();
+        self.tell_owner(service, FIRST_EPOCH, incarnation, self.published[service as usize]);
+    }
+
+    /// Tells a decision, with what there is to know of the owner.
+    fn tell_owner(&mut self, service: Service, epoch: u32, owner: u32, from_tick: u64) {
+        let is_beside = self.table.is_candidate(service as u32, owner);
+        let Some(slot) = self.swaps.slot_mut(service) else { return };
+        let filling = if is_beside { slot.beside.as_ref() } else { slot.fillings.owner() };
+        let filling = filling.filter(|_| owner != 0).cloned();
+        let replaces_until = filling.as_ref().and_then(|filling| filling.replaces_until);
+        slot.replaced = is_beside && replaces_until.is_some();
+        let from_tick = if is_beside { replaces_until.unwrap_or(0).max(from_tick) } else { from_tick };
+        self.tell_filling(EventKind::OWNER, service, owner, epoch, from_tick, filling.as_ref());
     }
 
     /// Starts a stage beside the one that fills the slot, or in the place of one that has ended; a candidate that is still there is killed.
@@ -314,6 +368,8 @@ impl Supervision {
         let Some(slot) = self.swaps.slot_mut(service) else { return };
         slot.ready = false;
         let stage = slot.candidate.clone();
+        let replaces_until = (role != Role::Candidate).then(|| self.published[service as usize]);
+        slot.beside = stage.clone().map(|stage| slot.fillings.next(stage, &resume, replaces_until));
         let incarnation = self.table.next_incarnation();
         let candidate = Process::new(incarnation, role != Role::Candidate, Some(&resume), self.now);
         let entry = self.table.entry_mut(service);
@@ -340,6 +396,12 @@ impl Supervision {
             entry.policy.reset();
             if let Some(slot) = self.config.launch.slot_mut(service) {
                 *slot = stage;
+            }
+            if let Some(slot) = self.swaps.slot_mut(service)
+                && let Some(filling) = slot.beside.take()
+            {
+                slot.fillings.enter(filling);
+                slot.replaced = false;
             }
         } else if !committed && !matches!(report.reason, Some(Reason::Busy { .. })) {
             slot.candidate = None;
@@ -374,6 +436,7 @@ impl Supervision {
     }
 
     fn answer(&mut self, id: u64, asker: Asker, report: SwapReport) {
+        self.tell_report(&report);
         match asker {
             Asker::Watch(service) => self.on_watch_answer(service, id, report),
             Asker::Caller { caller, .. } => {

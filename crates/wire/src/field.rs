@@ -1,6 +1,6 @@
 //! A field of a payload as a field of the schema, and back.
 
-use messages::{Chart, CourseReference, Flags, Header, State};
+use messages::{Chart, CourseReference, EventKind, Flags, Header, State};
 
 use crate::{
     Refusal,
@@ -114,6 +114,17 @@ named!(
     CourseReference(u64) up to v1::CourseReference::True,
     State(u32) up to v1::State::Finished
 );
+
+/// It has no name for 0 on board, either.
+impl Field<i32> for EventKind {
+    fn put(self) -> i32 {
+        i32::try_from(self.0).ok().filter(|kind| *kind <= v1::EventKind::Finished as i32).unwrap_or(0)
+    }
+
+    fn take(form: i32, field: &'static str) -> Result<Self, Refusal> {
+        Ok(Self(place_taken(form, v1::EventKind::Finished as i32, field)? as u32 + 1))
+    }
+}
 
 /// A service.
 impl Field<i32> for u32 {

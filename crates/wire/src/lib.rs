@@ -4,7 +4,7 @@
 //! message are refused with what is wrong with them, and counted by kind; nothing here panics or takes memory beyond
 //! [`BYTES_MAX`] times a small factor, whatever the bytes are.
 //!
-//! The schema is `proto/plumbline/v1/*.proto`; this is the only crate that names prost.
+//! The schema is `proto/plumbline/v1/*.proto`, that of viewers `proto/foxglove/*.proto`; this is the only crate that names prost.
 //!
 //! | module | what it holds |
 //! | --- | --- |
@@ -14,6 +14,7 @@
 //! | [`keys`] | where everything is found |
 //! | [`refusal`] | why bytes are no message |
 //! | [`schema`] | the descriptors, for whoever has no copy of the files |
+//! | [`viewer`] | the attitude in the schemas that viewers know |
 #![forbid(unsafe_code)]
 
 pub mod batch;
@@ -23,6 +24,7 @@ pub mod keys;
 pub mod payload;
 pub mod refusal;
 pub mod schema;
+pub mod viewer;
 
 /// The types of `proto/plumbline/v1`, as generated; the files say what they mean.
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated")]

@@ -2,7 +2,8 @@
 
 use messages::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Checkpoint, Control, Credit, Difference, FusedState, GnssFix,
-    GyroStep, Health, ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading,
+    GyroStep, Health, ImuSample, MagSample, Message, ReceiverReading, Reference, SensorReading, SystemEvent,
+    TakenReading,
 };
 use prost::Message as _;
 
@@ -65,6 +66,9 @@ payloads! {
     MagSample { header, field_ut };
     GnssFix { header, velocity_m_s } any { velocity_sd_m_s, age_s, latitude_rad };
     Reference { tick, scored, quaternion };
+    TakenReading { number, tick, t_sensor_ns, offset_ns } any {
+        rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, quaternion, brings, incarnation
+    };
     GyroStep { header, w, z_rad, chart, p, s, rate_rad_s };
     AccelPoint { header, w, chart, norm_m_s2, trust, force_m_s2 };
     FusedState {
@@ -124,15 +128,10 @@ impl Payload for Checkpoint {
     fn of_form(form: v1::Checkpoint) -> Result<Self, Refusal> {
         let v1::Checkpoint { next_tick, checksum, service, incarnation, swapped, .. } = form;
         let v1::Checkpoint { slot_words, common_words, stage_words, .. } = form;
-        let (mut stage, mut words) = ([0; 32], [0; CHECKPOINT_WORDS]);
-        let too_many = |what, max| Refusal::TooMany { message: Self::NAME, what, max };
-        let letters = form.stage.as_bytes();
-        if letters.contains(&0) {
-            let expected = "a name without zeros";
-            return Err(Refusal::OutOfRange { field: "stage", value: format!("{:?}", form.stage), expected });
-        }
-        stage.get_mut(..letters.len()).ok_or(too_many("letters", 32))?.copy_from_slice(letters);
-        let room = words.get_mut(..form.words.len()).ok_or(too_many("words", CHECKPOINT_WORDS))?;
+        let mut words = [0; CHECKPOINT_WORDS];
+        let stage = text_taken(&form.stage, Self::NAME, "stage")?;
+        let too_many = Refusal::TooMany { message: Self::NAME, what: "words", max: CHECKPOINT_WORDS };
+        let room = words.get_mut(..form.words.len()).ok_or(too_many)?;
         room.copy_from_slice(&form.words);
         let service = Field::take(service, "service")?;
         Ok(Self {
@@ -148,4 +147,68 @@ impl Payload for Checkpoint {
             words,
         })
     }
+}
+
+impl Payload for SystemEvent {
+    const NAME: &'static str = "SystemEvent";
+    type Form = v1::SystemEvent;
+
+    fn form(&self) -> v1::SystemEvent {
+        let Self { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = *self;
+        let Self { epoch, filling, adopted_filling, alone, cut, .. } = *self;
+        v1::SystemEvent {
+            number,
+            t_told_ns,
+            tick,
+            ticks,
+            adopted_tick,
+            kind: kind.put(),
+            service: service.put(),
+            incarnation,
+            epoch,
+            filling,
+            adopted_filling,
+            alone,
+            cut,
+            stage: self.stage().into(),
+            settings: self.settings_text().into(),
+            why: self.why().into(),
+        }
+    }
+
+    fn of_form(form: v1::SystemEvent) -> Result<Self, Refusal> {
+        let v1::SystemEvent { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = form;
+        let v1::SystemEvent { epoch, filling, adopted_filling, alone, cut, .. } = form;
+        let about_none = service == v1::Service::Unspecified as i32;
+        Ok(Self {
+            number,
+            t_told_ns,
+            tick,
+            ticks,
+            adopted_tick,
+            kind: Field::take(kind, "kind")?,
+            service: if about_none { Self::NOBODY } else { Field::take(service, "service")? },
+            incarnation,
+            epoch,
+            filling,
+            adopted_filling,
+            alone,
+            cut,
+            stage: text_taken(&form.stage, Self::NAME, "stage")?,
+            settings: text_taken(&form.settings, Self::NAME, "settings")?,
+            why: text_taken(&form.why, Self::NAME, "why")?,
+        })
+    }
+}
+
+/// A text that is filled up with zeros.
+fn text_taken<const N: usize>(text: &str, message: &'static str, field: &'static str) -> Result<[u8; N], Refusal> {
+    let letters = text.as_bytes();
+    if letters.contains(&0) {
+        return Err(Refusal::OutOfRange { field, value: format!("{text:?}"), expected: "a text without zeros" });
+    }
+    let mut place = [0; N];
+    let too_many = Refusal::TooMany { message, what: "letters", max: N };
+    place.get_mut(..letters.len()).ok_or(too_many)?.copy_from_slice(letters);
+    Ok(place)
 }

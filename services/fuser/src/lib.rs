@@ -328,6 +328,7 @@ mod tests {
             epoch: 1,
             prior: None,
             resume: None,
+            readings: false,
             supervisor_pid: 0,
         };
         slot(&config).unwrap()

@@ -51,9 +51,20 @@ mod tests {
     fn waits(rate_hz: f64, pace: service_config::Pace, gateway: Gateway) -> bool {
         let launch = Launch { gateway, ..Launch::default() };
         let (role, resume, ticks_max, prior) = (Role::Owner { from_tick: 0 }, None, None, None);
-        let (incarnation, epoch, supervisor_pid) = (1, 1, 0);
-        let config =
-            ServiceConfig { launch, rate_hz, pace, ticks_max, incarnation, epoch, role, prior, resume, supervisor_pid };
+        let (incarnation, epoch, supervisor_pid, readings) = (1, 1, 0, false);
+        let config = ServiceConfig {
+            launch,
+            rate_hz,
+            pace,
+            ticks_max,
+            incarnation,
+            epoch,
+            role,
+            prior,
+            resume,
+            supervisor_pid,
+            readings,
+        };
         Pace::of(&config).waits
     }
 

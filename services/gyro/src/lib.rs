@@ -131,6 +131,7 @@ mod tests {
             role,
             prior: None,
             resume,
+            readings: false,
             supervisor_pid: 0,
         };
         let (service, refused) = SlotService::new(slot(&config).unwrap(), Service::Gyro, &config, 0, output_tick);

@@ -148,7 +148,7 @@ impl Conditioner {
 
     /// The sample of a reading; `None` when it is refused, or gone by the script of faults.
     pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
-        let (reading, at_work) = self.script.distort(reading)?;
+        let (reading, at_work) = self.script.distort(&reading.without_negative_zero())?;
         self.scripted |= at_work;
         self.judge(&reading)
     }

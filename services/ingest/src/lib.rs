@@ -6,8 +6,10 @@
 
 mod channel;
 pub mod conditioner;
+pub mod retaken;
 mod script;
 pub mod source;
+mod taken;
 
 use std::time::Duration;
 
@@ -25,6 +27,7 @@ use runtime::{
 
 use conditioner::{Conditioner, Sample};
 use source::{Reading, Readings, SourceError, Truth, fix_of};
+use taken::TakenReadings;
 
 /// Samples sent at most before the readers are woken.
 const BATCH: usize = 64;
@@ -70,6 +73,8 @@ struct Ingest {
     mag: Publisher<MagSample>,
     gnss: Publisher<GnssFix>,
     reference: Publisher<Reference>,
+    /// Where somebody wants to replay the flight.
+    taken: Option<TakenReadings>,
     checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
     /// Ticks before this one were published by an earlier incarnation.
@@ -99,6 +104,10 @@ impl Ingest {
         }
         Ok(Self {
             conditioner,
+            taken: match context.config.readings {
+                true => Some(TakenReadings::new(context.publisher()?, &context.config, first_tick)),
+                false => None,
+            },
             checkpoints: context.bus.publisher(BUFFER_BESIDE)?,
             first_tick,
             start_ns,
@@ -210,8 +219,11 @@ impl Ingest {
             receiver.drain(BATCH, |reading| fix = Some(fix_of(reading)))?;
             sensor.drain(BATCH, |reading| {
                 let reading = Reading { fix: fix.take(), ..reading.into() };
-                if let (true, Some(sample)) = (published.is_ok(), self.conditioner.condition(&reading)) {
-                    published = self.publish(sample, None);
+                if published.is_ok() {
+                    published = self.take(&reading).and_then(|sample| match sample {
+                        Some(sample) => self.publish(sample, None),
+                        None => Ok(()),
+                    });
                 }
             })?;
             published?;
@@ -239,11 +251,20 @@ impl Ingest {
         }
         for reading in readings {
             let reading: Reading = reading?;
-            if let Some(sample) = self.conditioner.condition(&reading) {
+            if let Some(sample) = self.take(&reading)? {
                 return Ok(Some((sample, reading.reference)));
             }
         }
         Ok(None)
+    }
+
+    /// The sample of a reading, if it can be placed.
+    fn take(&mut self, reading: &Reading) -> Result<Option<Sample>, IngestError> {
+        let Self { taken, conditioner, .. } = self;
+        if let Some(taken) = taken {
+            taken.publish(reading, conditioner)?;
+        }
+        Ok(conditioner.condition(reading))
     }
 
     fn publish(&mut self, sample: Sample, truth: Option<Truth>) -> Result<(), IngestError> {

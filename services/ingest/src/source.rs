@@ -30,6 +30,28 @@ pub struct Reading {
     pub reference: Option<Truth>,
 }
 
+impl Reading {
+    /// The same with 0 for −0, which tells no more and which protobuf leaves out: a flight and its replay see the same numbers.
+    pub fn without_negative_zero(&self) -> Self {
+        let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference } = *self;
+        let all = |values: [f64; 3]| values.map(|value| value + 0.0);
+        let one = |value: Option<f64>| value.map(|value| value + 0.0);
+        Self {
+            t_ns,
+            rate_rad_s: all(rate_rad_s),
+            force_m_s2: all(force_m_s2),
+            field_ut: field_ut.map(all),
+            fix: fix.map(|fix| Fix {
+                velocity_m_s: all(fix.velocity_m_s.into()).into(),
+                sd_m_s: one(fix.sd_m_s),
+                age_s: one(fix.age_s),
+                latitude_rad: one(fix.latitude_rad),
+            }),
+            reference,
+        }
+    }
+}
+
 impl From<Row> for Reading {
     fn from(row: Row) -> Self {
         let Row { t_ns, rate_rad_s, force_m_s2, field_ut, reference } = row;

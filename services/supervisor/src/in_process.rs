@@ -6,7 +6,8 @@ use std::{
 };
 
 use ingest::{
-    conditioner::Conditioner,
+    conditioner::{Conditioner, Sample},
+    retaken::Retaken,
     source::{Readings, Truth},
 };
 use launch::Service;
@@ -18,7 +19,8 @@ use runtime::{
 };
 
 use crate::{
-    Plan, Report, UpError,
+    Plan, Report, UpError, announce,
+    flight::{Flight, TakenReadings},
     processes::own_cpu_s,
     report::{Account, ServiceReport},
     view::View,
@@ -31,18 +33,76 @@ const VIEW_INTERVAL_NS: u64 = 100_000_000;
 
 /// Runs the plan in this process.
 pub fn run(plan: &Plan, ends: &AtomicBool) -> Result<Report, UpError> {
+    let samples = Samples::Source {
+        readings: Box::new(Readings::open(&plan.config.launch)?),
+        conditioner: Box::new(ingest::conditioner(&plan.config)?),
+    };
+    flow(plan, ends, samples, Path::new(&plan.config)?)
+}
+
+/// Flies a flight again in this process: the readings that were taken, and the swaps at their ticks.
+pub fn replay(plan: &Plan, flight: Flight, ends: &AtomicBool) -> Result<Report, UpError> {
+    let path = Path::with_swaps(&plan.config, &flight.schedule)?;
+    flight.schedule.doubts().iter().for_each(announce);
+    let samples = Samples::Flight { readings: flight.readings, retaken: Box::new(Retaken::new(&plan.config)?) };
+    flow(plan, ends, samples, path)
+}
+
+/// Samples, and how many there were.
+enum Samples {
+    Source { readings: Box<Readings>, conditioner: Box<Conditioner> },
+    Flight { readings: TakenReadings, retaken: Box<Retaken> },
+}
+
+impl Samples {
+    /// The next sample with the true attitude; `None` at the end.
+    fn next(&mut self) -> Result<Option<(Sample, Option<Truth>)>, UpError> {
+        match self {
+            Self::Source { readings, conditioner } => {
+                for reading in readings {
+                    let reading = reading?;
+                    if let Some(sample) = conditioner.condition(&reading) {
+                        return Ok(Some((sample, reading.reference)));
+                    }
+                }
+            }
+            Self::Flight { readings, retaken } => {
+                for taken in readings {
+                    if let Some(sample) = retaken.sample(&taken?)? {
+                        return Ok(Some(sample));
+                    }
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn ticks(&self) -> u64 {
+        match self {
+            Self::Source { conditioner, .. } => conditioner.ticks(),
+            Self::Flight { retaken, .. } => retaken.ticks(),
+        }
+    }
+
+    fn refused(&self) -> u64 {
+        match self {
+            Self::Source { conditioner, .. } => conditioner.refused(),
+            Self::Flight { retaken, .. } => retaken.refused(),
+        }
+    }
+}
+
+/// Lets the samples flow to their end.
+fn flow(plan: &Plan, ends: &AtomicBool, mut samples: Samples, mut path: Path) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
-    let mut conditioner = ingest::conditioner(&plan.config)?;
-    let readings = Readings::open(&plan.config.launch)?;
-    let mut path = Path::new(&plan.config)?;
     let mut view = View::new(plan)?;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
-    let flowed = flow(plan, ends, readings, &mut conditioner, &mut path, &mut collector, &mut view);
+    let flowed = pump(plan, ends, &mut samples, &mut path, &mut collector, &mut view);
     view.end();
     let account = Account {
-        ticks_in: conditioner.ticks(),
+        ticks_in: samples.ticks(),
         ticks_out: None,
-        refused: conditioner.refused(),
+        refused: samples.refused(),
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
         services: Service::PATH
             .map(|service| ServiceReport { name: service.name(), pid: Some(std::process::id()), restarts: 0 })
@@ -51,12 +111,10 @@ pub fn run(plan: &Plan, ends: &AtomicBool) -> Result<Report, UpError> {
     Ok(Report::new(collector, account, flowed.err()))
 }
 
-/// Lets the readings flow to their end.
-fn flow(
+fn pump(
     plan: &Plan,
     ends: &AtomicBool,
-    readings: Readings,
-    conditioner: &mut Conditioner,
+    samples: &mut Samples,
     path: &mut Path,
     collector: &mut Collector,
     view: &mut View,
@@ -64,12 +122,8 @@ fn flow(
     let start_ns = monotonic_ns();
     let (mut first_ns, mut seen_ns) = (None, 0);
     runtime::clock::wake_on_time();
-    for reading in readings {
-        let reading = reading?;
-        if ends.load(Ordering::SeqCst) || plan.config.ticks_max.is_some_and(|max| conditioner.ticks() >= max) {
-            break;
-        }
-        let Some(mut sample) = conditioner.condition(&reading) else { continue };
+    while !ends.load(Ordering::SeqCst) && plan.config.ticks_max.is_none_or(|max| samples.ticks() < max) {
+        let Some((mut sample, truth)) = samples.next()? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
         if let Pace::Speed(speed) = plan.config.pace {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
@@ -79,7 +133,7 @@ fn flow(
         }
         sample.imu.header.t_born_ns = monotonic_ns();
         sample.imu.header.epoch = runtime::service_config::FIRST_EPOCH;
-        if let Some(Truth { quaternion, scored }) = reading.reference {
+        if let Some(Truth { quaternion, scored }) = truth {
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
         path.offer(sample, &mut |mut output| {

@@ -9,18 +9,22 @@
 //! | [`plan`] | what is to run, checked before anything starts |
 //! | [`system`] | the services as processes on the bus: the shell around `supervision`, which decides |
 //! | [`in_process`] | the same slots in this process, without the bus |
+//! | [`flight`] | a flight that is flown again |
 //! | [`report`] | how it went, for scripts and for people |
+//! | [`recorder`] | who takes down what flows |
 //! | `processes` | the processes: started, ended, reaped |
 //! | `warm` | what outlives a stop of the whole system |
 //! | `reaper` | what killed services leave on the bus |
 //! | `scheduling` | which process runs first |
 //! | `view` | the terminal |
 //! | `notify` | what the service manager is told |
+pub mod flight;
 pub mod in_process;
 mod notify;
 pub mod plan;
 mod processes;
 mod reaper;
+pub mod recorder;
 pub mod report;
 mod scheduling;
 pub mod system;
@@ -35,18 +39,24 @@ use std::{
 
 use bus::BusError;
 use control::ControlError;
-use ingest::source::SourceError;
+use ingest::{retaken::RetakeError, source::SourceError};
 use launch::LaunchError;
 use pipeline::CollectorError;
 use recording::RecordingError;
 use runtime::RuntimeError;
 use supervision::Failure;
 
+pub use flight::Flight;
 pub use plan::{Plan, Request};
+pub use recorder::{Recorder, RecordingReport};
 pub use report::Report;
 
-/// Runs what was asked for, to its end. What did not run is an error; of what did there is a report, which may have one too.
-pub fn up(request: &Request) -> Result<Report, UpError> {
+/// Runs what was asked for, to its end, and has it taken down by `recorder`. What did not run is an error; of what did there is a
+/// report, which may have one too.
+pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
+    if request.in_process && recorder.is_some() {
+        return Err(UpError::NoBus);
+    }
     // From here on a signal ends it with a report.
     let ends = asked_to_end()?;
     let plan = Plan::new(request)?;
@@ -56,7 +66,18 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     {
         return Err(error.into());
     }
-    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends) }
+    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends, recorder) }
+}
+
+/// Flies a flight again, in this process, to its end.
+pub fn fly_again(request: &Request, flight: Flight) -> Result<Report, UpError> {
+    if let (Some(out), Some(recording)) = (&request.out, &request.replay)
+        && pipeline::is_same_file(out, recording)
+    {
+        return Err(UpError::OutIsReplay { path: out.clone() });
+    }
+    let ends = asked_to_end()?;
+    in_process::replay(&Plan::of_flight(request, &flight), flight, &ends)
 }
 
 /// Prints a line for people. One that nobody reads any more does not stop a system.
@@ -86,6 +107,12 @@ pub enum UpError {
     /// The source is wrong.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// The readings of a flight are not all there.
+    #[error(transparent)]
+    Retake(#[from] RetakeError),
+    /// A flight that cannot be flown again.
+    #[error("{0}")]
+    Flight(String),
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
@@ -107,6 +134,12 @@ pub enum UpError {
         /// The file.
         path: PathBuf,
     },
+    /// There is nothing to record.
+    #[error("recording the flight: one process has no bus to record; leave out --in-process, or --record")]
+    NoBus,
+    /// The recording cannot be begun.
+    #[error("{0}")]
+    Recorder(String),
     /// A process could not be started or asked.
     #[error("{doing}: {cause}")]
     System {
@@ -145,8 +178,8 @@ impl UpError {
     /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Launch(_) | Self::Recording(_) | Self::Source(_) => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } => 2,
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Retake(_) | Self::Flight(_) => 3,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::NoBus => 2,
             _ => 1,
         }
     }

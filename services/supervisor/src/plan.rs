@@ -1,12 +1,15 @@
 //! What is to run, checked before anything starts.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use launch::{Launch, Service, Source};
 use pipeline::is_same_file;
 use runtime::{Pace, ServiceConfig};
 
-use crate::{UpError, warm};
+use crate::{Flight, UpError, warm};
 
 /// The launch file that is looked for where none is named.
 const LAUNCH_FILE: &str = "launch.toml";
@@ -33,6 +36,8 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Nothing is taken over from an earlier run.
     pub cold: bool,
+    /// What the source gives is published as it came, so that the flight can be replayed.
+    pub readings: bool,
 }
 
 /// What is to run.
@@ -88,19 +93,13 @@ impl Plan {
             }
         };
         let live = launch.ingest.source == Source::Bus;
-        let wanted = request.duration_s.map(|duration_s| ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1));
+        let wanted = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
         let ticks_max = wanted.filter(|_| !live);
         let config = ServiceConfig {
-            launch,
-            rate_hz,
-            pace: request.pace.unwrap_or(Pace::Speed(1.0)),
             ticks_max,
-            incarnation: 0,
-            epoch: runtime::service_config::FIRST_EPOCH,
-            role: runtime::Role::Owner { from_tick: 0 },
-            prior: None,
-            resume: None,
+            readings: request.readings,
             supervisor_pid: std::process::id(),
+            ..alone(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
         };
         Ok(Self {
             ticks: rows.into_iter().chain(ticks_max).min(),
@@ -114,24 +113,55 @@ impl Plan {
     }
 }
 
-/// What is wrong with the stage that fills a slot, for people.
-pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
-    // A program of the user's says itself what is wrong with its settings.
-    if launch.program(slot).is_some() {
-        return Ok(());
+impl Plan {
+    /// The plan for a flight that is flown again, in this process.
+    pub fn of_flight(request: &Request, flight: &Flight) -> Self {
+        let ends = request.duration_s.map(|duration_s| ticks_in(duration_s, flight.rate_hz));
+        let ticks_max = flight.schedule.end_tick().into_iter().chain(ends).min();
+        let pace = request.pace.unwrap_or(Pace::Speed(1.0));
+        let prior = flight.prior.filter(|_| !request.cold);
+        let config = ServiceConfig { ticks_max, prior, ..alone(flight.launch.clone(), flight.rate_hz, pace) };
+        Self {
+            ticks: ticks_max,
+            stop_after_s: None,
+            has_reference: config.launch.ingest.source != Source::Bus,
+            out: request.out.clone(),
+            state_file: None,
+            cold: request.cold,
+            config,
+        }
     }
-    let config = ServiceConfig {
-        launch: launch.clone(),
-        rate_hz: 1000.0,
-        pace: Pace::Speed(1.0),
+}
+
+/// A duration in ticks, one at least.
+fn ticks_in(duration_s: f64, rate_hz: f64) -> u64 {
+    ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1)
+}
+
+/// What the slots are told that run without a supervisor.
+fn alone(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
+    ServiceConfig {
+        launch,
+        rate_hz,
+        pace,
         ticks_max: None,
+        readings: false,
         incarnation: 0,
         epoch: runtime::service_config::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
         supervisor_pid: 0,
-    };
+    }
+}
+
+/// What is wrong with the stage that fills a slot, for people.
+pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
+    // A program of the user's says itself what is wrong with its settings.
+    if launch.program(slot).is_some() {
+        return Ok(());
+    }
+    let config = alone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let filled = match slot {
         Service::Ingest | Service::Gateway => return Ok(()),
         Service::Gyro => gyro::slot(&config).map(|_| ()),
@@ -140,6 +170,15 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
         Service::Course => course::slot(&config).map(|_| ()),
     };
     filled.map_err(|error| error.to_string())
+}
+
+/// The launch file as it is written: the one named, else that of the folder, else the one built in.
+pub fn launch_text(named: Option<&Path>) -> io::Result<String> {
+    match named {
+        Some(path) => fs::read_to_string(path),
+        None if Path::new(LAUNCH_FILE).exists() => fs::read_to_string(LAUNCH_FILE),
+        None => Ok(BUILT_IN.into()),
+    }
 }
 
 fn launch(named: Option<&Path>) -> Result<Launch, UpError> {

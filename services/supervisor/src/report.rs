@@ -6,7 +6,7 @@ use messages::Flags;
 use pipeline::Collector;
 use serde::Serialize;
 
-use crate::UpError;
+use crate::{RecordingReport, UpError};
 
 /// How a run went.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -30,6 +30,9 @@ pub struct Report {
     pub error_deg: Option<ErrorDeg>,
     /// The processes.
     pub services: Vec<ServiceReport>,
+    /// The recording of the flight, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingReport>,
     /// Why it is not as it should be, one reason a line; `None` where it is.
     pub error: Option<String>,
     /// Shared by runs whose attitudes are the same to the last bit.
@@ -121,12 +124,23 @@ impl Report {
                 inclination_max: accuracy.max.inclination_deg,
             }),
             services: account.services,
+            recording: None,
             error: Some(error).filter(|error| !error.is_empty()),
             digest: collector.digest(),
             refused: account.refused,
             flags: collector.flags(),
             exit_code: errors.first().map_or(0, UpError::exit_code),
         }
+    }
+
+    /// Puts down what became of the recording. One that is not whole is told, and is a failure.
+    pub(crate) fn record(&mut self, recording: RecordingReport) {
+        if let Some(error) = &recording.error {
+            let errors: Vec<_> = self.error.take().into_iter().chain([error.clone()]).collect();
+            self.error = Some(errors.join("\n"));
+            self.exit_code = self.exit_code.max(1);
+        }
+        self.recording = Some(recording);
     }
 
     /// The report of what did not run, and with which code it ends.
@@ -178,6 +192,10 @@ impl fmt::Display for Report {
         }
         if self.flags != Flags::NONE {
             writeln!(f, "flags    {}", self.flags)?;
+        }
+        if let Some(RecordingReport { file, messages, missed, bytes, .. }) = &self.recording {
+            let size = *bytes as f64 * 1e-6;
+            writeln!(f, "flight   {}: {messages} messages, {missed} missed, {size:.1} MB", file.display())?;
         }
         write!(f, "digest   {:016x}", self.digest)
     }

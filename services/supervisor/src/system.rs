@@ -1,6 +1,7 @@
 //! The services as processes on the bus: what happens is told to [`Supervision`], and what it asks for is done.
 
 mod attached;
+mod recorded;
 
 use std::{
     sync::{
@@ -12,16 +13,18 @@ use std::{
 
 use bus::{Claim, SharedMemory, SystemName};
 use launch::Service;
-use messages::Credit;
+use messages::{Credit, EventKind, SystemEvent};
 use pipeline::Collector;
-use runtime::{Role, ServiceConfig};
+use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
 
 use crate::{
     Plan, Report, UpError,
+    flight::beginning,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
+    recorder::Recorder,
     report::{Account, ServiceReport},
     scheduling::{self, SchedulingClass},
     view::View,
@@ -34,18 +37,20 @@ const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Between two looks whether the files of the bus are there while nobody ends.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Runs the plan as processes.
-pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Report, UpError> {
+/// Runs the plan as processes, and has them recorded.
+pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_deref())?;
-    let mut system = System::start(plan, asked_to_end)?;
+    let mut system = System::start(plan, asked_to_end, recorder)?;
     let failure = system.run(&mut collector).err();
-    let report = system.report(collector, failure);
-    system.end();
+    let mut report = system.report(collector, failure);
+    if let Some(recorder) = system.end() {
+        report.record(recorder.end(&report));
+    }
     Ok(report)
 }
 
 /// A running system. Its fields are dropped in this order: processes, bus, and last the name.
-struct System {
+struct System<'r> {
     processes: Processes,
     /// `None` while there is none, and where no new one could be made.
     attached: Option<Attached>,
@@ -58,6 +63,11 @@ struct System {
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
     cost: Cost,
+    /// Events told.
+    events: u64,
+    recorder: Option<&'r mut dyn Recorder>,
+    /// That the recording has ended before its time is said once.
+    recording_ended: bool,
     looked: Instant,
     shown: Instant,
     finished: Option<Result<(), UpError>>,
@@ -71,19 +81,26 @@ struct Cost {
     cpu_s_per_s: Option<f64>,
 }
 
-impl System {
-    fn start(plan: &Plan, asked_to_end: Arc<AtomicBool>) -> Result<Self, UpError> {
+impl<'r> System<'r> {
+    fn start(
+        plan: &Plan,
+        asked_to_end: Arc<AtomicBool>,
+        mut recorder: Option<&'r mut dyn Recorder>,
+    ) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
         let system_name = SystemName::new(&plan.config.launch.name)?;
         SharedMemory::suffices(system_name.name(), plan.config.shared_memory_bytes())?;
         let claim = system_name.claim()?;
         // All topics of its own are open before a service starts: to wait for one that a service is just making is what a signal would
         // break off.
-        let attached = Attached::open(&system_name, &plan.config, 0)?;
+        let attached = Attached::open(&system_name, &plan.config, 0, recorder.is_some())?;
         let view = View::new(plan)?;
         let (warm, prior) = WarmStart::begin(plan)?;
+        if let Some(recorder) = &mut recorder {
+            recorder.begin(&plan.config)?;
+        }
         scheduling::set_own();
-        Ok(Self {
+        let mut system = Self {
             processes: Processes::default(),
             attached: Some(attached),
             supervision: Supervision::new(decisions(plan), Duration::ZERO),
@@ -94,11 +111,20 @@ impl System {
             notifier,
             asked_to_end,
             cost: Cost { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
+            events: 0,
+            recorder,
+            recording_ended: false,
             looked: Instant::now(),
             shown: Instant::now(),
             finished: None,
             claim: Some(claim),
-        })
+        };
+        let Plan { config, .. } = plan;
+        system.tell(beginning(config.rate_hz, config.launch.ingest.source));
+        if let Some(prior) = prior {
+            system.tell(SystemEvent::new(EventKind::WARM).with_stage("", prior.numbers()));
+        }
+        Ok(system)
     }
 
     /// Runs to the end.
@@ -128,6 +154,10 @@ impl System {
         if self.supervision.published_elsewhere().is_none() {
             attached.collect(collector)?;
         }
+        // Before the source has leave to go on.
+        if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
+            recorded.look(&mut **recorder);
+        }
         events.push(Event::Output(progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
         if died {
@@ -145,7 +175,16 @@ impl System {
         self.notifier.flowing(self.supervision.next_tick());
         let lines = self.warm.keep_newest(self.supervision.newest_checkpoint(Service::Fuser));
         self.view.announce(lines);
+        if let Some(failure) = self.recording_failure().filter(|_| !self.recording_ended) {
+            self.recording_ended = true;
+            self.view.announce([failure]);
+        }
         Ok(())
+    }
+
+    /// Why the flight is recorded no more.
+    fn recording_failure(&self) -> Option<String> {
+        self.recorder.as_ref().and_then(|recorder| recorder.failure())
     }
 
     /// Sees whether somebody has removed files of the bus: now and then, and whenever a process has died.
@@ -212,6 +251,7 @@ impl System {
                     .map_or(Ok(()), |attached| attached.grant(Credit { ticks, ends: ends.into() }))?;
             }
             Action::Answer { caller, reply } => self.answer(caller, &reply, collector),
+            Action::Tell(event) => self.tell(*event),
             Action::Announce(line) => self.view.announce([line]),
             Action::Ready => {
                 self.notifier.ready();
@@ -233,6 +273,15 @@ impl System {
         Ok(())
     }
 
+    /// Publishes an event, whether or not anybody listens.
+    fn tell(&mut self, event: SystemEvent) {
+        let number = self.events;
+        self.events += 1;
+        if let Some(attached) = &self.attached {
+            attached.tell(&SystemEvent { number, t_told_ns: monotonic_ns(), ..event });
+        }
+    }
+
     fn spawn(&mut self, spawn: Spawn) -> Result<u32, String> {
         let Spawn { incarnation, service, stage, role, epoch, resume } = spawn;
         let launch = self.supervision.launch().clone();
@@ -250,6 +299,7 @@ impl System {
     }
 
     fn answer(&mut self, caller: u64, reply: &Reply, collector: &Collector) {
+        let recording_failure = self.recording_failure();
         let Some(attached) = &mut self.attached else { return };
         let socket = &mut attached.socket;
         match reply {
@@ -263,6 +313,7 @@ impl System {
             }
             Reply::Record => {
                 let out_ended = collector.out_ended().map(ToString::to_string);
+                let out_ended = out_ended.or(recording_failure);
                 socket.answer(caller, &RecordStatus { not_recorded: collector.not_recorded(), out_ended });
             }
             Reply::Done => socket.answer(caller, &()),
@@ -276,7 +327,7 @@ impl System {
         self.attached = None;
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
-        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick)?);
+        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, self.recorder.is_some())?);
         Ok(())
     }
 
@@ -300,6 +351,9 @@ impl System {
             }
             // What waits for ticks that have not come is counted with them as lost.
             attached.finish(&mut collector);
+            if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
+                recorded.look(&mut **recorder);
+            }
         }
         let ingest = self.attached.as_ref().filter(|_| self.supervision.launch().origin() == Service::Ingest);
         let published = ingest.map_or(0, |attached| attached.published(Service::Ingest));
@@ -323,11 +377,13 @@ impl System {
         (own_cpu_s() + self.processes.cpu_s() - cpu_since_s).max(0.0) / since.elapsed().as_secs_f64()
     }
 
-    fn end(mut self) {
+    /// Ends what is left; gives back who recorded it.
+    fn end(mut self) -> Option<&'r mut dyn Recorder> {
         self.processes.end();
         let lines = self.warm.end(self.supervision.newest_checkpoint(Service::Fuser));
         self.view.announce(lines);
         self.view.end();
+        self.recorder
     }
 }
 
@@ -348,6 +404,7 @@ fn progress(collector: &mut Collector) -> OutputProgress {
     OutputProgress {
         next_tick: collector.next_tick(),
         lost: collector.lost(),
+        not_taken: collector.not_recorded(),
         duplicated: collector.duplicated(),
         gap_ns: collector.take_gap_ns(),
         swapped: collector.swapped(),

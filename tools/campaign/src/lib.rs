@@ -107,14 +107,15 @@ fn undisturbed(name: &str, text: &str, duration_s: f64) -> Result<Vec<u8>, Campa
     let folder = tempfile::tempdir().map_err(system("making a folder"))?;
     let (launch, out) = (folder.path().join(format!("{name}.toml")), folder.path().join("attitude.csv"));
     std::fs::write(&launch, text).map_err(system("writing the launch file"))?;
-    let report = supervisor::up(&Request {
+    let request = Request {
         launch: Some(launch),
         pace: Some(Pace::Max),
         duration_s: Some(duration_s),
         in_process: true,
         out: Some(out.clone()),
         ..Request::default()
-    })?;
+    };
+    let report = supervisor::up(&request, None)?;
     report.error.map_or(Ok(()), |error| Err(CampaignError::NotWhole(error)))?;
     std::fs::read(out).map_err(system("reading the result"))
 }

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use messages::{Chart, CourseReference, Field, Flags, Layout, State};
+use messages::{Chart, CourseReference, EventKind, Field, Flags, Layout, State};
 use serde_json::{Map, Value as Json};
 
 /// Numbers of a list that people are shown.
@@ -164,6 +164,7 @@ fn value(kind: &str, bytes: &[u8]) -> Option<Value> {
         "Chart" => Value::Word(Chart(long()?).name()),
         "CourseReference" => Value::Word(CourseReference(long()?).name()),
         "State" => Value::Word(State(short()?).name()),
+        "EventKind" => Value::Word(EventKind(short()?).name()),
         _ => return None,
     })
 }

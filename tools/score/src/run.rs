@@ -123,6 +123,7 @@ fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: std::process::id(),
     }
 }

@@ -67,7 +67,7 @@ impl Collector {
     /// How far it is.
     pub(crate) fn progress(&self) -> OutputProgress {
         let Sequence { next_tick, lost, duplicated, .. } = self.sequence;
-        OutputProgress { next_tick, lost, duplicated, gap_ns: 0, swapped: None }
+        OutputProgress { next_tick, lost, not_taken: 0, duplicated, gap_ns: 0, swapped: None }
     }
 }
 

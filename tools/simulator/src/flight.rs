@@ -66,6 +66,7 @@ pub(crate) fn config(launch: &Launch) -> ServiceConfig {
         role: Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: 0,
     }
 }

@@ -146,6 +146,7 @@ impl World {
                 let Some(caller) = self.callers.get_mut(&caller) else { return Err("nobody asked that".into()) };
                 caller.answers += 1;
             }
+            Action::Tell(_) => {}
             Action::Announce(line) => self.narrate(|_| format!("says: {line}")),
             Action::Ready => self.narrate(|_| "every service runs".into()),
             Action::Stopping => self.narrate(|_| "the end begins".into()),

@@ -5,11 +5,12 @@ use std::time::Duration;
 use bus::{Bus, Publisher, Subscriber, SystemName};
 use control::ControlSocket;
 use launch::Service;
-use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference};
+use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference, SystemEvent};
 use pipeline::Collector;
 use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
 use supervision::Event;
 
+use super::recorded::Recorded;
 use crate::{UpError, processes::Exit, reaper::StaleNodeReaper};
 
 pub(super) struct Attached {
@@ -23,13 +24,21 @@ pub(super) struct Attached {
     differences: Option<Subscriber<Difference>>,
     credit: Publisher<Credit>,
     control: Publisher<Control>,
+    events: Publisher<SystemEvent>,
+    /// Every topic, where a recorder is there.
+    pub(super) recorded: Option<Recorded>,
     buffer: usize,
     bus: Bus,
 }
 
 impl Attached {
-    /// The first attitude to come is that of `next_tick`.
-    pub(super) fn open(system_name: &SystemName, config: &ServiceConfig, next_tick: u64) -> Result<Self, UpError> {
+    /// The first attitude to come is that of `next_tick`; where the system is `recorded`, every topic is read.
+    pub(super) fn open(
+        system_name: &SystemName,
+        config: &ServiceConfig,
+        next_tick: u64,
+        recorded: bool,
+    ) -> Result<Self, UpError> {
         let bus = Bus::join(system_name, "supervisor")?;
         let buffer = config.buffer_ticks();
         let watched = !config.launch.watch.is_empty();
@@ -41,6 +50,8 @@ impl Attached {
             differences: watched.then(|| bus.subscriber(BUFFER_BESIDE)).transpose()?,
             credit: bus.publisher(BUFFER_BESIDE)?,
             control: bus.publisher(BUFFER_BESIDE)?,
+            events: bus.publisher(BUFFER_BESIDE)?,
+            recorded: recorded.then(|| Recorded::open(&bus, config)).transpose()?,
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
@@ -94,6 +105,11 @@ impl Attached {
     /// A decision that nobody hears is not confirmed, and taken back.
     pub(super) fn publish(&self, control: &Control) {
         let _ = self.control.send(control);
+    }
+
+    /// An event that nobody hears is no matter.
+    pub(super) fn tell(&self, event: &SystemEvent) {
+        let _ = self.events.send(event);
     }
 
     pub(super) fn grant(&self, credit: Credit) -> Result<(), UpError> {

@@ -71,6 +71,7 @@ fn last_attitude(fuser: &str, motion: Motion, fault: &Fault) -> (AttitudeOutput,
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
+        readings: false,
         supervisor_pid: 0,
     };
     let mut path = pipeline::Path::new(&config).unwrap();

@@ -3,8 +3,8 @@
 
 use messages::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Chart, Checkpoint, Control, CourseReference, Credit, Difference,
-    Flags, FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference,
-    SensorReading, State,
+    EventKind, Flags, FusedState, GnssFix, GyroStep, Header, Health, ImuSample, MagSample, ReceiverReading, Reference,
+    SensorReading, State, SystemEvent, TakenReading,
 };
 use rand_chacha::{
     ChaCha8Rng,
@@ -122,6 +122,11 @@ drawn! {
     MagSample { header: header, field_ut: numbers }
     GnssFix { header: header, velocity_m_s: numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure }
     Reference { tick: word, scored: word, quaternion: quaternion }
+    TakenReading {
+        number: word, tick: word, t_sensor_ns: signed, offset_ns: signed, rate_rad_s: unsure_numbers, force_m_s2: unsure_numbers,
+        field_ut: unsure_numbers, velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure,
+        quaternion: numbers, brings: half, incarnation: half
+    }
     GyroStep { header: header, w: numbers, z_rad: number, chart: chart, p: numbers, s: numbers, rate_rad_s: numbers }
     AccelPoint { header: header, w: numbers, chart: chart, norm_m_s2: number, trust: number, force_m_s2: numbers }
     FusedState {
@@ -164,6 +169,28 @@ impl Drawn for Checkpoint {
         checkpoint.swapped = dice.half();
         checkpoint.checksum = checkpoint.sum();
         checkpoint
+    }
+}
+
+impl Drawn for SystemEvent {
+    fn drawn(dice: &mut Dice) -> Self {
+        let settings = [("gain", dice.number()), ("fade_s", dice.number())];
+        let event = Self::new(EventKind(1 + dice.below(18) as u32)).with_stage("madgwick", settings);
+        Self {
+            number: dice.word(),
+            t_told_ns: dice.word(),
+            tick: dice.word(),
+            ticks: dice.word(),
+            adopted_tick: dice.word(),
+            service: if dice.below(3) == 0 { Self::NOBODY } else { dice.service() },
+            incarnation: dice.half(),
+            epoch: dice.half(),
+            filling: dice.half(),
+            adopted_filling: dice.half(),
+            alone: dice.half(),
+            cut: dice.half(),
+            ..event.with_why(&"é".repeat(dice.below(200) as usize))
+        }
     }
 }
 

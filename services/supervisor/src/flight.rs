@@ -1,0 +1,71 @@
+//! A flight that is flown again: what was told of it, and what its ingest took.
+//!
+//! Input: messages of the topics `event` and `reading`, in the order in which they were published. Output: what runs, when which stage takes over,
+//! and with what the run began. Time: none. Failure: a flight whose events do not tell how it began is refused.
+
+use launch::{Launch, Source};
+use messages::{EventKind, SystemEvent, TakenReading};
+use pipeline::Schedule;
+use runtime::Prior;
+
+use crate::UpError;
+
+/// Readings as they were recorded.
+pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, UpError>>>;
+
+/// A flight.
+pub struct Flight {
+    /// The launch file of the flight; its source is the one that the flight had.
+    pub launch: Launch,
+    /// Samples per second of the source's time.
+    pub rate_hz: f64,
+    /// What the run before it had found of the sensors.
+    pub prior: Option<Prior>,
+    /// Which stage has which slot from which tick on.
+    pub schedule: Schedule,
+    /// What ingest took.
+    pub readings: TakenReadings,
+}
+
+impl std::fmt::Debug for Flight {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { rate_hz, prior, schedule, .. } = self;
+        f.debug_struct("Flight").field("rate_hz", rate_hz).field("prior", prior).field("schedule", schedule).finish()
+    }
+}
+
+/// The sources in the order of their numbers in the event that begins a run.
+const SOURCES: [Source; 3] = [Source::Sim, Source::Replay, Source::Bus];
+const RATE: &str = "rate_hz";
+const SOURCE: &str = "source";
+
+/// The event that begins a run: its rate, and its source.
+pub(crate) fn beginning(rate_hz: f64, source: Source) -> SystemEvent {
+    let place = SOURCES.iter().position(|other| *other == source).unwrap_or(0);
+    SystemEvent::new(EventKind::STARTED).with_stage("", [(RATE, rate_hz), (SOURCE, place as f64)])
+}
+
+impl Flight {
+    /// A flight that ran `launch`, of which this was told.
+    pub fn new(mut launch: Launch, events: &[SystemEvent], readings: TakenReadings) -> Result<Self, UpError> {
+        let is_beginning =
+            |event: &&SystemEvent| event.kind == EventKind::STARTED && event.service == SystemEvent::NOBODY;
+        let settings = events.iter().find(is_beginning).and_then(SystemEvent::settings).ok_or_else(no_beginning)?;
+        let number = |name| settings.iter().find(|(other, _)| *other == name).map(|(_, number)| *number);
+        let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or_else(no_beginning)?;
+        let place = number(SOURCE).ok_or_else(no_beginning)?;
+        launch.ingest.source = *SOURCES.get(place as usize).ok_or_else(no_beginning)?;
+        let warm = events.iter().find(|event| event.kind == EventKind::WARM);
+        let prior = match warm {
+            Some(warm) => Some(warm.settings().and_then(|known| Prior::of_numbers(&known)).ok_or_else(no_beginning)?),
+            None => None,
+        };
+        Ok(Self { launch, rate_hz, prior, schedule: Schedule::new(events), readings })
+    }
+}
+
+fn no_beginning() -> UpError {
+    UpError::Flight(
+        "replaying a flight: its recording does not tell how it began; `plumb up --record` records one from its beginning".into(),
+    )
+}

@@ -1,0 +1,34 @@
+//! `plumb up --replay FLIGHT.mcap`: a flight that is flown again, with the readings and the swaps that it had.
+
+use std::path::Path;
+
+use flight::{FlightError, messages_of};
+use launch::Launch;
+use messages::{SystemEvent, TakenReading};
+use supervisor::{Flight, Report, Request, UpError};
+
+/// Flies it again. Nothing is recorded of that.
+pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, UpError> {
+    if is_recorded {
+        return Err(UpError::NoBus);
+    }
+    let unread = |error: FlightError| UpError::Flight(error.to_string());
+    let launch = match &request.launch {
+        Some(file) => Launch::read(file)?,
+        None => {
+            let text = flight::launch_file(path).map_err(unread)?;
+            Launch::parse("launch.toml", &text).map_err(launch::LaunchError::from)?
+        }
+    };
+    let events: Vec<SystemEvent> = messages_of(path).map_err(unread)?.collect::<Result<_, _>>().map_err(unread)?;
+    let mut readings = messages_of::<TakenReading>(path).map_err(unread)?.peekable();
+    if readings.peek().is_none() {
+        let why =
+            "it has no readings; record it by `plumb up --record`, or beside a system that runs with `--readings`";
+        return Err(UpError::Flight(format!("replaying {}: {why}", path.display())));
+    }
+    supervisor::fly_again(
+        request,
+        Flight::new(launch, &events, Box::new(readings.map(move |taken| taken.map_err(unread))))?,
+    )
+}

@@ -1,0 +1,142 @@
+//! A flight that is flown again gives the bytes of the flight: readings, swaps and what it began with come from its recording.
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Stdio},
+};
+
+use crate::common::{Run, Running, System, plumb, signal, until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Sensors of every kind, and faults of some.
+const LAUNCH: &str = "faults = true\n[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 500\nseed = 3\n\
+    [[ingest.fault]]\nsensor = \"gyro\"\nkind = \"off\"\nfrom_s = 1.0\nuntil_s = 1.3\n\
+    [[ingest.fault]]\nsensor = \"all\"\nkind = \"intermittent\"\nshare = 0.7\nseed = 5\nfrom_s = 2.0\nuntil_s = 2.5\n\
+    [[ingest.fault]]\nsensor = \"accel\"\nkind = \"garbage\"\nseed = 9\nfrom_s = 4.0\nuntil_s = 4.4\n";
+
+struct Flown {
+    out: PathBuf,
+    flight: PathBuf,
+    run: Run,
+}
+
+impl Flown {
+    fn begin(system: &System, arguments: &[&str]) -> (Running, PathBuf) {
+        let (flights, out) = (system.path("flights"), system.path("out.csv"));
+        let own = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap()];
+        let running = system.start(&[&own, arguments].concat());
+        system.all_run();
+        (running, flights)
+    }
+
+    fn end(system: &System, running: Running, flights: &Path) -> Self {
+        running.interrupt();
+        let run = running.wait();
+        run.assert_whole();
+        let files: Vec<_> = fs::read_dir(flights).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert_eq!((files.len(), &run.json["recording"]["missed"]), (1, &0.into()), "{}", run.json);
+        Self { out: system.path("out.csv"), flight: files[0].clone(), run }
+    }
+
+    /// Flies it again without its launch file.
+    fn assert_same_again(&self) -> Run {
+        let folder = tempfile::tempdir().unwrap();
+        let again = folder.path().join("again.csv");
+        let arguments = ["--replay", self.flight.to_str().unwrap(), "--out", again.to_str().unwrap()];
+        let mut command = plumb(&[&["up", "--speed", "max", "--json"][..], &arguments].concat());
+        command.current_dir(folder.path());
+        let run = Run::of(command.output().unwrap());
+        run.assert_whole();
+        let [flown, again] = [&self.out, &again].map(|path| fs::read_to_string(path).unwrap());
+        let lines = || flown.lines().zip(again.lines()).enumerate();
+        let first = lines().find(|(_, (flown, again))| flown != again);
+        assert_eq!(first, None, "{}\n{}", self.run.people, run.people);
+        assert_eq!(flown.len(), again.len());
+        assert_eq!(self.run.line("digest"), run.line("digest"), "{}", run.people);
+        run
+    }
+}
+
+/// Starts a shadow; it ends with this, or when it is promoted.
+fn shadow(system: &System, slot: &str, stage: &str) -> Child {
+    let mut command = plumb(&["shadow", "--json", "--system", &system.name, slot, stage]);
+    let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    until("the shadow to run", || {
+        let report = system.ask_swap(&[slot, "no-such-stage"]);
+        assert_eq!(report["outcome"], "refused", "{report}");
+        let flows = plumb(&["topic", "echo", "difference", "--count", "1", "--seconds", "1s", "--json", "--system"])
+            .arg(&system.name)
+            .output()
+            .unwrap();
+        serde_json::from_slice::<Value>(&flows.stdout).is_ok_and(|difference| difference["ticks"].as_u64() > Some(0))
+    });
+    child
+}
+
+fn kill(system: &System, running: &Running, service: &str) {
+    let restarts = || system.ps().iter().find(|one| one["service"] == service).and_then(|one| one["restarts"].as_u64());
+    let before = restarts();
+    signal(running.service(service), Signal::KILL);
+    until("a restart", || restarts() > before && before.is_some());
+    system.all_run();
+}
+
+fn committed(system: &System, arguments: &[&str]) {
+    let report = system.swap(arguments);
+    assert_eq!((&report["outcome"], &report["lost"]), (&"committed".into(), &0.into()), "{report}");
+}
+
+/// Swaps of all slots, one taken back and one refused, a shadow promoted and one cancelled, and a kill of each service.
+fn disturb(system: &System, running: &Running) {
+    kill(system, running, "fuser");
+    committed(system, &["fuser", "aided"]);
+    kill(system, running, "ingest");
+    committed(system, &["gyro", "rk4"]);
+    kill(system, running, "gyro");
+    let mut cancelled = shadow(system, "fuser", "madgwick");
+    signal(cancelled.id(), Signal::INT);
+    cancelled.wait().unwrap();
+    committed(system, &["fuser", "wz"]);
+    let mut promoted = shadow(system, "accel", "inclinometer-matrix");
+    committed(system, &["accel", "inclinometer-matrix"]);
+    promoted.wait().unwrap();
+    kill(system, running, "accel");
+    committed(system, &["course", "track"]);
+    kill(system, running, "course");
+    committed(system, &["gyro", "mobius"]);
+}
+
+#[test]
+fn a_live_flight_with_kills_swaps_and_faults_is_flown_again_to_the_same_bytes() {
+    let system = System::new(LAUNCH);
+    let (running, flights) = Flown::begin(&system, &[]);
+    disturb(&system, &running);
+    Flown::end(&system, running, &flights).assert_same_again();
+}
+
+#[test]
+fn a_flight_in_lockstep_with_kills_swaps_and_faults_is_flown_again_to_the_same_bytes() {
+    let system = System::new(LAUNCH);
+    let (running, flights) = Flown::begin(&system, &["--speed", "3"]);
+    disturb(&system, &running);
+    let flown = Flown::end(&system, running, &flights);
+    let again = flown.assert_same_again();
+    println!("{}", again.people);
+}
+
+#[test]
+fn a_flight_after_a_warm_start_begins_again_with_what_it_had() {
+    let state = tempfile::tempdir().unwrap();
+    let file = state.path().join("state");
+    let source = "[ingest.sim]\nscenario = \"s1\"\nrate_hz = 500\n";
+    let system = System::new(&format!("state_file = {file:?}\n{source}"));
+    let running = system.start(&[]);
+    until("something to be known of the sensors", || file.exists());
+    running.interrupt();
+    running.wait().assert_whole();
+    let (running, flights) = Flown::begin(&system, &[]);
+    let flown = Flown::end(&system, running, &flights);
+    flown.run.line("warm start");
+    flown.assert_same_again();
+}
