@@ -8,6 +8,8 @@
 
 use core::fmt;
 
+use nalgebra::{Rotation3, UnitQuaternion};
+
 use crate::{Matrix3, Quaternion, Vector3, angles::Angles, state::Attitude};
 
 /// Farthest that a given rotation may be from a rotation, element by element of M Mᵀ: numbers given to three decimals are taken.
@@ -79,8 +81,15 @@ impl Mounting {
     /// By the directions in which the sensor's x and y axes point in the body: `x-right-y-forward`, `x-forward-y-left`,
     /// `x-down-y-back`.
     ///
-    /// The directions are right, left, forward, back, up and down; z completes the right-handed frame. There are 24 names.
+    /// The directions are right, left, forward, back, up and down; z completes the right-handed frame. There are 24 names. Three of them
+    /// have a short one, by the directions of x, y and z: `rfu` (ours), `flu` (ROS), `frd` (PX4, MAVLink).
     pub fn named(name: &str) -> Result<Self, CalibrationError> {
+        let name = match name {
+            "rfu" => "x-right-y-forward",
+            "flu" => "x-forward-y-left",
+            "frd" => "x-forward-y-right",
+            other => other,
+        };
         let directions = name.strip_prefix("x-").and_then(|rest| rest.split_once("-y-"));
         let axes = directions.and_then(|(x, y)| Some((direction(x)?, direction(y)?)));
         let (x, y) = axes.filter(|(x, y)| x.dot(y) == 0.0).ok_or(CalibrationError::Name)?;
@@ -133,6 +142,19 @@ impl Mounting {
     pub fn apply(&self, sensor: Vector3<f64>) -> Vector3<f64> {
         self.matrix * sensor
     }
+
+    /// The attitude of the body, where `sensor` is that of the sensor: both as unit quaternions, axes → reference.
+    ///
+    /// v_ref = q v_sensor q* and v_body = M v_sensor, so q_body = q m*, with m the quaternion of M.
+    pub fn attitude(&self, sensor: Quaternion<f64>) -> Quaternion<f64> {
+        if self.matrix == Matrix3::identity() {
+            return sensor;
+        }
+        sensor
+            * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(self.matrix))
+                .conjugate()
+                .into_inner()
+    }
 }
 
 /// The rotation next to a matrix that is one up to its last decimals: M ← M (3 − MᵀM)/2, which doubles the right digits.
@@ -184,7 +206,7 @@ impl fmt::Display for CalibrationError {
             Self::Name => write!(
                 f,
                 "expected x-DIRECTION-y-DIRECTION, two directions at right angles of right, left, forward, back, up, down; \
-                 for example x-right-y-forward"
+                 for example x-right-y-forward; or rfu, flu or frd, in short"
             ),
             Self::Length { length } => {
                 write!(f, "expected a unit quaternion (w, x, y, z), found one of length {length}")

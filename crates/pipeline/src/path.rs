@@ -34,7 +34,7 @@ impl Path {
     /// Hands every attitude that follows from `sample` to `publish`.
     pub fn offer(&mut self, sample: Sample, publish: &mut dyn FnMut(AttitudeOutput)) -> Result<(), RuntimeError> {
         let Self { gyro, accel, fuser, course } = self;
-        let Sample { imu, mag, gnss } = sample;
+        let Sample { imu, mag, gnss, .. } = sample;
         course.before(imu.header.tick, publish)?;
         if let Some(fix) = gnss {
             course.offer(fix.into(), publish);

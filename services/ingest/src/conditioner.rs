@@ -18,7 +18,7 @@
 //! | a stamp later by more than 10 s | the clock leapt: time continues, flagged |
 
 use attitude::{
-    Matrix3,
+    Matrix3, Quaternion,
     calibration::{Calibration, CalibrationError, Mounting},
     gnss::Fix,
 };
@@ -28,7 +28,7 @@ use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 use crate::{
     channel::{Channel, FieldChannel, checked},
     script::Script,
-    source::Reading,
+    source::{Reading, Truth},
 };
 
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
@@ -47,6 +47,8 @@ pub struct Sample {
     pub mag: Option<MagSample>,
     /// The fix, where the reading brought one.
     pub gnss: Option<GnssFix>,
+    /// The true attitude of the body, where the source knows that of its axes.
+    pub reference: Option<Truth>,
 }
 
 /// Checks readings and numbers them.
@@ -87,6 +89,12 @@ struct Body {
 
 fn in_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
     mounting.apply(calibration.apply(raw.into())).into()
+}
+
+fn of_body(mounting: &Mounting, truth: Truth) -> Truth {
+    let [w, x, y, z] = truth.quaternion;
+    let body = mounting.attitude(Quaternion::new(w, x, y, z));
+    Truth { quaternion: [body.w, body.i, body.j, body.k], ..truth }
 }
 
 fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
@@ -185,6 +193,7 @@ impl Conditioner {
                 age_s: fix.age_s.unwrap_or(f64::NAN),
                 latitude_rad: fix.latitude_rad.unwrap_or(f64::NAN),
             }),
+            reference: reading.reference.map(|truth| of_body(mounting, truth)),
         })
     }
 

@@ -131,15 +131,15 @@ impl Ingest {
         self.publish_health(State::READY)?;
         self.context.bus.wake_all();
         let mut next = self.read(&mut readings)?;
-        let Some(first_ns) = next.as_ref().map(|(sample, _)| sample.imu.header.t_end_ns) else { return Ok(()) };
+        let Some(first_ns) = next.as_ref().map(|sample| sample.imu.header.t_end_ns) else { return Ok(()) };
         // What an earlier incarnation has published is made again, for the sake of what comes after it.
         while let (false, Some(_)) =
-            (self.context.ends(), next.take_if(|(sample, _)| sample.imu.header.tick < self.first_tick))
+            (self.context.ends(), next.take_if(|sample| sample.imu.header.tick < self.first_tick))
         {
             next = self.read(&mut readings)?;
             self.publish_health(State::READY)?;
         }
-        while let (false, Some((sample, _))) = (self.context.ends(), &next) {
+        while let (false, Some(sample)) = (self.context.ends(), &next) {
             self.drain_credit()?;
             self.deliver_history()?;
             if self.end_tick.is_some_and(|end_tick| sample.imu.header.tick >= end_tick) {
@@ -166,11 +166,10 @@ impl Ingest {
             }
             let batch = if self.context.config.pace == Pace::Max { BATCH } else { 1 };
             for _ in 0..batch {
-                let Some((sample, truth)) = next.take_if(|(sample, _)| sample.imu.header.tick < self.allowed_ticks)
-                else {
+                let Some(sample) = next.take_if(|sample| sample.imu.header.tick < self.allowed_ticks) else {
                     break;
                 };
-                self.publish(sample, truth)?;
+                self.publish(sample)?;
                 if batch == 1 {
                     // Before the next reading is made: that one is due later.
                     self.imu.wake();
@@ -221,7 +220,7 @@ impl Ingest {
                 let reading = Reading { fix: fix.take(), ..reading.into() };
                 if published.is_ok() {
                     published = self.take(&reading).and_then(|sample| match sample {
-                        Some(sample) => self.publish(sample, None),
+                        Some(sample) => self.publish(sample),
                         None => Ok(()),
                     });
                 }
@@ -245,14 +244,14 @@ impl Ingest {
     }
 
     /// The next reading that can be placed, as a sample.
-    fn read(&mut self, readings: &mut Readings) -> Result<Option<(Sample, Option<Truth>)>, IngestError> {
+    fn read(&mut self, readings: &mut Readings) -> Result<Option<Sample>, IngestError> {
         if self.conditioner.ticks() >= self.ticks_max() {
             return Ok(None);
         }
         for reading in readings {
             let reading: Reading = reading?;
             if let Some(sample) = self.take(&reading)? {
-                return Ok(Some((sample, reading.reference)));
+                return Ok(Some(sample));
             }
         }
         Ok(None)
@@ -267,9 +266,9 @@ impl Ingest {
         Ok(conditioner.condition(reading))
     }
 
-    fn publish(&mut self, sample: Sample, truth: Option<Truth>) -> Result<(), IngestError> {
-        let Sample { mut imu, mag, gnss } = sample;
-        if let Some(Truth { quaternion, scored }) = truth {
+    fn publish(&mut self, sample: Sample) -> Result<(), IngestError> {
+        let Sample { mut imu, mag, gnss, reference } = sample;
+        if let Some(Truth { quaternion, scored }) = reference {
             let tick = imu.header.tick;
             self.reference.send(&Reference { tick, scored: scored.into(), quaternion })?;
         }

@@ -9,7 +9,7 @@ use runtime::ServiceConfig;
 
 use crate::{
     conditioner::{Conditioner, Sample},
-    source::{Reading, SourceError, Truth},
+    source::{Reading, SourceError},
 };
 
 /// Makes samples of readings that were taken.
@@ -40,8 +40,8 @@ impl Retaken {
         Ok(Self { conditioner: crate::conditioner(config)?, config: config.clone(), from_bus, last: None, refused: 0 })
     }
 
-    /// The sample of a reading, with the true attitude; none of one that came again, was refused, or is gone by the script of faults.
-    pub fn sample(&mut self, taken: &TakenReading) -> Result<Option<(Sample, Option<Truth>)>, RetakeError> {
+    /// The sample of a reading; none of one that came again, was refused, or is gone by the script of faults.
+    pub fn sample(&mut self, taken: &TakenReading) -> Result<Option<Sample>, RetakeError> {
         let TakenReading { number, incarnation, tick, offset_ns, .. } = *taken;
         let same = self.last.filter(|(last, _)| *last == incarnation || !self.from_bus);
         let next = same.map_or(0, |(_, next)| next);
@@ -59,7 +59,7 @@ impl Retaken {
         }
         self.last = Some((incarnation, number + 1));
         let reading = Reading::from(taken);
-        Ok(self.conditioner.condition(&reading).map(|sample| (sample, reading.reference)))
+        Ok(self.conditioner.condition(&reading))
     }
 
     /// Ticks given so far.

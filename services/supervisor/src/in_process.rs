@@ -55,14 +55,14 @@ enum Samples {
 }
 
 impl Samples {
-    /// The next sample with the true attitude; `None` at the end.
-    fn next(&mut self) -> Result<Option<(Sample, Option<Truth>)>, UpError> {
+    /// The next sample; `None` at the end.
+    fn next(&mut self) -> Result<Option<Sample>, UpError> {
         match self {
             Self::Source { readings, conditioner } => {
                 for reading in readings {
                     let reading = reading?;
                     if let Some(sample) = conditioner.condition(&reading) {
-                        return Ok(Some((sample, reading.reference)));
+                        return Ok(Some(sample));
                     }
                 }
             }
@@ -123,7 +123,7 @@ fn pump(
     let (mut first_ns, mut seen_ns) = (None, 0);
     runtime::clock::wake_on_time();
     while !ends.load(Ordering::SeqCst) && plan.config.ticks_max.is_none_or(|max| samples.ticks() < max) {
-        let Some((mut sample, truth)) = samples.next()? else { break };
+        let Some(mut sample) = samples.next()? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
         if let Pace::Speed(speed) = plan.config.pace {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
@@ -133,7 +133,7 @@ fn pump(
         }
         sample.imu.header.t_born_ns = monotonic_ns();
         sample.imu.header.epoch = runtime::service_config::FIRST_EPOCH;
-        if let Some(Truth { quaternion, scored }) = truth {
+        if let Some(Truth { quaternion, scored }) = sample.reference {
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
         path.offer(sample, &mut |mut output| {

@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use ingest::{conditioner::Sample, source::Truth};
+use ingest::conditioner::Sample;
 use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::{Collector, is_same_file};
@@ -100,7 +100,7 @@ fn one(
             steps.push(Step::new(&sample));
         }
         for lane in &mut lanes {
-            lane.offer(&sample, reading.reference)?;
+            lane.offer(&sample)?;
         }
     }
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
@@ -155,8 +155,9 @@ impl Lane {
         Ok(Self { path: pipeline::Path::new(config)?, collector: Collector::new(out.as_deref())?, figures })
     }
 
-    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), RuntimeError> {
+    fn offer(&mut self, sample: &Sample) -> Result<(), RuntimeError> {
         let Self { path, collector, figures } = self;
+        let truth = sample.reference;
         if let Some(truth) = truth {
             let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
             collector.reference(Reference { tick, scored, quaternion: truth.quaternion });

@@ -41,7 +41,7 @@ pub struct Step {
 impl Step {
     /// Of a checked sample.
     pub fn new(sample: &Sample) -> Self {
-        let Sample { imu, mag, gnss } = sample;
+        let Sample { imu, mag, gnss, .. } = sample;
         let flags = imu.header.flags;
         let kind = if flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
         Self {
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn every_stage_compared_has_its_time_and_nothing_timed_has_none() {
         let compared = vec![Stages::of(&Launch::default()).unwrap(); 2];
-        let sample = Sample { imu: bytemuck::Zeroable::zeroed(), mag: None, gnss: None };
+        let sample = Sample { imu: bytemuck::Zeroable::zeroed(), mag: None, gnss: None, reference: None };
         let times = ns_per_update(&[Step::new(&sample); 100], &compared);
         assert!(times.len() == 2 && times.iter().all(|ns| ns.is_some_and(|ns| ns > 0.0)), "{times:?}");
         assert_eq!(ns_per_update(&[], &compared), [None, None]);

@@ -3,6 +3,7 @@ use attitude::{
     Matrix3, Quaternion, Vector3,
     angles::Angles,
     calibration::{Calibration, CalibrationError, Mounting},
+    exports,
 };
 use proptest::prelude::*;
 
@@ -79,6 +80,29 @@ fn there_are_24_names_and_each_points_where_it_says() {
     assert_eq!(Mounting::named("x-right-y-forward"), Ok(Mounting::default()));
     let aircraft = Mounting::named("x-forward-y-right").unwrap();
     assert_eq!(aircraft.apply(Vector3::new(1.0, 2.0, 3.0)), Vector3::new(2.0, 1.0, -3.0));
+}
+
+#[test]
+fn three_mountings_have_a_short_name() {
+    let body = Vector3::new(1.0, 2.0, 3.0);
+    let sensed = [("rfu", body), ("flu", exports::flu(body)), ("frd", exports::frd(body))];
+    for (name, sensor) in sensed {
+        assert_eq!(Mounting::named(name).unwrap().apply(sensor), body, "{name}");
+    }
+}
+
+#[test]
+fn the_attitude_of_a_body_follows_from_that_of_its_sensor() {
+    let sensor = Quaternion::new(0.3, -0.5, 0.7, 0.4).normalize();
+    assert_eq!(Mounting::default().attitude(sensor), sensor);
+    let turned = |q: Quaternion<f64>, v: Vector3<f64>| (q * Quaternion::from_imag(v) * q.conjugate()).imag();
+    let vector = Vector3::new(0.2, -1.3, 0.8);
+    let tilted = Angles { yaw_rad: 0.4, pitch_rad: -0.3, roll_rad: 1.9 };
+    for mounting in [Mounting::named("frd"), Mounting::named("x-down-y-back"), Mounting::of_angles(tilted)] {
+        let mounting = mounting.unwrap();
+        let body = mounting.attitude(sensor);
+        assert!((turned(body, mounting.apply(vector)) - turned(sensor, vector)).norm() < 1e-15);
+    }
 }
 
 #[test]
