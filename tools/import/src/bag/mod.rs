@@ -6,6 +6,7 @@
 
 mod mcap;
 mod ours;
+mod packed;
 mod ros;
 mod sqlite;
 mod topics;
@@ -299,7 +300,7 @@ impl Messages {
             };
             let path = path.clone();
             match next {
-                Ok(Some(message)) => return Ok(Some(message)),
+                Ok(Some(message)) => return Ok(Some(packed::unpacked(message))),
                 Err(Stop::Failed(error)) => return Err(error),
                 Ok(None) => {}
                 Err(Stop::Damage(found)) => self.note(&path, found),

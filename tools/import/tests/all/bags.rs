@@ -9,7 +9,7 @@ use crate::{
     python::{PYTHON, lines},
 };
 
-const NAMES: [&str; 5] = ["none", "zstd", "sqlite3", "lz4.mcap", "bare.mcap"];
+const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];
 
 /// The numbers of each message, by topic.
 type Messages = BTreeMap<String, Vec<(i64, Vec<f64>)>>;
