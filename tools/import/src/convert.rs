@@ -119,6 +119,7 @@ fn import(
     let mut rows = Rows::new(Writer::create(out, layout)?, source.fields()?, source.attitudes()?);
     let aligned = source.rows(&mut rows, &mut |done_bytes| tell(done_bytes, total_bytes))?;
     rows.finish()?;
+    tell(total_bytes, total_bytes);
     if rows.rows == 0 {
         let without_force = (aligned.without_force > 0)
             .then(|| format!("{} of the rate have no force at their time", aligned.without_force));

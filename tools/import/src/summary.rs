@@ -70,6 +70,8 @@ pub enum Note {
         /// What is there.
         found: String,
     },
+    /// Rates are values at the ends of their intervals, which a recording does not say.
+    Instants,
     /// Only one of several topics of a kind was read.
     OtherTopics {
         /// What they hold.
@@ -126,6 +128,9 @@ impl fmt::Display for Note {
             Self::Unread { file, found } => {
                 write!(f, "{file} is not whole: {found}; nothing from there on was read of it")
             }
+            Self::Instants => f.write_str(
+                "its rates are instants: score it with --gyro-samples instants, replay it with gyro_samples = \"instants\" in [ingest.replay]",
+            ),
             Self::OtherTopics { what, read, others } => {
                 write!(f, "read {what} of {read}; there is also {}: --topic chooses another", others.join(", "))
             }

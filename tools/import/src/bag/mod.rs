@@ -6,6 +6,7 @@
 
 mod mcap;
 mod ours;
+mod packed;
 mod ros;
 mod sqlite;
 mod topics;
@@ -49,6 +50,8 @@ struct Inertial {
     t_ns: i64,
     rate_rad_s: [f64; 3],
     force_m_s2: [f64; 3],
+    /// The rate is said to be the value at the end of the interval, not its mean.
+    is_instant: bool,
     attitude: Option<Attitude>,
 }
 
@@ -122,6 +125,7 @@ impl Source for Bag<'_> {
         let mut topics = Topics::new(self.named);
         let mut messages = self.messages(None);
         let mut fixes = Fixes::default();
+        let mut has_instants = false;
         for index in 0u64.. {
             if index.is_multiple_of(TELL_EVERY) {
                 tell(self.read_bytes.get());
@@ -132,6 +136,7 @@ impl Source for Bag<'_> {
                 Kind::OurSample => ours::inertial(&data).map(|(_, inertial)| inertial),
                 _ => None,
             };
+            has_instants |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
             let says = match topic.kind {
                 Kind::Imu | Kind::OurSample => inertial.is_some(),
                 Kind::MagneticField => ros::field(&data).is_some(),
@@ -150,6 +155,9 @@ impl Source for Bag<'_> {
         topics.check(&self.path)?;
 
         let mut notes = messages.notes;
+        if has_instants {
+            notes.push(Note::Instants);
+        }
         let rows = topics.choose(Role::Rows, &mut notes).cloned();
         let field = topics.choose(Role::Field, &mut notes).cloned();
         topics.choose(Role::Velocity, &mut notes);
@@ -299,7 +307,7 @@ impl Messages {
             };
             let path = path.clone();
             match next {
-                Ok(Some(message)) => return Ok(Some(message)),
+                Ok(Some(message)) => return Ok(Some(packed::unpacked(message))),
                 Err(Stop::Failed(error)) => return Err(error),
                 Ok(None) => {}
                 Err(Stop::Damage(found)) => self.note(&path, found),

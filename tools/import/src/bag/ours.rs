@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use messages::{GnssFix, ImuSample, MagSample, Reference};
+use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
 use super::{Fix, Inertial};
@@ -17,7 +17,8 @@ const WAITING_MAX: usize = 4096;
 /// A sample and its number.
 pub(super) fn inertial(data: &[u8]) -> Option<(u64, Inertial)> {
     let ImuSample { header, rate_rad_s, force_m_s2 } = ImuSample::decoded(data).ok()?;
-    Some((header.tick, Inertial { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, attitude: None }))
+    let is_instant = header.flags.any(Flags::RATE_INSTANT);
+    Some((header.tick, Inertial { t_ns: header.t_end_ns, rate_rad_s, force_m_s2, is_instant, attitude: None }))
 }
 
 pub(super) fn field(data: &[u8]) -> Option<Sample> {

@@ -82,6 +82,7 @@ pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
         t_ns,
         rate_rad_s: frames::of_flu(finite(imu.angular_velocity)?),
         force_m_s2: frames::of_flu(finite(imu.linear_acceleration)?),
+        is_instant: false,
         attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: 0 }),
     })
 }

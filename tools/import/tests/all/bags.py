@@ -1,6 +1,6 @@
 """Bags of ROS 2 as its own tools write them, and what rosbags reads of them: one line a message, every number with all its digits.
 
-bags.py FOLDER makes FOLDER/{none,zstd,sqlite3} and FOLDER/{lz4,bare}.mcap, and prints the messages of each.
+bags.py FOLDER makes FOLDER/{none,zstd,sqlite3,packed} and FOLDER/{lz4,bare}.mcap, and prints the messages of each.
 """
 
 import random
@@ -68,7 +68,7 @@ def messages():
 def by_rosbags(path, plugin, compression):
     writer = Writer(path, version=9, storage_plugin=plugin)
     if compression:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
         connections = {}
         for topic, t_ns, message in messages():
@@ -111,12 +111,13 @@ def line(message):
 
 
 def main(folder):
-    by_rosbags(folder / "none", StoragePlugin.MCAP, False)
-    by_rosbags(folder / "zstd", StoragePlugin.MCAP, True)
-    by_rosbags(folder / "sqlite3", StoragePlugin.SQLITE3, False)
+    by_rosbags(folder / "none", StoragePlugin.MCAP, None)
+    by_rosbags(folder / "zstd", StoragePlugin.MCAP, CompressionMode.STORAGE)
+    by_rosbags(folder / "sqlite3", StoragePlugin.SQLITE3, None)
+    by_rosbags(folder / "packed", StoragePlugin.SQLITE3, CompressionMode.MESSAGE)
     by_mcap(folder / "lz4.mcap", CompressionType.LZ4, True)
     by_mcap(folder / "bare.mcap", CompressionType.NONE, False)
-    for name in ("none", "zstd", "sqlite3", "lz4.mcap", "bare.mcap"):
+    for name in ("none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"):
         with AnyReader([folder / name], default_typestore=STORE) as reader:
             for connection, _, data in reader.messages():
                 if connection.topic != "/note":

@@ -2,14 +2,14 @@
 
 use std::{collections::BTreeMap, fs, path::Path, slice::from_ref};
 
-use import::{Format, Note, Options};
+use import::{Format, Note, Options, convert};
 
 use crate::{
     common::{Folder, Imported},
     python::{PYTHON, lines},
 };
 
-const NAMES: [&str; 5] = ["none", "zstd", "sqlite3", "lz4.mcap", "bare.mcap"];
+const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];
 
 /// The numbers of each message, by topic.
 type Messages = BTreeMap<String, Vec<(i64, Vec<f64>)>>;
@@ -147,5 +147,44 @@ fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
         fs::write(empty.join(name), contents).unwrap();
         let error = folder.import(&[empty], None).unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
+    }
+}
+
+#[test]
+fn a_database_with_views_in_place_of_its_tables_runs_nothing() {
+    let folder = Folder::new();
+    for endless in [
+        "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) \
+         SELECT id, 1 AS topic_id, id AS timestamp, randomblob(1000) AS data FROM n;",
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER AS (1), timestamp INTEGER, \
+         data BLOB AS (zeroblob(900000000)));
+         INSERT INTO messages(timestamp) VALUES (1), (2);",
+    ] {
+        let path = folder.path("a.db3");
+        let _ = fs::remove_file(&path);
+        let database = rusqlite::Connection::open(&path).unwrap();
+        let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+                      INSERT INTO topics VALUES (1, '/imu', 'sensor_msgs/msg/Imu', 'cdr');";
+        database.execute_batch(&format!("{topics}{endless}")).unwrap();
+        drop(database);
+        let error = folder.import(from_ref(&path), None).unwrap_err();
+        assert!(error.exit_code() == 3, "{error}");
+        assert_eq!(folder.names(), ["a.db3"], "nothing is made beside it");
+    }
+}
+
+#[test]
+fn progress_of_a_bag_grows_to_the_whole() {
+    if PYTHON.is_none() {
+        return;
+    }
+    let folder = Folder::new();
+    bags(&folder.path(""));
+    for name in NAMES {
+        let mut told = Vec::new();
+        let out = folder.path("out.csv");
+        convert(&[folder.path(name)], &Options::default(), &out, &mut |progress| told.push(progress)).unwrap();
+        assert!(told.len() > 5 && told.windows(2).all(|pair| pair[0].done_bytes <= pair[1].done_bytes), "{told:?}");
+        assert_eq!(told.last().unwrap().done_bytes, told.last().unwrap().total_bytes);
     }
 }

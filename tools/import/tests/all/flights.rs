@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use bytemuck::Zeroable;
-use import::Format;
+use import::{Format, Note};
 use mcap::{Compression, WriteOptions, Writer, records::MessageHeader};
-use messages::{AttitudeOutput, GnssFix, Header, ImuSample, MagSample, Reference};
+use messages::{AttitudeOutput, Flags, GnssFix, Header, ImuSample, MagSample, Reference};
 use recording::Row;
 use wire::Payload;
 
@@ -42,7 +42,13 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
     for tick in 0..TICKS {
         let turn = tick as f64 / TICKS as f64;
         let t_ns = 1_700_000_000_000_000_001 + 4_000_003 * tick as i64;
-        let header = Header { tick, t_start_ns: t_ns - 4_000_003, t_end_ns: t_ns, ..Header::zeroed() };
+        let header = Header {
+            tick,
+            t_start_ns: t_ns - 4_000_003,
+            t_end_ns: t_ns,
+            flags: Flags::RATE_INSTANT,
+            ..Header::zeroed()
+        };
         let (rate_rad_s, force_m_s2) = ([turn, -turn / 3.0, 0.1], [0.1, turn, 9.8]);
         let field_ut = (tick % 5 == 2).then_some([20.0 * turn, 1.0 / 3.0, -40.0]);
         let quaternion = if tick % 2 == 0 { [HALF, 0.0, HALF, 0.0] } else { [1.0, 0.0, 0.0, 0.0] };
@@ -78,7 +84,7 @@ fn a_flight_gives_the_rows_that_were_flown() {
     let imported = folder.import(&[folder.file("flight.mcap", &bytes)], None).unwrap();
     assert_eq!(imported.summary.format, Format::Mcap);
     assert_eq!(imported.rows, rows);
-    assert_eq!(imported.summary.notes, []);
+    assert_eq!(imported.summary.notes, [Note::Instants]);
     let fixes: Vec<_> = imported.fixes.iter().map(|fix| (fix.t_ns, fix.velocity_m_s)).collect();
     let expected = rows.iter().enumerate().filter(|(tick, _)| tick % 50 == 49);
     let expected: Vec<_> = expected.map(|(tick, row)| (row.t_ns, [1.0, tick as f64 / TICKS as f64, -0.5])).collect();

@@ -125,7 +125,11 @@ fn mutated(whole: &[u8], (bytes, end, is_cut): (Vec<(Index, u8)>, Index, bool)) 
 }
 
 fn run(whole: &[u8], rows: u32, columns: Option<&str>) {
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig { cases: 500, ..ProptestConfig::default() });
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig {
+        cases: 500,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    });
     check(whole, rows.into(), columns).unwrap();
     runner.run(&mutations(), |mutations| check(&mutated(whole, mutations), rows.into(), columns)).unwrap();
     let start = whole[..16].to_vec();
