@@ -8,16 +8,16 @@ use messages::{SystemEvent, TakenReading};
 use supervisor::{Flight, Report, Request, UpError};
 
 /// Flies it again. Nothing is recorded of that.
-pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, UpError> {
+pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Result<Report, Box<UpError>> {
     if is_recorded {
-        return Err(UpError::NoBus);
+        return Err(UpError::NoBus.into());
     }
     let unread = |error: FlightError| UpError::Flight(error.to_string());
     let launch = match &request.launch {
-        Some(file) => Launch::read(file)?,
+        Some(file) => Launch::read(file).map_err(UpError::from)?,
         None => {
             let text = flight::launch_file(path).map_err(unread)?;
-            Launch::parse("launch.toml", &text).map_err(launch::LaunchError::from)?
+            Launch::parse("launch.toml", &text).map_err(|error| UpError::Launch(error.into()))?
         }
     };
     let events: Vec<SystemEvent> = messages_of(path).map_err(unread)?.collect::<Result<_, _>>().map_err(unread)?;
@@ -25,10 +25,8 @@ pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Re
     if readings.peek().is_none() {
         let why =
             "it has no readings; record it by `plumb up --record`, or beside a system that runs with `--readings`";
-        return Err(UpError::Flight(format!("replaying {}: {why}", path.display())));
+        return Err(UpError::Flight(format!("replaying {}: {why}", path.display())).into());
     }
-    supervisor::fly_again(
-        request,
-        Flight::new(launch, &events, Box::new(readings.map(move |taken| taken.map_err(unread))))?,
-    )
+    let readings = Box::new(readings.map(|taken| taken.map_err(|error| error.to_string())));
+    Ok(supervisor::fly_again(request, Flight::new(launch, &events, readings)?)?)
 }

@@ -68,7 +68,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
 /// Runs what is asked for, of a recording whatever its format.
 fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightRecorder>) -> Report {
     let ran = match request.replay.clone() {
-        Some(path) if flight::is_flight(&path) => replay::fly_again(&request, &path, recorder.is_some()),
+        Some(path) if flight::is_flight(&path) => {
+            replay::fly_again(&request, &path, recorder.is_some()).map_err(|error| *error)
+        }
         replay => {
             // What is imported is there until the end.
             let readable = match replay.as_deref().map(|path| Readable::of(path, reading)).transpose() {

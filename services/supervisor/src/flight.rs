@@ -10,8 +10,8 @@ use runtime::Prior;
 
 use crate::UpError;
 
-/// Readings as they were recorded.
-pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, UpError>>>;
+/// Readings as they were recorded, or why there are no more, for people.
+pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;
 
 /// A flight.
 pub struct Flight {

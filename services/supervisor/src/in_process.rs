@@ -68,7 +68,7 @@ impl Samples {
             }
             Self::Flight { readings, retaken } => {
                 for taken in readings {
-                    if let Some(sample) = retaken.sample(&taken?)? {
+                    if let Some(sample) = retaken.sample(&taken.map_err(UpError::Flight)?)? {
                         return Ok(Some(sample));
                     }
                 }

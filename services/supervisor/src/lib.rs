@@ -107,9 +107,6 @@ pub enum UpError {
     /// The source is wrong.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// The readings of a flight are not all there.
-    #[error(transparent)]
-    Retake(#[from] RetakeError),
     /// A flight that cannot be flown again.
     #[error("{0}")]
     Flight(String),
@@ -174,11 +171,20 @@ pub enum UpError {
     },
 }
 
+impl From<RetakeError> for UpError {
+    fn from(error: RetakeError) -> Self {
+        match error {
+            RetakeError::Lost(lost) => Self::Flight(lost.to_string()),
+            RetakeError::Source(error) => Self::Source(error),
+        }
+    }
+}
+
 impl UpError {
     /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Retake(_) | Self::Flight(_) => 3,
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
             Self::OutIsReplay { .. } | Self::Split { .. } | Self::NoBus => 2,
             _ => 1,
         }
