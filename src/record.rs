@@ -117,6 +117,9 @@ fn follow(Record { system, out, topics, duration_s }: &Record) -> Result<Summary
                 drop(place);
                 match again(&name, supervisor, topics, &mut until) {
                     Some(found) => place = found,
+                    None if lives(supervisor) => {
+                        return Ok(recorder.end("somebody removed the files of the system's bus", None));
+                    }
                     None => return Ok(recorder.end("the system has ended", None)),
                 }
             }
@@ -187,12 +190,16 @@ fn again(name: &str, supervisor: u32, topics: &[Topic], until: &mut Until) -> Op
                     return Some(place);
                 }
             }
-            Err(_) if !Path::new(&format!("/proc/{supervisor}")).exists() => return None,
+            Err(_) if !lives(supervisor) => return None,
             Err(_) => {}
         }
         thread::sleep(LOOK);
     }
     None
+}
+
+fn lives(pid: u32) -> bool {
+    Path::new(&format!("/proc/{pid}")).exists()
 }
 
 /// `plumb up --record`: the recorder of a system from its first tick on.

@@ -232,7 +232,7 @@ fn a_rate_is_shown_once_a_second_and_once_at_the_end() {
 
 #[test]
 fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
-    let system = System::new("");
+    let system = System::new("buffer_s = 4.0\nlateness_s = 2.0\n");
     let running = started(&system, &[]);
     for (round, topic) in ["imu", "fused", "attitude", "gyro", "imu", "health"].iter().enumerate() {
         let observers: Vec<_> =
@@ -246,7 +246,8 @@ fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
     let frozen: Vec<_> = (0..bus::OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
     frozen.iter().for_each(|observer| observer.await_reading(&system, "imu"));
     frozen.iter().for_each(|observer| signal(observer.pid(), Signal::STOP));
-    std::thread::sleep(Duration::from_millis(3000));
+    // Longer than buffer_s.
+    std::thread::sleep(Duration::from_millis(6000));
     let restarted = running.service("fuser");
     signal(restarted, Signal::KILL);
     let goes_on = |(service, pid): &(String, u32)| service == "fuser" && *pid != restarted;
