@@ -121,6 +121,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         bar.set_position(done);
     });
     bar.finish_and_clear();
+    scores.iter().flat_map(|scores| &scores.warnings).for_each(|warning| supervisor::announce(warning));
     match scores {
         Ok(scores) if json => {
             supervisor::announce(&scores);

@@ -202,3 +202,20 @@ fn broad_is_met_within_0_64_degrees_by_gyro_and_accelerometer_alone() {
     println!("mean inclination RMSE {mean_deg:.3}°");
     assert!(mean_deg <= BROAD_LIMIT_DEG, "{mean_deg}°");
 }
+
+#[test]
+fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_right() {
+    let in_g = |text: String| text.replace("9.80665", "1.0");
+    let doubled = |text: String| text.lines().flat_map(|line| [line, "\n", line, "\n"]).skip(2).collect::<String>();
+    let right = at_rest(0.0, 0.0);
+    let folder =
+        folder_with(&[("right.csv", right.clone()), ("g.csv", in_g(right.clone())), ("twice.csv", doubled(right))]);
+    let said = |file: &str| String::from_utf8(score(folder.path(), &[file]).stderr).unwrap();
+    assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
+    for (file, words) in [
+        ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),
+        ("twice.csv", ["warning: twice: 400 readings refused", "400 stamps are equal", "twice: stamps"]),
+    ] {
+        words.iter().for_each(|words| assert!(said(file).contains(words), "no {words:?} in:\n{}", said(file)));
+    }
+}

@@ -10,6 +10,7 @@ use std::{
 };
 
 use ingest::conditioner::Sample;
+use judge::{Finding, Judge, Stamps};
 use launch::{Launch, Source};
 use messages::Reference;
 use pipeline::{Collector, is_same_file};
@@ -20,7 +21,7 @@ use crate::{
     chain::Stages,
     plot::Figures,
     stages::{self, Choice},
-    table::{ErrorsDeg, Scores, StageScore, TrialScore},
+    table::{ErrorsDeg, Scores, StageScore, TrialScore, Warning},
     timing::{SAMPLES_MAX, Step, ns_per_update},
     trial::{Gnss, Options, Trial},
 };
@@ -48,13 +49,15 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scor
     let launches = stages::launches(&request.choice)?;
     let trials = trials(request)?;
     let rows = trials.iter().map(|trial| trial.rows).sum();
-    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect() };
+    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect(), warnings: Vec::new() };
     let mut done = 0;
     for trial in &trials {
         let mut tell = |rows_done| progress(done + rows_done, rows);
-        for (score, stage) in one(request, trial, &launches, &mut tell)?.into_iter().zip(&mut scores.stages) {
+        let (all, warnings) = one(request, trial, &launches, &mut tell)?;
+        for (score, stage) in all.into_iter().zip(&mut scores.stages) {
             stage.trials.push(score);
         }
+        scores.warnings.extend(warnings.into_iter().map(|text| Warning { trial: trial.name.clone(), text }));
         done += trial.rows;
     }
     progress(rows, rows);
@@ -78,24 +81,27 @@ fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
     Ok(trials)
 }
 
-/// One trial through every launch.
+/// One trial through every launch, and what is to be said of its readings.
 fn one(
     request: &Request,
     trial: &Trial,
     launches: &[Launch],
     progress: &mut dyn FnMut(u64),
-) -> Result<Vec<TrialScore>, ScoreError> {
+) -> Result<(Vec<TrialScore>, Vec<String>), ScoreError> {
     let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
     let mut lanes = all.iter().map(|config| Lane::new(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
-    let Some(first) = all.first() else { return Ok(Vec::new()) };
+    let Some(first) = all.first() else { return Ok((Vec::new(), Vec::new())) };
     let mut conditioner = ingest::conditioner(first)?;
+    let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
     let mut steps = Vec::new();
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
         if count.is_multiple_of(PROGRESS_ROWS) {
             progress(count);
         }
+        stamps.take(reading.t_ns);
         let Some(sample) = conditioner.condition(&reading) else { continue };
+        findings.extend(judge.take(&sample.imu, sample.mag.as_ref()));
         if steps.len() < SAMPLES_MAX {
             steps.push(Step::new(&sample));
         }
@@ -105,7 +111,18 @@ fn one(
     }
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
-    lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect()
+    findings.extend(judge.finish());
+    let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
+    let scores = lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect::<Result<_, _>>()?;
+    Ok((scores, warnings.collect()))
+}
+
+/// What was refused of a trial, where anything was.
+fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
+    let Stamps { doubled, disordered, .. } = stamps;
+    (refused + doubled + disordered > 0).then(|| {
+        format!("{refused} readings refused; {doubled} stamps are equal to the one before, {disordered} are earlier")
+    })
 }
 
 /// What the slots are told. The limits are those of a system that replays the recording.

@@ -11,6 +11,23 @@ use serde::Serialize;
 pub struct Scores {
     /// One for each fuser.
     pub stages: Vec<StageScore>,
+    /// What is to be said of the trials before their scores are believed.
+    pub warnings: Vec<Warning>,
+}
+
+/// What is to be said of a trial.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// The trial.
+    pub trial: String,
+    /// What was found, with the remedies, for people.
+    pub text: String,
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "warning: {}: {}", self.trial, self.text)
+    }
 }
 
 /// The scores of one chain of stages.
@@ -162,12 +179,12 @@ mod tests {
         let mut stage = StageScore::new(&Launch::default());
         stage.trials = vec![trial("one", Some(1.0)), trial("two", Some(2.0)), trial("no_truth", None)];
         stage.finish();
-        Scores { stages: vec![stage] }
+        Scores { stages: vec![stage], warnings: Vec::new() }
     }
 
     #[test]
     fn the_mean_is_over_the_trials_that_have_a_score() {
-        let Scores { stages } = scores();
+        let Scores { stages, .. } = scores();
         assert_eq!(stages[0].mean, ErrorsDeg { total: Some(1.5), heading: Some(1.5), inclination: Some(1.5) });
         assert_eq!(stages[0].ns_per_update, Some(100.0));
     }

@@ -1,0 +1,222 @@
+//! Whether what comes in can be what it is taken for: units, signs and axes of the sensors, judged before they are believed.
+//!
+//! Input: samples as they are about to be fused, after calibration and mounting. Output: findings, each once, with figures and
+//! remedies; nothing is changed. Time: the samples' own. Memory: bounded. Failure: none; what is not finite is passed over.
+//!
+//! | module | what it judges |
+//! | --- | --- |
+//! | [`finding`] | what is said, and the remedies |
+//! | `sizes` | magnitudes of force, field and interval: their units |
+//! | `turning` | whether the gyro turns gravity as the accelerometer sees it |
+//! | `uprightness` | where gravity points |
+//! | `axes` | axes that stand still or end at their range |
+#![forbid(unsafe_code)]
+
+mod axes;
+pub mod finding;
+mod sizes;
+mod turning;
+mod uprightness;
+
+use messages::{Flags, ImuSample, MagSample};
+
+use axes::Axes;
+pub use finding::{Candidate, Finding, Mistake};
+use sizes::Sizes;
+use turning::Turning;
+use uprightness::Uprightness;
+
+/// Between two looks at what has been gathered, s of the samples' time.
+const LOOK_S: f64 = 5.0;
+/// Samples that a look needs, in all and since the one before.
+const LOOK_SAMPLES: u64 = 100;
+/// Samples before the first look: times in a wrong unit make seconds of few.
+const FIRST_SAMPLES: u64 = 500;
+/// It ends after so much motion that can be judged, s.
+const MOTION_S: f64 = 60.0;
+/// It ends after so long, s; and samples, whatever their times.
+const SPAN_MAX_S: f64 = 120.0;
+const SAMPLES_MAX: u64 = 500_000;
+/// A number beyond it is not judged: its square and products of squares must stay finite.
+const SENSE: f64 = 1e9;
+/// Rates at the end of the range, and rates far beyond it, that no gyro gives.
+const CLIPPED_MIN: u64 = 50;
+const SENSELESS_MIN: u64 = 5;
+/// Samples told to be refused or out of order before it is worth a word.
+const STAMPS_MIN: u64 = 3;
+
+/// Gathers samples and says what is wrong with them.
+#[derive(Debug, Clone)]
+pub struct Judge {
+    sizes: Sizes,
+    turning: Turning,
+    uprightness: Uprightness,
+    rate: Axes,
+    force: Axes,
+    samples: u64,
+    first_ns: Option<i64>,
+    span_s: f64,
+    looked: (f64, u64),
+    rates_clipped: u64,
+    rates_senseless: u64,
+    refused: u64,
+    leaps: u64,
+    told: Vec<Mistake>,
+    ended: bool,
+}
+
+impl Default for Judge {
+    fn default() -> Self {
+        Self {
+            sizes: Sizes::default(),
+            turning: Turning::default(),
+            uprightness: Uprightness::default(),
+            rate: Axes::new("rate", "gyro", 2.0),
+            force: Axes::new("force", "accelerometer", 15.0),
+            samples: 0,
+            first_ns: None,
+            span_s: 0.0,
+            looked: (0.0, 0),
+            rates_clipped: 0,
+            rates_senseless: 0,
+            refused: 0,
+            leaps: 0,
+            told: Vec::new(),
+            ended: false,
+        }
+    }
+}
+
+impl Judge {
+    /// Takes a sample, and the field where one came with it. Gives what is found by it and was not told before: usually nothing.
+    pub fn take(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<Finding> {
+        if self.ended || imu.header.flags.any(Flags::FAULT_INJECTED) {
+            return Vec::new();
+        }
+        self.gather(imu, mag);
+        let due = self.samples >= FIRST_SAMPLES
+            && self.span_s - self.looked.0 >= LOOK_S
+            && self.samples - self.looked.1 >= LOOK_SAMPLES;
+        let over = self.samples >= FIRST_SAMPLES && self.span_s >= SPAN_MAX_S
+            || self.turning.seconds() >= MOTION_S
+            || self.samples >= SAMPLES_MAX;
+        if over {
+            return self.finish();
+        }
+        if due { self.look() } else { Vec::new() }
+    }
+
+    /// It has said all that it will.
+    pub fn is_ended(&self) -> bool {
+        self.ended
+    }
+
+    /// What is found at the end of the samples and was not told before.
+    pub fn finish(&mut self) -> Vec<Finding> {
+        if self.ended {
+            return Vec::new();
+        }
+        self.ended = true;
+        self.look()
+    }
+
+    fn gather(&mut self, imu: &ImuSample, mag: Option<&MagSample>) {
+        let flags = imu.header.flags;
+        self.samples += 1;
+        self.refused += u64::from(flags.any(Flags::REFUSED_BEFORE));
+        self.rates_clipped += u64::from(flags.any(Flags::RATE_CLIPPED));
+        self.rates_senseless += u64::from(flags.any(Flags::RATE_INVALID));
+        self.leaps += u64::from(flags.any(Flags::CLOCK_LEAP));
+        let first_ns = *self.first_ns.get_or_insert(imu.header.t_end_ns);
+        self.span_s = imu.header.t_end_ns.saturating_sub(first_ns) as f64 * 1e-9;
+        let dt_s = imu.header.t_end_ns.saturating_sub(imu.header.t_start_ns) as f64 * 1e-9;
+        if self.samples > 1 {
+            self.sizes.interval(dt_s);
+        }
+        match mag {
+            Some(mag) if is_sensible(mag.field_ut) => {
+                self.sizes.field(mag.field_ut);
+                self.uprightness.field(mag.field_ut);
+            }
+            Some(_) => {}
+            None => self.sizes.field_refused(flags.any(Flags::FIELD_INVALID)),
+        }
+        if !is_sensible(imu.rate_rad_s) || !is_sensible(imu.force_m_s2) {
+            return self.turning.interrupt();
+        }
+        if !flags.any(Flags::RATE_INVALID) {
+            self.rate.take(imu.rate_rad_s);
+        }
+        if flags.any(Flags::FORCE_INVALID) {
+            return self.turning.interrupt();
+        }
+        self.force.take(imu.force_m_s2);
+        self.sizes.force(imu.force_m_s2);
+        if flags.any(Flags::RATE_INVALID | Flags::GAP | Flags::CLOCK_LEAP | Flags::FORCE_STUCK) {
+            return self.turning.interrupt();
+        }
+        self.uprightness.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
+        self.turning.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
+    }
+
+    fn look(&mut self) -> Vec<Finding> {
+        self.looked = (self.span_s, self.samples);
+        if self.samples < LOOK_SAMPLES {
+            return Vec::new();
+        }
+        let mut found = Vec::new();
+        found.extend(self.sizes.interval_finding(self.leaps, self.samples));
+        let time_is_wrong = !found.is_empty();
+        if !time_is_wrong && self.refused + self.leaps >= STAMPS_MIN {
+            found.push(finding::stamps(self.refused, self.leaps, self.samples));
+        }
+        found.extend(self.sizes.force_finding());
+        let force_is_whole = !found.iter().any(|finding| finding.mistake == Mistake::GravityRemoved);
+        found.extend(self.sizes.field_finding());
+        if !time_is_wrong && force_is_whole {
+            found.extend(self.turning.finding());
+            if found.iter().all(|finding| !finding.mistake.is_of_turning())
+                && self.rates_clipped >= CLIPPED_MIN
+                && self.rates_senseless >= SENSELESS_MIN
+            {
+                found.push(finding::rates_beyond(self.rates_clipped, self.rates_senseless));
+            }
+            found.extend(self.uprightness.finding());
+        }
+        let rate_is_wrong = found.iter().any(|finding| finding.mistake == Mistake::RateUnit);
+        let turned = self.turning.is_enough();
+        found.extend(self.rate.finding(turned, rate_is_wrong));
+        found.extend(self.force.finding(turned, false));
+        found.retain(|finding| !self.told.contains(&finding.mistake));
+        self.told.extend(found.iter().map(|finding| finding.mistake));
+        found
+    }
+}
+
+fn is_sensible(vector: [f64; 3]) -> bool {
+    vector.iter().all(|x| x.abs() < SENSE)
+}
+
+/// What stamps show that nobody has conditioned yet.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Stamps {
+    /// Equal to the one before.
+    pub doubled: u64,
+    /// Earlier than the one before.
+    pub disordered: u64,
+    last_ns: Option<i64>,
+}
+
+impl Stamps {
+    /// Takes the stamp of a reading, ns.
+    pub fn take(&mut self, t_ns: i64) {
+        if let Some(last_ns) = self.last_ns.replace(t_ns) {
+            self.doubled += u64::from(t_ns == last_ns);
+            self.disordered += u64::from(t_ns < last_ns);
+        }
+    }
+}
+
+fn length(vector: [f64; 3]) -> f64 {
+    attitude::Vector3::from(vector).norm()
+}
