@@ -1,11 +1,13 @@
 //! Real recordings: accuracy against the cameras, and the same bytes from every way to run them.
 use std::{
+    f64::consts::FRAC_1_SQRT_2,
     fs::{self, File},
     io::Read,
     path::{Path, PathBuf},
 };
 
 use crate::common::{Run, System, assert_sound, attitudes, inclination_deg, rms};
+use attitude::Quaternion;
 use flate2::read::MultiGzDecoder;
 
 /// Mean over the ten trials of BROAD, degrees; VQF without magnetometer: 0.665° (benches/README.md).
@@ -82,6 +84,48 @@ fn a_recording_gives_the_same_bytes_packed_or_not_in_one_process_or_five() {
         let other = replay(&system, file, how);
         assert_eq!(other.line("digest"), run.line("digest"), "{} {how:?}", file.display());
         assert!(fs::read(system.path("out.csv")).unwrap() == bytes, "{} {how:?}: the files differ", file.display());
+    }
+}
+
+/// The recording as a sensor with the axes forward, right, down would have made it, its reference being that of the sensor.
+fn by_a_sensor_of_frd(text: &str) -> String {
+    let mut lines = text.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let places = |names: [&str; 3]| names.map(|name| header.iter().position(|column| *column == name));
+    let vectors = [["gx", "gy", "gz"], ["ax", "ay", "az"], ["mx", "my", "mz"]].map(places);
+    let quaternion = ["qw", "qx", "qy", "qz"].map(|name| header.iter().position(|column| *column == name).unwrap());
+    // Half a turn about the line between the first two axes.
+    let mounting = Quaternion::new(0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0);
+    let turned = lines.map(|line| {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let number = |fields: &[String], place: usize| fields[place].parse::<f64>().unwrap();
+        for [x, y, z] in vectors {
+            let [x, y, z] = [x, y, z].map(Option::unwrap);
+            fields.swap(x, y);
+            fields[z] = (-number(&fields, z)).to_string();
+        }
+        let [w, i, j, k] = quaternion.map(|place| number(&fields, place));
+        let sensor = Quaternion::new(w, i, j, k) * mounting;
+        for (place, part) in quaternion.into_iter().zip([sensor.w, sensor.i, sensor.j, sensor.k]) {
+            fields[place] = part.to_string();
+        }
+        fields.join(",") + "\n"
+    });
+    header.join(",") + "\n" + &turned.collect::<String>()
+}
+
+#[test]
+fn a_mounting_turns_the_reference_with_the_sensors() {
+    let Some(data) = crate::common::data() else { return };
+    let trial = data.join("broad").join(TRIAL);
+    let system = System::new("[ingest.mounting]\naxes = \"frd\"");
+    let turned = system.path("turned.csv");
+    fs::write(&turned, by_a_sensor_of_frd(&unpacked(&trial))).unwrap();
+    let run = replay(&system, &turned, &["--in-process", "--for", "60s"]);
+    let plain = replay(&System::new(""), &trial, &["--in-process", "--for", "60s"]);
+    for error in ["/error_deg/inclination_rmse", "/error_deg/inclination_max"] {
+        let [turned_deg, plain_deg] = [&run, &plain].map(|run| run.number(error));
+        assert!((turned_deg - plain_deg).abs() < 1e-9, "{error}: {turned_deg} and {plain_deg}");
     }
 }
 
