@@ -62,6 +62,12 @@ impl ServiceConfig {
         ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, TOPIC_MESSAGES_MAX as u64)
     }
 
+    /// Messages of one input that a slot takes before the others have their turn: few against the lateness, so that a join does not take
+    /// another input for silent that it has not looked at.
+    pub fn turn(&self) -> usize {
+        (self.lateness_ticks() as usize / 4).clamp(1, TURN_MAX)
+    }
+
     /// Ticks from one checkpoint to the next.
     pub fn checkpoint_ticks(&self) -> u64 {
         (self.buffer_ticks() as u64 / CHECKPOINTS_PER_BUFFER).max(1)
@@ -146,6 +152,9 @@ const MESSAGE_OVERHEAD_BYTES: usize = 128;
 
 /// Checkpoints while a topic's buffer fills once.
 const CHECKPOINTS_PER_BUFFER: u64 = 32;
+
+/// Messages of one input taken before the others have their turn, at most.
+const TURN_MAX: usize = 32;
 
 /// Small enough for a slow sensor, large enough for the burst after a stall.
 const BUFFER_MIN: usize = 256;
