@@ -98,8 +98,8 @@ impl ProcessTable {
     }
 
     /// The first tick whose inputs a living process of each slot may still take, as far as it is known. For a candidate before
-    /// `candidate_from` nobody goes back: it may never have opened its topics.
-    pub(crate) fn positions(&self, candidate_from: u64) -> [Option<u64>; Service::ALL.len()] {
+    /// `held_from` nobody goes back: it may never have opened its topics.
+    pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
             if !service.is_slot() {
@@ -107,7 +107,7 @@ impl ProcessTable {
             }
             let owner = entry.process.as_ref().and_then(Process::next_tick);
             let candidate = entry.candidate.as_ref().and_then(Process::next_tick);
-            *position = owner.into_iter().chain(candidate.filter(|tick| *tick >= candidate_from)).min();
+            *position = owner.into_iter().chain(candidate.filter(|tick| *tick >= held_from)).min();
         }
         positions
     }
