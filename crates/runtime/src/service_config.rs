@@ -161,3 +161,28 @@ const BUFFER_MIN: usize = 256;
 
 /// Messages of the topics beside the path that a reader holds.
 pub const BUFFER_BESIDE: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_turns_of_an_input_do_not_make_another_late() {
+        for lateness_s in [0.01, 0.05, 0.1, 0.6, 5.0] {
+            let config = ServiceConfig {
+                launch: Launch { lateness_s, ..Launch::default() },
+                rate_hz: 100.0,
+                pace: Pace::Speed(1.0),
+                ticks_max: None,
+                incarnation: 1,
+                epoch: FIRST_EPOCH,
+                role: Role::Owner { from_tick: 0 },
+                prior: None,
+                resume: None,
+                supervisor_pid: 0,
+            };
+            let turn = config.turn() as u64;
+            assert!(turn > 0 && 2 * turn <= config.lateness_ticks(), "{lateness_s}");
+        }
+    }
+}
