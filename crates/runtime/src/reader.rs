@@ -52,7 +52,8 @@ impl<M: Ticked> Stream<M> {
         Self { reorder_buffer, staged: VecDeque::new() }
     }
 
-    /// Takes all that is there from `read`, and hands what has its turn of at most `limit` messages to `take`.
+    /// Takes all that is there from `read`, and hands what has its turn of at most `limit` messages to `take`. What comes again, as from a
+    /// publisher that was started again, does not count: nobody else has to wait for it.
     pub fn advance<E>(
         &mut self,
         limit: usize,
@@ -68,7 +69,14 @@ impl<M: Ticked> Stream<M> {
         if !in_order {
             staged.make_contiguous().sort_by_key(|message| message.header().tick);
         }
-        for message in staged.drain(..limit.min(staged.len())) {
+        let mut left = limit;
+        while let Some(message) = staged.pop_front() {
+            let is_new = message.header().tick >= reorder_buffer.sequence().next_tick;
+            if is_new && left == 0 {
+                staged.push_front(message);
+                break;
+            }
+            left -= usize::from(is_new);
             reorder_buffer.offer(message, &mut |message, _| take(message));
         }
         result
@@ -138,5 +146,32 @@ impl<I: From<M>, M: Message> Input<I> for Subscriber<M> {
 
     fn next_tick(&self) -> u64 {
         Subscriber::next_tick(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::{GyroStep, Header};
+
+    use super::*;
+
+    #[test]
+    fn what_is_said_again_does_not_keep_what_is_new_waiting() {
+        let mut stream =
+            Stream { reorder_buffer: ReorderBuffer::starting(40, FIRST_EPOCH, 10), staged: VecDeque::new() };
+        let step = |tick| GyroStep {
+            header: Header { tick, epoch: FIRST_EPOCH, incarnation: 7, ..bytemuck::Zeroable::zeroed() },
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let mut taken = Vec::new();
+        let mut advance = |ticks: std::ops::Range<u64>| {
+            let read = |stage: &mut dyn FnMut(GyroStep)| -> Result<(), BusError> {
+                ticks.map(step).for_each(stage);
+                Ok(())
+            };
+            stream.advance(8, read, &mut |step| taken.push(step.header.tick)).is_ok()
+        };
+        assert!(advance(0..60) && advance(60..60));
+        assert_eq!(taken, Vec::from_iter(40..56));
     }
 }

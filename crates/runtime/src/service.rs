@@ -8,8 +8,6 @@ use crate::{
     service_config::BUFFER_BESIDE, shadow::Shadowing, slot::Slot, slot_service::SlotService,
 };
 
-/// Messages of one input taken before the others have their turn: a join must not think that one of them is silent.
-const TURN: usize = 32;
 /// However much there is to do, after so long a service says how it is and looks at the decisions.
 const TURN_LIMIT_NS: u64 = 50_000_000;
 
@@ -68,10 +66,11 @@ where
         let published = self.service.publishes();
         let Self { context, service, output, shadow, .. } = self;
         let mut failed = None;
-        for _ in 0..context.config.buffer_ticks() / TURN + 1 {
+        let turn = context.config.turn();
+        for _ in 0..context.config.buffer_ticks() / turn + 1 {
             let mut taken = 0;
             for input in inputs {
-                input.drain(TURN, &mut |message| {
+                input.drain(turn, &mut |message| {
                     taken += 1;
                     let mut computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.computed(out));
                     service.offer(message, &mut computed, &mut |out| {

@@ -64,6 +64,12 @@ impl ServiceConfig {
         ((self.rate_hz * self.launch.lateness_s).ceil() as u64).clamp(2, TOPIC_MESSAGES_MAX as u64)
     }
 
+    /// Messages of one input that a slot takes before the others have their turn: few against the lateness, so that a join does not take
+    /// another input for silent that it has not looked at.
+    pub fn turn(&self) -> usize {
+        (self.lateness_ticks() as usize / 4).clamp(1, TURN_MAX)
+    }
+
     /// Ticks from one checkpoint to the next.
     pub fn checkpoint_ticks(&self) -> u64 {
         (self.buffer_ticks() as u64 / CHECKPOINTS_PER_BUFFER).max(1)
@@ -152,8 +158,36 @@ const MESSAGE_OVERHEAD_BYTES: usize = 128;
 /// Checkpoints while a topic's buffer fills once.
 const CHECKPOINTS_PER_BUFFER: u64 = 32;
 
+/// Messages of one input taken before the others have their turn, at most.
+const TURN_MAX: usize = 32;
+
 /// Small enough for a slow sensor, large enough for the burst after a stall.
 const BUFFER_MIN: usize = 256;
 
 /// Messages of the topics beside the path that a reader holds.
 pub const BUFFER_BESIDE: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_turns_of_an_input_do_not_make_another_late() {
+        for lateness_s in [0.01, 0.05, 0.1, 0.6, 5.0] {
+            let config = ServiceConfig {
+                launch: Launch { lateness_s, ..Launch::default() },
+                rate_hz: 100.0,
+                pace: Pace::Speed(1.0),
+                ticks_max: None,
+                incarnation: 1,
+                epoch: FIRST_EPOCH,
+                role: Role::Owner { from_tick: 0 },
+                prior: None,
+                resume: None,
+                supervisor_pid: 0,
+            };
+            let turn = config.turn() as u64;
+            assert!(turn > 0 && 2 * turn <= config.lateness_ticks(), "{lateness_s}");
+        }
+    }
+}

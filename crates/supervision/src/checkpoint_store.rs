@@ -21,6 +21,8 @@ pub(crate) struct CheckpointStore {
     /// The first tick whose inputs a living process of each slot may still take: one that was started again, or beside the owner, may
     /// be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
+    /// The topics hold every tick from this one on.
+    held_from: u64,
     /// The bus holds nothing of what a service has published, and the source makes all of it again: until it has said on this bus where it
     /// is.
     begins_anew: [bool; Service::ALL.len()],
@@ -39,6 +41,7 @@ impl CheckpointStore {
             candidates: std::array::from_fn(room),
             output_tick: None,
             positions: Default::default(),
+            held_from: 0,
             begins_anew: [false; Service::ALL.len()],
         }
     }
@@ -62,9 +65,9 @@ impl CheckpointStore {
         self.output_tick = Some(next_tick);
     }
 
-    /// How far the living processes are.
-    pub(crate) fn on_positions(&mut self, positions: [Option<u64>; Service::ALL.len()]) {
-        self.positions = positions;
+    /// How far the living processes are, and from which tick on the topics hold every one.
+    pub(crate) fn on_positions(&mut self, positions: [Option<u64>; Service::ALL.len()], held_from: u64) {
+        (self.positions, self.held_from) = (positions, held_from);
     }
 
     /// Whether every service starts on a bus that holds nothing, and the source can make all of it again.
@@ -72,7 +75,7 @@ impl CheckpointStore {
         self.begins_anew = [begins_anew; Service::ALL.len()];
     }
 
-    /// Another candidate begins.
+    /// There is no candidate, or another one begins.
     pub(crate) fn forget_candidate(&mut self, service: Service) {
         self.candidates[service as usize].clear();
     }
@@ -104,6 +107,8 @@ impl CheckpointStore {
         // A gateway both reads and publishes; it goes on from its own newest state.
         let needed_tick = if service == Service::Gateway { u64::MAX } else { self.needed_tick(service) };
         let resumes_at = self.early_enough(service, needed_tick)?.next_tick;
+        let promoted = self.promoted(service, needed_tick).filter(|tick| *tick >= self.held_from);
+        let resumes_at = promoted.map_or(resumes_at, |promoted| promoted.min(resumes_at));
         Some(self.positions[service as usize].map_or(resumes_at, |position| position.min(resumes_at)))
     }
 
@@ -116,10 +121,22 @@ impl CheckpointStore {
         readers.map(|reader| self.resume_tick(*reader).unwrap_or(0)).min().unwrap_or(u64::MAX)
     }
 
-    /// Where all are later, what lies before the oldest is on the bus; else it is made anew from the first tick.
+    /// From where a service would go on once its candidate owned the slot: what the owner is known to have been beyond the first state of
+    /// the candidate is then forgotten.
+    fn promoted(&self, service: Service, needed_tick: u64) -> Option<u64> {
+        let mut states = self.candidates[service as usize].iter().map(|state| state.next_tick);
+        let first = states.clone().next()?;
+        let own = self.of(service).iter().map(|state| state.next_tick).take_while(|tick| *tick < first);
+        let early = |tick: &u64| *tick <= needed_tick;
+        states.rfind(early).or_else(|| own.filter(early).last()).or(Some(first))
+    }
+
+    /// Where all are later: the oldest, for what lies before it is on the bus; from the first tick on where that has to be made anew, or
+    /// where the topics hold all that it is made of, because who has published it may be gone.
     fn early_enough(&self, service: Service, needed_tick: u64) -> Option<&Checkpoint> {
         let kept = self.of(service);
-        let oldest = kept.front().filter(|_| !self.begins_anew[service as usize]);
+        let begins_anew = self.begins_anew[service as usize] || self.held_from == 0;
+        let oldest = kept.front().filter(|_| !begins_anew);
         kept.iter().rev().find(|checkpoint| checkpoint.next_tick <= needed_tick).or(oldest)
     }
 
@@ -176,6 +193,13 @@ mod tests {
         checkpoint
     }
 
+    /// One whose topics do not hold the first ticks any more.
+    fn store() -> CheckpointStore {
+        let mut store = CheckpointStore::new(&Launch::default());
+        store.on_positions(Default::default(), 1);
+        store
+    }
+
     fn next_tick(resume: &Resume) -> Option<u64> {
         match resume {
             Resume::Checkpoint(checkpoint) => Some(checkpoint.next_tick),
@@ -185,8 +209,54 @@ mod tests {
     }
 
     #[test]
+    fn where_the_topics_hold_all_a_service_without_an_early_state_begins_with_the_first_tick() {
+        let mut store = store();
+        store.keep(checkpoint(Service::Course, 0));
+        store.keep(checkpoint(Service::Fuser, 85));
+        store.on_output(19);
+        assert_eq!(
+            next_tick(&store.resume(Service::Fuser, 0)),
+            Some(85),
+            "what comes before is on the bus, or nowhere"
+        );
+        store.on_positions(Default::default(), 0);
+        assert!(matches!(store.resume(Service::Fuser, 0), Resume::Fresh), "who has published it may be gone");
+        assert_eq!(next_tick(&store.resume(Service::Ingest, 0)), Some(0));
+        store.keep(checkpoint(Service::Course, 90));
+        store.on_output(90);
+        assert_eq!(next_tick(&store.resume(Service::Fuser, 0)), Some(85));
+    }
+
+    #[test]
+    fn what_inputs_are_kept_for_does_not_go_back_when_a_candidate_takes_over() {
+        for ticks in [vec![45, 55], vec![55], vec![85], vec![]] {
+            let mut store = store();
+            (1..=8).for_each(|i| store.keep(checkpoint(Service::Course, 10 * i)));
+            store.on_output(78);
+            assert_eq!(store.resume_tick(Service::Course), Some(70));
+            ticks.iter().for_each(|tick| store.keep_candidate(checkpoint(Service::Course, *tick)));
+            let before = store.resume_tick(Service::Course);
+            store.promote(Service::Course);
+            assert_eq!(
+                (store.resume_tick(Service::Course), before),
+                (before, Some(ticks.last().map_or(70, |tick| *tick.min(&70))))
+            );
+        }
+    }
+
+    #[test]
+    fn nobody_goes_back_for_a_candidate_whose_inputs_the_topics_do_not_hold() {
+        let mut store = store();
+        (1..=8).for_each(|i| store.keep(checkpoint(Service::Course, 10 * i)));
+        store.keep_candidate(checkpoint(Service::Course, 25));
+        assert_eq!(store.resume_tick(Service::Course), Some(25));
+        store.on_positions(Default::default(), 30);
+        assert_eq!(store.resume_tick(Service::Course), Some(80));
+    }
+
+    #[test]
     fn a_service_goes_on_from_where_its_readers_could_have_to() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         assert_eq!(next_tick(&store.resume(Service::Gyro, 0)), None);
         (1..=10).for_each(|i| store.keep(checkpoint(Service::Gyro, 10 * i)));
         store.keep(checkpoint(Service::Fuser, 75));
@@ -198,7 +268,7 @@ mod tests {
 
     #[test]
     fn on_a_bus_that_holds_nothing_what_lies_before_the_oldest_state_is_made_anew() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         for (service, next_tick) in
             [(Service::Gyro, 50), (Service::Accel, 20), (Service::Fuser, 30), (Service::Course, 30)]
         {
@@ -215,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_reader_goes_on_from_where_its_own_readers_could_have_to() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         for service in [Service::Gyro, Service::Accel, Service::Fuser] {
             (1..=10).for_each(|i| store.keep(checkpoint(service, 10 * i)));
         }
@@ -229,7 +299,7 @@ mod tests {
 
     #[test]
     fn the_last_slot_goes_on_from_the_attitude_that_is_taken_next() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         (1..=10).for_each(|i| store.keep(checkpoint(Service::Course, 10 * i)));
         (1..=10).for_each(|i| store.keep(checkpoint(Service::Fuser, 10 * i)));
         store.on_output(75);
@@ -239,7 +309,7 @@ mod tests {
 
     #[test]
     fn a_damaged_checkpoint_is_left_out_and_what_lies_behind_it_is_forgotten() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         store.keep(checkpoint(Service::Course, 10));
         store.keep(checkpoint(Service::Course, 20));
         store.keep(Checkpoint { next_tick: 30, ..checkpoint(Service::Course, 10) });
@@ -250,7 +320,7 @@ mod tests {
 
     #[test]
     fn an_owner_does_not_go_on_from_what_a_candidate_of_another_kind_was() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         store.keep(checkpoint(Service::Course, 10));
         store.keep_candidate(checkpoint(Service::Course, 20));
         assert_eq!(next_tick(&store.resume(Service::Course, 0)), Some(10));
@@ -264,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_new_owner_can_go_on_from_before_its_first_state_where_it_has_to_publish_that() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         (1..=5).for_each(|i| store.keep(checkpoint(Service::Fuser, 10 * i)));
         [45, 55, 65].into_iter().for_each(|tick| store.keep_candidate(checkpoint(Service::Fuser, tick)));
         store.promote(Service::Fuser);
@@ -276,7 +346,7 @@ mod tests {
 
     #[test]
     fn no_swap_takes_or_gives_back_room() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         let rooms = |store: &CheckpointStore| {
             store.owners.iter().chain(&store.candidates).map(VecDeque::capacity).collect::<Vec<_>>()
         };
@@ -297,7 +367,7 @@ mod tests {
 
     #[test]
     fn the_number_kept_has_a_limit() {
-        let mut store = CheckpointStore::new(&Launch::default());
+        let mut store = store();
         (0..1000).for_each(|tick| store.keep(checkpoint(Service::Gyro, tick)));
         assert_eq!(store.of(Service::Gyro).len(), KEPT);
     }

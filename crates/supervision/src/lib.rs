@@ -94,7 +94,10 @@ impl Supervision {
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
         self.now = self.now.max(now);
         if !self.flow.has_ended() {
-            self.checkpoints.on_positions(self.table.positions(self.candidate_from()));
+            let held_from = self.held_from();
+            self.checkpoints.on_positions(self.table.positions(held_from), held_from);
+            let alone = self.table.entries().filter(|(_, entry)| entry.candidate.is_none());
+            alone.for_each(|(service, _)| self.checkpoints.forget_candidate(service));
             self.apply(event);
         }
         std::mem::take(&mut self.actions)
@@ -119,9 +122,9 @@ impl Supervision {
         }
     }
 
-    /// From where on a service that is started again looks after a candidate: what lies further back than half of what a topic holds may
-    /// be overwritten before it is read.
-    fn candidate_from(&self) -> u64 {
+    /// From which tick on the topics hold every one: what lies further back than half of what they hold may be overwritten before it is
+    /// read.
+    fn held_from(&self) -> u64 {
         let Config { rate_hz, launch, .. } = &self.config;
         let newest = self.published.iter().max().copied().unwrap_or(0);
         newest.saturating_sub((rate_hz * launch.buffer_s / 2.0) as u64)

@@ -98,16 +98,19 @@ impl ProcessTable {
     }
 
     /// The first tick whose inputs a living process of each slot may still take, as far as it is known. For a candidate before
-    /// `candidate_from` nobody goes back: it may never have opened its topics.
-    pub(crate) fn positions(&self, candidate_from: u64) -> [Option<u64>; Service::ALL.len()] {
+    /// `held_from` nobody goes back: it may never have opened its topics. One that begins in the place of an owner that has ended is an owner
+    /// like any other.
+    pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
             if !service.is_slot() {
                 continue;
             }
             let owner = entry.process.as_ref().and_then(Process::next_tick);
-            let candidate = entry.candidate.as_ref().and_then(Process::next_tick);
-            *position = owner.into_iter().chain(candidate.filter(|tick| *tick >= candidate_from)).min();
+            let candidate = entry.candidate.as_ref();
+            let looked_after = candidate
+                .and_then(|candidate| candidate.next_tick().filter(|tick| candidate.owns || *tick >= held_from));
+            *position = owner.into_iter().chain(looked_after).min();
         }
         positions
     }
@@ -321,6 +324,23 @@ impl Process {
             forgiven: false,
             asked: false,
             given_up: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_goes_back_for_a_candidate_that_is_far_behind_but_for_one_that_owns_the_slot() {
+        let checkpoint = messages::Checkpoint { next_tick: 10, ..bytemuck::Zeroable::zeroed() };
+        let resume = Resume::Checkpoint(Box::new(checkpoint));
+        for (owns, held_from, position) in [(false, 10, Some(10)), (false, 11, None), (true, 11, Some(10))] {
+            let mut table = ProcessTable::new(Duration::ZERO);
+            let candidate = Process::new(1, owns, Some(&resume), Duration::ZERO);
+            table.entry_mut(Service::Fuser).candidate = Some(candidate);
+            assert_eq!(table.positions(held_from)[Service::Fuser as usize], position, "{owns} {held_from}");
         }
     }
 }

@@ -16,8 +16,6 @@ use crate::{
     random::Random,
 };
 
-/// Messages of one input taken before the others have their turn, as in the real loop.
-const TURN: usize = 32;
 /// How often a service says how it is, ms; and one that is to take over, or has.
 const HEALTH_MS: u64 = 100;
 const CANDIDATE_HEALTH_MS: u64 = 10;
@@ -118,9 +116,9 @@ impl<'a> Ports<'a> {
     }
 
     fn plain<I: From<M> + 'static, M: Copy + 'static>(&mut self, of: Of<M>) -> Input<I> {
-        let id = self.open(of, self.late);
+        let (id, limit) = (self.open(of, self.late), self.config.turn());
         Box::new(move |bus, random, taken| {
-            for _ in 0..TURN {
+            for _ in 0..limit {
                 let Some(message) = of(bus).receive(id, random) else { return };
                 taken.push(message.into());
             }
@@ -128,14 +126,14 @@ impl<'a> Ports<'a> {
     }
 
     fn ordered<I: From<M> + 'static, M: Ticked>(&mut self, of: Of<M>) -> Input<I> {
-        let id = self.open(of, self.late);
+        let (id, limit) = (self.open(of, self.late), self.config.turn());
         let mut stream = Stream::new(self.next_tick, of(self.bus).next_tick, self.config);
         Box::new(move |bus, random, taken| {
             let read = |stage: &mut dyn FnMut(M)| -> Result<(), Infallible> {
                 std::iter::from_fn(|| of(bus).receive(id, random)).for_each(stage);
                 Ok(())
             };
-            let Ok(()) = stream.advance(TURN, read, &mut |message| taken.push(message.into()));
+            let Ok(()) = stream.advance(limit, read, &mut |message| taken.push(message.into()));
         })
     }
 
@@ -218,11 +216,12 @@ impl<S: Slot> Worker<S> {
 
     fn take_inputs(&mut self, turn: &mut Turn<'_>) -> bool {
         let mut messages = Vec::new();
+        let mut missed = vec![false; self.inputs.len()];
         loop {
             let mut taken = 0;
-            for input in &mut self.inputs {
-                // It looks at its inputs one after the other, so something may come in between.
-                if turn.random.happens(50) {
+            for (input, missed) in self.inputs.iter_mut().zip(&mut missed) {
+                // It looks at its inputs one after the other, so something may come in between. It is seen at the next look.
+                if turn.random.happens(50) && !std::mem::replace(missed, true) {
                     continue;
                 }
                 input(turn.bus, turn.random, &mut messages);
