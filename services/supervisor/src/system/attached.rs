@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use bus::{Bus, Publisher, Subscriber, SystemName};
+use bus::{Bus, Publisher, SharedMemory, Subscriber, SystemName};
 use control::ControlSocket;
 use launch::Service;
 use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference, SystemEvent};
@@ -12,6 +12,9 @@ use supervision::Event;
 
 use super::recorded::Recorded;
 use crate::{UpError, processes::Exit, reaper::StaleNodeReaper};
+
+/// More than all events that the topic holds.
+const EVENTS_BYTES: u64 = 1 << 20;
 
 pub(super) struct Attached {
     pub(super) socket: ControlSocket,
@@ -107,9 +110,12 @@ impl Attached {
         let _ = self.control.send(control);
     }
 
-    /// An event that nobody hears is no matter.
+    /// An event that nobody hears is no matter. Where the shared memory is full it is left out: whoever touches a part of it that is not there
+    /// yet is ended, and the supervisor has to outlive that. The next one's number tells of it.
     pub(super) fn tell(&self, event: &SystemEvent) {
-        let _ = self.events.send(event);
+        if SharedMemory::now().is_none_or(|memory| memory.free >= EVENTS_BYTES) {
+            let _ = self.events.send(event);
+        }
     }
 
     pub(super) fn grant(&self, credit: Credit) -> Result<(), UpError> {
