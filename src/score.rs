@@ -121,7 +121,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         bar.set_position(done);
     });
     bar.finish_and_clear();
-    scores.iter().flat_map(|scores| &scores.warnings).for_each(|warning| supervisor::announce(warning));
+    scores.iter().flat_map(|scores| &scores.warnings).for_each(supervisor::announce);
     match scores {
         Ok(scores) if json => {
             supervisor::announce(&scores);
