@@ -1,4 +1,5 @@
 //! Recordings and simulations as they are, and with mistakes made on purpose.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use ingest::{conditioner::Conditioner, source::Reading};
 use judge::{Finding, Judge, Mistake};
