@@ -184,6 +184,7 @@ mod tests {
                 role: Role::Owner { from_tick: 0 },
                 prior: None,
                 resume: None,
+                readings: false,
                 supervisor_pid: 0,
             };
             let turn = config.turn() as u64;
