@@ -66,11 +66,12 @@ fn shadow(system: &System, slot: &str, stage: &str) -> Child {
     child
 }
 
-fn kill(system: &System, running: &Running, service: &str) {
-    let restarts = || system.ps().iter().find(|one| one["service"] == service).and_then(|one| one["restarts"].as_u64());
-    let before = restarts();
-    signal(running.service(service), Signal::KILL);
-    until("a restart", || restarts() > before && before.is_some());
+/// Kills the process that owns the slot; the one before may still be on its way out after a swap.
+fn kill(system: &System, service: &str) {
+    let own = || system.ps().into_iter().find(|one| one["service"] == service).unwrap_or_default();
+    let before = own();
+    signal(before["pid"].as_u64().unwrap() as u32, Signal::KILL);
+    until("a restart", || own()["restarts"].as_u64() > before["restarts"].as_u64());
     system.all_run();
 }
 
@@ -80,12 +81,12 @@ fn committed(system: &System, arguments: &[&str]) {
 }
 
 /// Swaps of all slots, one taken back and one refused, a shadow promoted and one cancelled, and a kill of each service.
-fn disturb(system: &System, running: &Running) {
-    kill(system, running, "fuser");
+fn disturb(system: &System) {
+    kill(system, "fuser");
     committed(system, &["fuser", "aided"]);
-    kill(system, running, "ingest");
+    kill(system, "ingest");
     committed(system, &["gyro", "rk4"]);
-    kill(system, running, "gyro");
+    kill(system, "gyro");
     let mut cancelled = shadow(system, "fuser", "madgwick");
     signal(cancelled.id(), Signal::INT);
     cancelled.wait().unwrap();
@@ -93,9 +94,9 @@ fn disturb(system: &System, running: &Running) {
     let mut promoted = shadow(system, "accel", "inclinometer-matrix");
     committed(system, &["accel", "inclinometer-matrix"]);
     promoted.wait().unwrap();
-    kill(system, running, "accel");
+    kill(system, "accel");
     committed(system, &["course", "track"]);
-    kill(system, running, "course");
+    kill(system, "course");
     committed(system, &["gyro", "mobius"]);
 }
 
@@ -103,7 +104,7 @@ fn disturb(system: &System, running: &Running) {
 fn a_live_flight_with_kills_swaps_and_faults_is_flown_again_to_the_same_bytes() {
     let system = System::new(LAUNCH);
     let (running, flights) = Flown::begin(&system, &[]);
-    disturb(&system, &running);
+    disturb(&system);
     Flown::end(&system, running, &flights).assert_same_again();
 }
 
@@ -111,7 +112,7 @@ fn a_live_flight_with_kills_swaps_and_faults_is_flown_again_to_the_same_bytes() 
 fn a_flight_in_lockstep_with_kills_swaps_and_faults_is_flown_again_to_the_same_bytes() {
     let system = System::new(LAUNCH);
     let (running, flights) = Flown::begin(&system, &["--speed", "3"]);
-    disturb(&system, &running);
+    disturb(&system);
     let flown = Flown::end(&system, running, &flights);
     let again = flown.assert_same_again();
     println!("{}", again.people);
