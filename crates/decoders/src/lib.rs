@@ -1,0 +1,83 @@
+//! What sensors and receivers send, as readings: bytes of a serial line, a datagram or a file become [`Measurement`]s.
+//!
+//! Input: bytes as they arrive, cut anywhere. Output: measurements in SI units and the sensor's own axes, with the device's own time
+//! where it tells one. Time: none; whoever has the bytes knows when they came. Failure: bytes that are no frame of the format are
+//! skipped and counted, never an error and never a panic; the next good frame is found again.
+#![forbid(unsafe_code)]
+
+/// Turns the bytes of one device into measurements.
+pub trait Decoder: Send {
+    /// Takes the next bytes and adds what is complete to `found`, in the order in which it was sent. What is left of a frame that has
+    /// not ended is kept, as much as one frame of the format has at most.
+    fn push(&mut self, bytes: &[u8], found: &mut Vec<Measurement>);
+
+    /// What it has seen so far.
+    fn counts(&self) -> Counts;
+}
+
+/// What a device measured at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measurement {
+    /// When, if the device says so.
+    pub time: Option<DeviceTime>,
+    /// What.
+    pub value: Value,
+}
+
+/// What was measured, in sensor axes unless a frame is named.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Value {
+    /// Both of an IMU.
+    Imu {
+        /// Body rate, rad/s.
+        rate_rad_s: [f64; 3],
+        /// Specific force, m/s².
+        force_m_s2: [f64; 3],
+        /// Magnetic field, µT, where the same instant has one.
+        field_ut: Option<[f64; 3]>,
+    },
+    /// A magnetometer that speaks for itself, µT.
+    Field([f64; 3]),
+    /// A satellite receiver.
+    Fix {
+        /// Velocity east, north, up, m/s.
+        velocity_m_s: [f64; 3],
+        /// Its standard deviation per axis, m/s, where it is told.
+        sd_m_s: Option<f64>,
+        /// Latitude, rad, north positive, where it is told.
+        latitude_rad: Option<f64>,
+    },
+}
+
+/// A time as a device tells it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeviceTime {
+    /// A counter that begins again at `period_ns`, ns since it did.
+    Counter {
+        /// The count, ns.
+        now_ns: u64,
+        /// After which it begins again, ns.
+        period_ns: u64,
+    },
+    /// Since the device started, ns.
+    SinceBoot {
+        /// ns.
+        now_ns: u64,
+    },
+    /// Since 1970, ns.
+    Unix {
+        /// ns.
+        now_ns: u64,
+    },
+}
+
+/// What a decoder has seen so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Whole frames or lines of which something was made, or that tell nothing of use.
+    pub frames: u64,
+    /// Frames or lines that looked like one and were refused: checksum, length, a number that is none.
+    pub refused: u64,
+    /// Bytes that belong to no frame.
+    pub skipped_bytes: u64,
+}
