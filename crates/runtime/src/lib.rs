@@ -16,6 +16,7 @@
 //! | [`service_context`] | a service's place in a running system |
 //! | [`reader`] | a topic as a slot reads it |
 //! | [`slot_service`] | a slot's service without bus and clock: its work, who owns it, its checkpoints |
+//! | [`turns`] | which input a slot looks at next |
 //! | [`service`] | the loop over the bus |
 //! | [`comparable`] | what of two outputs can be compared |
 //! | [`shadow`] | a candidate beside the stage that owns the slot |
@@ -40,6 +41,7 @@ pub mod slot_service;
 pub mod stage;
 pub mod state_words;
 pub mod stderr_tail;
+pub mod turns;
 
 pub use error::RuntimeError;
 pub use join::{Join, Joined, Lane, Lanes};

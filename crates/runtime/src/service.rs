@@ -5,7 +5,7 @@ use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
     Role, RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, reader::Input,
-    service_config::BUFFER_BESIDE, shadow::Shadowing, slot::Slot, slot_service::SlotService,
+    service_config::BUFFER_BESIDE, shadow::Shadowing, slot::Slot, slot_service::SlotService, turns::take_turns,
 };
 
 /// However much there is to do, after so long a service says how it is and looks at the decisions.
@@ -65,37 +65,35 @@ where
         let (before, begun_ns) = (self.service.ticks(), monotonic_ns());
         let published = self.service.publishes();
         let Self { context, service, output, shadow, .. } = self;
-        let mut failed = None;
         let turn = context.config.turn();
-        for _ in 0..context.config.buffer_ticks() / turn + 1 {
-            let mut taken = 0;
-            for input in inputs {
-                input.drain(turn, &mut |message| {
-                    taken += 1;
-                    let mut computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.computed(out));
-                    service.offer(message, &mut computed, &mut |out| {
-                        failed = failed.take().or(publish(output, out).err());
-                    });
-                })?;
-            }
-            if let Some(why) = service.failure() {
-                return Err(RuntimeError::Failed { slot: context.service, why });
-            }
-            if taken == 0 {
-                break;
-            }
+        let mut looks_left = inputs.len() * (context.config.buffer_ticks() / turn + 1);
+        let goes_on = |service: &mut SlotService<S>| {
             if service.ticks() != before {
                 output.wake();
             }
-            if monotonic_ns() - begun_ns > TURN_LIMIT_NS {
-                break;
+            looks_left = looks_left.saturating_sub(1);
+            looks_left > 0 && monotonic_ns() - begun_ns <= TURN_LIMIT_NS
+        };
+        take_turns(service, inputs.len(), goes_on, SlotService::lacks, |service, input| {
+            let (mut taken, mut failed) = (0, None);
+            inputs[input].drain(turn, &mut |message| {
+                taken += 1;
+                let mut computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.computed(out));
+                service.offer(message, &mut computed, &mut |out| {
+                    failed = failed.take().or(publish(output, out).err());
+                });
+            })?;
+            match (failed, service.failure()) {
+                (Some(error), _) => Err(RuntimeError::from(error)),
+                (None, Some(why)) => Err(RuntimeError::Failed { slot: context.service, why }),
+                (None, None) => Ok(taken),
             }
-        }
+        })?;
         // Whoever takes over is confirmed by that.
         if published && !service.publishes() {
             context.publish_health_at_once();
         }
-        failed.map_or(Ok(()), |error| Err(error.into()))
+        Ok(())
     }
 
     /// Follows the decisions about the slot.

@@ -19,6 +19,8 @@ pub struct Config {
     pub lockstep: bool,
     /// How far the source may then be ahead of the last reader, ticks.
     pub window_ticks: u64,
+    /// How many messages a topic of the path holds.
+    pub buffer_ticks: u64,
     /// After how much time a source without an end is stopped.
     pub stop_after: Option<Duration>,
     /// What is wrong with the stage that fills this slot, for people.

@@ -158,6 +158,18 @@ impl Supervision {
         }
     }
 
+    /// From which tick on the topics hold every one until it is read: where the source waits, all that it has credit for; else what lies
+    /// further back than half of what they hold may be overwritten before it is read.
+    pub(crate) fn held_from(&self) -> u64 {
+        let buffer_ticks = self.config.buffer_ticks;
+        let newest = self.published.iter().max().copied().unwrap_or(0);
+        if self.waits() {
+            newest.max(self.flow.granted_ticks).saturating_sub(buffer_ticks)
+        } else {
+            newest.saturating_sub(buffer_ticks / 2)
+        }
+    }
+
     /// Every service has been ready, and the end is not reached.
     pub fn is_running(&self) -> bool {
         self.flow.is_running()
@@ -230,6 +242,7 @@ mod tests {
             rate_hz: 100.0,
             lockstep: true,
             window_ticks,
+            buffer_ticks: 200,
             stop_after: None,
             validate: |_, _| Ok(()),
         };

@@ -122,14 +122,6 @@ impl Supervision {
         }
     }
 
-    /// From which tick on the topics hold every one: what lies further back than half of what they hold may be overwritten before it is
-    /// read.
-    fn held_from(&self) -> u64 {
-        let Config { rate_hz, launch, .. } = &self.config;
-        let newest = self.published.iter().max().copied().unwrap_or(0);
-        newest.saturating_sub((rate_hz * launch.buffer_s / 2.0) as u64)
-    }
-
     /// Looks at every deadline, and at what follows from all that was told since the last time.
     fn poll(&mut self) {
         self.renewals.set_unjoined(false);

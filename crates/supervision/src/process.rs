@@ -53,6 +53,8 @@ pub(crate) struct Process {
     pub(crate) since: Duration,
     /// The tick that it goes on with, where it goes on from a checkpoint.
     resumes_at: Option<u64>,
+    /// The first tick whose inputs it takes, where it is told that.
+    first_tick: Option<u64>,
     pub(crate) health: Option<Health>,
     /// When it said that; before its first health, when it was started.
     quiet_since: Duration,
@@ -75,7 +77,7 @@ pub(crate) enum Ended {
 impl Process {
     /// The tick whose inputs it takes next, as far as it is known.
     fn next_tick(&self) -> Option<u64> {
-        self.resumes_at.max(self.health.map(|health| health.next_tick))
+        self.first_tick.max(self.health.map(|health| health.next_tick))
     }
 }
 
@@ -313,12 +315,14 @@ impl Process {
             Some(Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
             Some(Resume::Fresh | Resume::Source { .. }) | None => None,
         };
+        let begins_again = matches!(resume, Some(Resume::Fresh));
         Self {
             incarnation,
             pid: 0,
             owns,
             since: now,
             resumes_at,
+            first_tick: resumes_at.or(begins_again.then_some(0)),
             health: None,
             quiet_since: now,
             forgiven: false,
@@ -331,6 +335,16 @@ impl Process {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_process_that_begins_again_with_the_first_tick_needs_its_inputs_from_there_on() {
+        let mut table = ProcessTable::new(Duration::ZERO);
+        for (resume, position) in [(None, None), (Some(Resume::Fresh), Some(0))] {
+            let process = Process::new(1, true, resume.as_ref(), Duration::ZERO);
+            table.entry_mut(Service::Fuser).process = Some(process);
+            assert_eq!(table.positions(0)[Service::Fuser as usize], position);
+        }
+    }
 
     #[test]
     fn nobody_goes_back_for_a_candidate_that_is_far_behind_but_for_one_that_owns_the_slot() {

@@ -513,6 +513,7 @@ mod tests {
                 rate_hz: RATE_HZ,
                 lockstep: false,
                 window_ticks: 0,
+                buffer_ticks: 2000,
                 stop_after: None,
                 validate: |_, _| Ok(()),
             };

@@ -395,6 +395,7 @@ fn decisions(plan: &Plan) -> Config {
         rate_hz: config.rate_hz,
         lockstep: config.lockstep(),
         window_ticks: config.window_ticks(),
+        buffer_ticks: config.buffer_ticks() as u64,
         stop_after: plan.stop_after_s.map(Duration::from_secs_f64),
         validate: crate::plan::validate,
     }

@@ -8,7 +8,9 @@ use fuser::{FuserMessage, FuserSlot};
 use gyro::GyroWork;
 use launch::Service;
 use messages::{Difference, Health, State, Ticked};
-use runtime::{EachTick, ServiceConfig, Slot, reader::Stream, service_config::Resume, slot_service::SlotService};
+use runtime::{
+    EachTick, ServiceConfig, Slot, reader::Stream, service_config::Resume, slot_service::SlotService, turns::take_turns,
+};
 use swap::Role;
 
 use crate::{
@@ -215,30 +217,23 @@ impl<S: Slot> Worker<S> {
     }
 
     fn take_inputs(&mut self, turn: &mut Turn<'_>) -> bool {
-        let mut messages = Vec::new();
-        let mut missed = vec![false; self.inputs.len()];
-        loop {
-            let mut taken = 0;
-            for (input, missed) in self.inputs.iter_mut().zip(&mut missed) {
-                // It looks at its inputs one after the other, so something may come in between. It is seen at the next look.
-                if turn.random.happens(50) && !std::mem::replace(missed, true) {
-                    continue;
-                }
-                input(turn.bus, turn.random, &mut messages);
-                taken += messages.len();
-                let mut outputs = Vec::new();
-                for message in messages.drain(..) {
-                    self.service.offer(message, &mut |_| {}, &mut |output| outputs.push(output));
-                }
-                let topic = (self.output)(turn.bus);
-                if !publish(topic, self.health.incarnation, outputs, &mut turn.deliveries) {
-                    return false;
-                }
+        let Self { service, inputs, output, health, .. } = self;
+        let (count, mut missed) = (inputs.len(), vec![false; inputs.len()]);
+        let look = |service: &mut SlotService<S>, input: usize| -> Result<usize, Dead> {
+            // It looks at its inputs one after the other, so something may come in between. It is seen at the next look.
+            if turn.random.happens(50) && !std::mem::replace(&mut missed[input], true) {
+                return Ok(0);
             }
-            if taken == 0 {
-                return true;
+            let (mut messages, mut outputs) = (Vec::new(), Vec::new());
+            inputs[input](turn.bus, turn.random, &mut messages);
+            let taken = messages.len();
+            for message in messages {
+                service.offer(message, &mut |_| {}, &mut |output| outputs.push(output));
             }
-        }
+            let lives = publish(output(turn.bus), health.incarnation, outputs, &mut turn.deliveries);
+            if lives { Ok(taken) } else { Err(Dead) }
+        };
+        take_turns(service, count, |_| true, SlotService::lacks, look).is_ok()
     }
 
     fn follow_decisions(&mut self, turn: &mut Turn<'_>, say_at_once: &mut bool) -> bool {
@@ -283,6 +278,9 @@ impl<S: Slot> Worker<S> {
         }
     }
 }
+
+/// The process was killed.
+struct Dead;
 
 /// Publishes them one after the other; whether the process lives on.
 fn publish<O: Ticked>(topic: &mut Topic<O>, incarnation: u32, outputs: Vec<O>, deliveries: &mut Option<u32>) -> bool {

@@ -64,6 +64,7 @@ impl World {
             rate_hz: RATE_HZ,
             lockstep: config.lockstep(),
             window_ticks: config.window_ticks(),
+            buffer_ticks: config.buffer_ticks() as u64,
             stop_after: None,
             validate: |_, _| Ok(()),
         };
