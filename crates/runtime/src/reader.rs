@@ -4,7 +4,7 @@ use std::{cell::RefCell, collections::VecDeque, time::Duration};
 
 use bus::{BusError, Subscriber, Woken};
 use messages::{Message, Ticked};
-use swap::{ReorderBuffer, Sequence};
+use swap::{ReorderBuffer, Role, Sequence};
 
 use crate::service_config::{FIRST_EPOCH, ServiceConfig};
 
@@ -45,10 +45,16 @@ pub struct Stream<M> {
 }
 
 impl<M: Ticked> Stream<M> {
-    /// Begins with `next_tick`; before `expected_until` everything has been published, and is on its way.
+    /// Begins with `next_tick`; before `expected_until` everything has been published, and is on its way. Nobody waits for a candidate, so
+    /// it may wait for that as long as a topic surely holds what comes meanwhile.
     pub fn new(next_tick: u64, expected_until: u64, config: &ServiceConfig) -> Self {
-        let mut reorder_buffer = ReorderBuffer::starting(next_tick, FIRST_EPOCH, config.lateness_ticks() / 2);
-        reorder_buffer.expect_until(expected_until);
+        let lateness_ticks = config.lateness_ticks() / 2;
+        let patience_ticks = match config.role {
+            Role::Owner { .. } => lateness_ticks,
+            Role::Candidate => config.buffer_ticks() as u64 / 2,
+        };
+        let mut reorder_buffer = ReorderBuffer::starting(next_tick, FIRST_EPOCH, lateness_ticks);
+        reorder_buffer.expect_until(expected_until, patience_ticks.max(lateness_ticks));
         Self { reorder_buffer, staged: VecDeque::new() }
     }
 

@@ -235,9 +235,9 @@ mod tests {
 
     use crate::{Config, Event, OutputProgress};
 
-    /// The credit that the source of a system in lockstep has after each second, while `next_tick` is all that comes out.
-    fn credits(window_ticks: u64, next_tick: u64, silent: Option<Service>) -> Vec<u64> {
-        let config = Config {
+    /// A system in lockstep.
+    fn config(window_ticks: u64) -> Config {
+        Config {
             launch: Launch::default(),
             rate_hz: 100.0,
             lockstep: true,
@@ -245,8 +245,12 @@ mod tests {
             buffer_ticks: 200,
             stop_after: None,
             validate: |_, _| Ok(()),
-        };
-        let mut supervision = Supervision::new(config, Duration::ZERO);
+        }
+    }
+
+    /// The credit that the source of a system in lockstep has after each second, while `next_tick` is all that comes out.
+    fn credits(window_ticks: u64, next_tick: u64, silent: Option<Service>) -> Vec<u64> {
+        let mut supervision = Supervision::new(config(window_ticks), Duration::ZERO);
         let (mut credit, mut credits) = (0, Vec::new());
         let (mut incarnations, mut killed) = (Vec::new(), Vec::new());
         for tick in 0..1000 {
@@ -285,6 +289,18 @@ mod tests {
         let credits = credits(20, 7, None);
         assert_eq!(credits[..5], [27; 5]);
         assert!(credits[9] > 27 + 20 * 30, "{credits:?}");
+    }
+
+    #[test]
+    fn where_the_source_waits_the_topics_hold_all_that_it_has_credit_for() {
+        for (lockstep, held_from) in [(true, 300 + 20 - 200), (false, 320 - 100)] {
+            let config = Config { lockstep, ..config(20) };
+            let mut supervision = Supervision::new(config, Duration::ZERO);
+            supervision.flow.granted_ticks = if lockstep { 320 } else { u64::MAX };
+            let published = if lockstep { 301 } else { 320 };
+            supervision.handle(Duration::ZERO, Event::Published { service: Service::Ingest, next_tick: published });
+            assert_eq!(supervision.held_from(), held_from, "{lockstep}");
+        }
     }
 
     #[test]

@@ -11,8 +11,10 @@ use crate::{Sequence, Stamped};
 #[derive(Debug, Clone)]
 pub struct ReorderBuffer<M> {
     lateness_ticks: u64,
-    /// Before this tick everything has been published, and is on its way.
+    /// Before this tick everything has been published, and is on its way,
     expected_until: u64,
+    /// and is given up once the stream is so far beyond it.
+    patience_ticks: u64,
     sequence: Sequence,
     /// The decision under which the message delivered last was published; before the first, the one in force.
     epoch: u32,
@@ -29,7 +31,8 @@ impl<M: Stamped> ReorderBuffer<M> {
     /// message the reader knows no publisher, so that may be any message.
     pub fn starting(next_tick: u64, epoch: u32, lateness_ticks: u64) -> Self {
         let sequence = Sequence { next_tick, ..Sequence::default() };
-        Self { lateness_ticks, expected_until: 0, sequence, epoch, joining: false, held: BTreeMap::new() }
+        let (expected_until, patience_ticks, joining) = (0, lateness_ticks, false);
+        Self { lateness_ticks, expected_until, patience_ticks, sequence, epoch, joining, held: BTreeMap::new() }
     }
 
     /// A reader that joins a stream under way, with `epoch` in force: the first message of that decision is delivered at once,
@@ -38,9 +41,9 @@ impl<M: Stamped> ReorderBuffer<M> {
         Self { joining: true, ..Self::starting(0, epoch, lateness_ticks) }
     }
 
-    /// Before `tick` everything has been published: how long a missing one is waited for counts from there on.
-    pub fn expect_until(&mut self, tick: u64) {
-        self.expected_until = tick;
+    /// Before `tick` everything has been published: what is missing there is given up once the stream is `patience_ticks` beyond it.
+    pub fn expect_until(&mut self, tick: u64, patience_ticks: u64) {
+        (self.expected_until, self.patience_ticks) = (tick, patience_ticks);
     }
 
     /// Takes a message; hands every message that has its turn, with the number of ticks missing before it, to `deliver`.
@@ -121,8 +124,11 @@ impl<M: Stamped> ReorderBuffer<M> {
 
     /// A message has waited as long as any may.
     fn overdue(&self) -> bool {
-        let waits_from = self.sequence.next_tick.max(self.expected_until);
-        self.held.last_key_value().is_some_and(|(newest, _)| newest.saturating_sub(waits_from) >= self.lateness_ticks)
+        let Self { expected_until, patience_ticks, lateness_ticks, .. } = *self;
+        let next_tick = self.sequence.next_tick;
+        let is_expected = next_tick < expected_until;
+        let (from, limit) = if is_expected { (expected_until, patience_ticks) } else { (next_tick, lateness_ticks) };
+        self.held.last_key_value().is_some_and(|(newest, _)| newest.saturating_sub(from) >= limit)
     }
 
     fn deliver(&mut self, message: M, deliver: &mut dyn FnMut(M, u64)) {

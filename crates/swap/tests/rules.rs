@@ -71,6 +71,16 @@ fn what_never_comes_is_waited_for_no_longer_than_agreed() {
 }
 
 #[test]
+fn what_was_published_before_the_reader_came_is_waited_for_as_long_as_it_may_take() {
+    let mut reorder_buffer = ReorderBuffer::starting(0, 1, 4);
+    reorder_buffer.expect_until(10, 20);
+    assert!((5..29).all(|tick| offer(&mut reorder_buffer, tick, 2, 2).is_empty()));
+    assert_eq!(offer(&mut reorder_buffer, 0, 1, 1), [(0, 0)]);
+    assert_eq!(offer(&mut reorder_buffer, 29, 2, 2), []);
+    assert_eq!(offer(&mut reorder_buffer, 30, 2, 2).first(), Some(&(5, 4)), "nor for ever");
+}
+
+#[test]
 fn the_displaced_owner_is_not_heard_any_more() {
     let mut reorder_buffer = ReorderBuffer::starting(0, 1, 10);
     let offers = [(0, 1, 1), (1, 2, 2), (2, 1, 1), (2, 2, 2)];
