@@ -56,7 +56,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
     let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref()));
     // A flight that is recorded can be flown again.
     let readings = readings || recorder.is_some();
-    let request = Request { launch, replay, pace: speed, duration_s, in_process, out, cold, readings };
+    let request = Request { launch, replay, imported: None, pace: speed, duration_s, in_process, out, cold, readings };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
@@ -77,7 +77,7 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
                 Ok(readable) => readable,
                 Err(error) => return Report::none(&error, error.exit_code()),
             };
-            request.replay = readable.as_ref().map(|readable| readable.path.clone());
+            request.imported = readable.as_ref().map(|readable| readable.path.clone());
             supervisor::up(&request, recorder.map(|recorder| recorder as &mut dyn Recorder))
         }
     };

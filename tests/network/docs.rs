@@ -13,13 +13,13 @@ use std::{
 };
 
 use crate::{
-    common::{Run, Running, System, plumb, signal, until},
+    common::{Run, Running, System, data, plumb, signal, until},
     foreign::PYTHON,
 };
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 24] = [
+const LEFT_OUT: [(&str, &str); 21] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -37,10 +37,7 @@ const LEFT_OUT: [(&str, &str); 24] = [
         "plumb swap --remote alpha fuser vqf",
         "needs a vehicle elsewhere and an operator's keys; `certificates` has both here",
     ),
-    ("plumb score flight.ulg", "needs a log of PX4; `pipeline` reads one"),
-    ("plumb up --replay flight.ulg", "needs a log of PX4; `pipeline` reads one"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
-    ("plumb import flight.ulg", "needs a log of PX4; `pipeline` reads one"),
     ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb score walk.mcap", "needs an MCAP file; tools/import reads some"),
@@ -53,12 +50,14 @@ const LEFT_OUT: [(&str, &str); 24] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 7] = [
+const NO_EXAMPLES: [(&str, &str); 9] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
     ("sensor, receiver ─►", "a drawing"),
     ("topics ─► gateway", "a drawing"),
+    ("flight.ulg: ULog", "what a terminal shows"),
+    ("RMSE, degrees", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
 ];
@@ -72,6 +71,9 @@ const ASKING: [&str; 5] = ["plumb swap", "plumb shadow", "plumb ps", "plumb top"
 
 /// Ends with 1 while the machine has a problem, whoever's that is.
 const MAY_FAIL: &str = "plumb doctor";
+
+/// A log of PX4, as examples name it: one of the recordings, where those are.
+const LOG: &str = "flight.ulg";
 
 /// A block of a Markdown file.
 struct Block {
@@ -152,6 +154,8 @@ struct Scratch {
     here: Vec<(String, String)>,
     /// Systems under way, by the names they were given, in the order of their starts.
     running: Vec<(String, Running)>,
+    /// Where [`LOG`] comes from.
+    log: Option<PathBuf>,
 }
 
 impl Scratch {
@@ -176,7 +180,12 @@ impl Scratch {
             ("/path/to/plumbline", root.display().to_string()),
             ("/etc/plumbline/launch.toml", "launch.toml".into()),
         ];
-        let scratch = Self { here: here.map(|(there, here)| (there.into(), here)).into(), system, running: Vec::new() };
+        let here = here.map(|(there, here)| (there.into(), here)).into();
+        let log = data().map(|data| data.join("logs/px4_sample.ulg"));
+        if let Some(log) = &log {
+            fs::copy(log, system.path(LOG)).unwrap();
+        }
+        let scratch = Self { here, system, running: Vec::new(), log };
         for file in ["launch.toml", "deploy/split/base.toml", "deploy/split/board.toml"] {
             let text = fs::read_to_string(root.join(file)).unwrap();
             scratch.write(file, &scratch.here(&text));
@@ -331,7 +340,9 @@ fn every_line_of_a_shell_runs() {
             scratch.run(&file, "plumb keys init --router 192.168.1.5");
         }
         for block in blocks.iter().filter(|block| block.language() == Some(Language::Shell)) {
-            let is_left_out = |line: &&str| LEFT_OUT.iter().any(|(begins, _)| line.starts_with(begins));
+            let lacks_log = |line: &str| scratch.log.is_none() && line.contains(LOG);
+            let is_left_out =
+                |line: &&str| lacks_log(line) || LEFT_OUT.iter().any(|(begins, _)| line.starts_with(begins));
             for line in block.text.lines().filter(|line| !line.is_empty() && !is_left_out(line)) {
                 let line = scratch.here(&usual(line));
                 scratch.run(&block.place, &line);

@@ -26,6 +26,8 @@ pub struct Request {
     pub launch: Option<PathBuf>,
     /// A recording that takes the place of the launch file's source.
     pub replay: Option<PathBuf>,
+    /// What was imported of it, where it is the log of another system.
+    pub imported: Option<PathBuf>,
     /// How fast the source goes.
     pub pace: Option<Pace>,
     /// How much of the source's time to run, s.
@@ -51,6 +53,8 @@ pub struct Plan {
     pub stop_after_s: Option<f64>,
     /// The source knows the true attitude, at least now and then.
     pub has_reference: bool,
+    /// The recording that is replayed, as it was named.
+    pub recording: Option<PathBuf>,
     /// Where to write the attitude of each tick.
     pub out: Option<PathBuf>,
     /// Where what outlives this run is kept, and what an earlier one has left.
@@ -65,7 +69,7 @@ impl Plan {
         let mut launch = launch(request.launch.as_deref())?;
         if let Some(file) = &request.replay {
             launch.ingest.source = Source::Replay;
-            launch.ingest.replay.file.clone_from(file);
+            launch.ingest.replay.file.clone_from(request.imported.as_ref().unwrap_or(file));
         }
         if launch.gateway.is_split() {
             let obstacle = match launch.ingest.source {
@@ -85,7 +89,10 @@ impl Plan {
             Source::Bus => (launch.ingest.bus.rate_hz, None, false),
             Source::Replay => {
                 let file = &launch.ingest.replay.file;
-                if let Some(path) = request.out.as_ref().filter(|out| is_same_file(out, file)) {
+                let is_read = |out: &&PathBuf| {
+                    [Some(file), request.replay.as_ref()].into_iter().flatten().any(|read| is_same_file(out, read))
+                };
+                if let Some(path) = request.out.as_ref().filter(is_read) {
                     return Err(UpError::OutIsReplay { path: path.clone() });
                 }
                 let survey = recording::survey(file)?;
@@ -105,6 +112,7 @@ impl Plan {
             ticks: rows.into_iter().chain(ticks_max).min(),
             stop_after_s: request.duration_s.filter(|_| live),
             has_reference: has_reference && config.launch.gateway.import.is_none(),
+            recording: request.replay.clone(),
             out: request.out.clone(),
             state_file: warm::place(&config.launch, !config.lockstep() && !request.in_process),
             cold: request.cold,
@@ -125,6 +133,7 @@ impl Plan {
             ticks: ticks_max,
             stop_after_s: None,
             has_reference: config.launch.ingest.source != Source::Bus,
+            recording: request.replay.clone(),
             out: request.out.clone(),
             state_file: None,
             cold: request.cold,

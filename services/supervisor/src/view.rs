@@ -120,7 +120,7 @@ fn head(plan: &Plan) -> String {
     let source = match launch.ingest.source {
         _ if launch.gateway.import.is_some() => "slots on another host".into(),
         Source::Sim => format!("simulation {}", launch.ingest.sim.scenario),
-        Source::Replay => launch.ingest.replay.file.display().to_string(),
+        Source::Replay => plan.recording.as_ref().unwrap_or(&launch.ingest.replay.file).display().to_string(),
         Source::Bus => "sensors on the bus".into(),
     };
     let pace = match plan.config.pace {
