@@ -32,6 +32,12 @@ fn a_flight_of_px4_is_scored_replayed_and_imported_alike() {
     println!("inclination against PX4: {direct:.3}°");
     assert!(direct < INCLINATION_LIMIT_DEG && direct == by_way, "{direct} and {by_way}");
 
+    let copy = system.path("flight.ulg");
+    fs::copy(log, &copy).unwrap();
+    let run = system.run(&["--replay", copy.to_str().unwrap(), "--speed", "max", "--out", copy.to_str().unwrap()]);
+    assert_eq!(run.code, Some(2), "{}", run.people);
+    assert_eq!(fs::read(&copy).unwrap(), fs::read(log).unwrap(), "it is not written over");
+
     let outs = [log, imported].map(|file| {
         let out = system.path("out.csv");
         let run = system.run(&["--replay", file, "--in-process", "--speed", "max", "--out", out.to_str().unwrap()]);

@@ -5,12 +5,12 @@ use crate::common::{Running, System, plumb, signal, until};
 use rustix::process::Signal;
 
 /// What carries the system's name and ends so; of its folder, which does not end in a kind, everything.
-fn files(system: &System, kind: &str) -> Vec<PathBuf> {
+pub(crate) fn files(system: &System, kind: &str) -> Vec<PathBuf> {
     let all = system.remains().into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
     all.filter(|path| path.to_str().unwrap().ends_with(kind)).collect()
 }
 
-fn remove(paths: &[PathBuf]) {
+pub(crate) fn remove(paths: &[PathBuf]) {
     assert!(!paths.is_empty());
     for path in paths {
         let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
