@@ -106,6 +106,13 @@ impl ServiceConfig {
         (self.lateness_ticks() / 2).min(self.buffer_ticks() as u64 / 2)
     }
 
+    /// Up to which tick a source that was started again with `first_tick` gives at once what had been published before `published`: all of
+    /// it, where a topic surely holds that much until it is read.
+    pub fn again_until(&self, first_tick: u64, published: u64) -> u64 {
+        let held_ticks = self.buffer_ticks() as u64 / if self.lockstep() { 1 } else { 2 };
+        if published.saturating_sub(first_tick) <= held_ticks { published } else { first_tick }
+    }
+
     /// What a rate sample of the source means.
     pub fn gyro_samples(&self) -> GyroSamples {
         match self.launch.ingest.source {

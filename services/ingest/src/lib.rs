@@ -77,8 +77,10 @@ struct Ingest {
     taken: Option<TakenReadings>,
     checkpoints: Publisher<Checkpoint>,
     credit: Subscriber<Credit>,
-    /// Ticks before this one were published by an earlier incarnation.
+    /// Ticks before this one were published by an earlier incarnation,
     first_tick: u64,
+    /// and are made again up to this one: readers may lack them, so they come at once, as far as a topic holds them.
+    again_until: u64,
     /// When the first tick was due, CLOCK_MONOTONIC, ns; 0 before.
     start_ns: u64,
     next_checkpoint: u64,
@@ -94,9 +96,10 @@ impl Ingest {
         let context = ServiceContext::join(Service::Ingest)?;
         runtime::clock::wake_on_time();
         let mut conditioner = conditioner(&context.config)?;
-        let (mut first_tick, mut start_ns) = (0, 0);
+        let (mut first_tick, mut again_until, mut start_ns) = (0, 0, 0);
         if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {
             (first_tick, start_ns) = (next_tick, since_ns);
+            again_until = context.config.again_until(first_tick, context.bus.next_tick(ImuSample::TOPIC));
             if context.config.launch.ingest.source == Source::Bus {
                 first_tick = context.bus.next_tick(ImuSample::TOPIC);
                 conditioner.continue_at(first_tick, offset_ns);
@@ -110,6 +113,7 @@ impl Ingest {
             },
             checkpoints: context.bus.publisher(BUFFER_BESIDE)?,
             first_tick,
+            again_until,
             start_ns,
             next_checkpoint: 0,
             imu: context.publisher()?,
@@ -152,11 +156,9 @@ impl Ingest {
             }
             let t_end_ns = sample.imu.header.t_end_ns;
             let now_ns = monotonic_ns();
-            if self.start_ns == 0 {
-                self.start_ns = now_ns;
-            }
             let due_ns = match self.context.config.pace {
                 Pace::Max => 0,
+                Pace::Speed(_) if sample.imu.header.tick < self.again_until => 0,
                 Pace::Speed(speed) => self.due_ns(t_end_ns - first_ns, speed, now_ns),
             };
             if now_ns < due_ns {
@@ -188,7 +190,11 @@ impl Ingest {
     /// readings of that time would come at once, more of them than a reader that has just been replaced can be given.
     fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
         let ServiceConfig { rate_hz, .. } = self.context.config;
-        let due_ns = self.start_ns + (after_first_ns as f64 / speed) as u64;
+        let after_first_ns = (after_first_ns as f64 / speed) as u64;
+        if self.start_ns == 0 {
+            self.start_ns = now_ns.saturating_sub(after_first_ns);
+        }
+        let due_ns = self.start_ns + after_first_ns;
         let late_ns = now_ns.saturating_sub(due_ns);
         let late_ticks = late_ns as f64 * 1e-9 * speed * rate_hz;
         if late_ticks < self.context.config.buffer_ticks() as f64 / 2.0 {

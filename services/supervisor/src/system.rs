@@ -63,6 +63,7 @@ struct System<'r> {
     notifier: Notifier,
     asked_to_end: Arc<AtomicBool>,
     cost: Cost,
+    judge: InputJudge,
     /// Events told.
     events: u64,
     recorder: Option<&'r mut dyn Recorder>,
@@ -93,7 +94,7 @@ impl<'r> System<'r> {
         let claim = system_name.claim()?;
         // All topics of its own are open before a service starts: to wait for one that a service is just making is what a signal would
         // break off.
-        let attached = Attached::open(&system_name, &plan.config, 0, recorder.is_some())?;
+        let attached = Attached::open(&system_name, &plan.config, 0, recorder.is_some(), true)?;
         let view = View::new(plan)?;
         let (warm, prior) = WarmStart::begin(plan)?;
         if let Some(recorder) = &mut recorder {
@@ -111,6 +112,7 @@ impl<'r> System<'r> {
             notifier,
             asked_to_end,
             cost: Cost { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
+            judge: InputJudge::default(),
             events: 0,
             recorder,
             recording_ended: false,
@@ -158,6 +160,9 @@ impl<'r> System<'r> {
         if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
             recorded.look(&mut **recorder);
         }
+        let warnings = attached.input.as_mut().map_or(Vec::new(), |input| input.look(&mut self.judge));
+        self.view.announce(warnings);
+        attached.input.take_if(|_| self.judge.is_ended());
         events.push(Event::Output(progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
         if died {

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, ops::RangeInclusive};
 
 use launch::Service;
 
-use crate::reference::Swaps;
+use crate::reference::{Committed, Swaps};
 
 /// Somebody who asks.
 #[derive(Debug)]
@@ -40,12 +40,17 @@ impl SwapRecord {
     pub(crate) fn is_mistakable(&self) -> bool {
         let before = [Service::Gyro, Service::Accel].into_iter().filter_map(|slot| self.committed.get(slot.name()));
         let mut swapped = before.flatten().filter(|committed| committed.other);
-        swapped.any(|committed| self.renumbered.iter().any(|ticks| ticks.contains(&committed.from_tick)))
+        let left = self.candidates.values().filter(|candidate| candidate.service == Service::Fuser);
+        let left: Vec<_> = left.filter_map(|candidate| candidate.decided_from).collect();
+        swapped.any(|Committed { from_tick, .. }| {
+            left.contains(from_tick) || self.renumbered.iter().any(|ticks| ticks.contains(from_tick))
+        })
     }
 }
 
 #[derive(Debug)]
 pub(crate) struct Candidate {
+    pub(crate) service: Service,
     pub(crate) stage: String,
     /// Another stage than before.
     pub(crate) other: bool,

@@ -264,7 +264,7 @@ impl World {
         let stage = stage.stage.clone();
         self.swaps
             .candidates
-            .insert(incarnation, Candidate { stage, other, checkpoint_tick, alone, decided_from: None });
+            .insert(incarnation, Candidate { service, stage, other, checkpoint_tick, alone, decided_from: None });
     }
 
     /// Sees which candidates own their slots by now.

@@ -18,6 +18,8 @@ pub(crate) struct Source {
     incarnation: u32,
     epoch: u32,
     next_tick: u64,
+    /// What had been published is given again at once, up to this tick.
+    again_until: u64,
     ticks: u64,
     /// Milliseconds from one tick to the next.
     period_ms: f64,
@@ -40,6 +42,7 @@ impl Source {
             Some(Resume::Source { next_tick, start_ns, .. }) => (next_tick, start_ns),
             _ => (0, 0),
         };
+        let again_until = config.again_until(next_tick, bus.imu.next_tick);
         let credit = bus.next_reader();
         bus.credit.read_as(credit, incarnation, true);
         bus.imu.publish_as(incarnation);
@@ -53,6 +56,7 @@ impl Source {
             incarnation,
             epoch: config.epoch,
             next_tick,
+            again_until,
             ticks: config.ticks_max.unwrap_or(u64::MAX),
             period_ms: 1e3 / config.rate_hz / speed,
             start_ns,
@@ -86,13 +90,17 @@ impl Source {
         turn.deliveries.is_none()
     }
 
-    /// What stood still with the machine goes on from where it was.
+    /// What was published before comes at once. What stood still with the machine goes on from where it was.
     fn is_due(&mut self, now_ms: u64) -> bool {
-        let now_ns = (now_ms + 1) * NS_PER_MS;
-        if self.start_ns == 0 {
-            self.start_ns = now_ns;
+        if self.next_tick < self.again_until {
+            return true;
         }
-        let due_ns = self.start_ns + (self.next_tick as f64 * self.period_ms * NS_PER_MS as f64) as u64;
+        let now_ns = (now_ms + 1) * NS_PER_MS;
+        let after_first_ns = (self.next_tick as f64 * self.period_ms * NS_PER_MS as f64) as u64;
+        if self.start_ns == 0 {
+            self.start_ns = now_ns.saturating_sub(after_first_ns);
+        }
+        let due_ns = self.start_ns + after_first_ns;
         let late_ns = now_ns.saturating_sub(due_ns);
         if late_ns as f64 / (NS_PER_MS as f64 * self.period_ms) >= self.half_buffer_ticks {
             self.start_ns += late_ns;

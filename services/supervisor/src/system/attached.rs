@@ -11,7 +11,7 @@ use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
 use supervision::Event;
 
 use super::recorded::Recorded;
-use crate::{UpError, processes::Exit, reaper::StaleNodeReaper};
+use crate::{UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
 
 /// More than all events that the topic holds.
 const EVENTS_BYTES: u64 = 1 << 20;
@@ -30,17 +30,21 @@ pub(super) struct Attached {
     events: Publisher<SystemEvent>,
     /// Every topic, where a recorder is there.
     pub(super) recorded: Option<Recorded>,
+    /// What is judged, until the verdict.
+    pub(super) input: Option<InputTopics>,
     buffer: usize,
     bus: Bus,
 }
 
 impl Attached {
-    /// The first attitude to come is that of `next_tick`; where the system is `recorded`, every topic is read.
+    /// The first attitude to come is that of `next_tick`; where the system is `recorded`, every topic is read, and where its
+    /// input is `judged`, that.
     pub(super) fn open(
         system_name: &SystemName,
         config: &ServiceConfig,
         next_tick: u64,
         recorded: bool,
+        judged: bool,
     ) -> Result<Self, UpError> {
         let bus = Bus::join(system_name, "supervisor")?;
         let buffer = config.buffer_ticks();
@@ -55,6 +59,7 @@ impl Attached {
             control: bus.publisher(BUFFER_BESIDE)?,
             events: bus.publisher(BUFFER_BESIDE)?,
             recorded: recorded.then(|| Recorded::open(&bus, config)).transpose()?,
+            input: if judged { InputTopics::open(&bus, config)? } else { None },
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
