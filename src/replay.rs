@@ -4,7 +4,7 @@ use std::path::Path;
 
 use flight::{FlightError, messages_of};
 use launch::Launch;
-use messages::{SystemEvent, TakenReading};
+use messages::{Flags, FusedState, SystemEvent, TakenReading};
 use supervisor::{Flight, Report, Request, UpError};
 
 /// Flies it again. Nothing is recorded of that.
@@ -21,6 +21,7 @@ pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Re
         }
     };
     let events: Vec<SystemEvent> = messages_of(path).map_err(unread)?.collect::<Result<_, _>>().map_err(unread)?;
+    let given_up = given_up(path).map_err(unread)?;
     let mut readings = messages_of::<TakenReading>(path).map_err(unread)?.peekable();
     if readings.peek().is_none() {
         let why =
@@ -28,5 +29,19 @@ pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Re
         return Err(UpError::Flight(format!("replaying {}: {why}", path.display())).into());
     }
     let readings = Box::new(readings.map(|taken| taken.map_err(|error| error.to_string())));
-    Ok(supervisor::fly_again(request, Flight::new(launch, &events, readings)?)?)
+    let mut flight = Flight::new(launch, &events, readings)?;
+    if let Some(tick) = given_up {
+        flight
+            .schedule
+            .doubt(tick, "gyro or accelerometer came later than `lateness_s`, and the fuser went on without");
+    }
+    Ok(supervisor::fly_again(request, flight)?)
+}
+
+/// The first tick that was fused without one of its inputs.
+fn given_up(path: &Path) -> Result<Option<u64>, FlightError> {
+    let missing = Flags::GYRO_MISSING | Flags::ACCEL_MISSING;
+    let is_without = |state: &FusedState| state.header.flags.any(missing);
+    let first = messages_of::<FusedState>(path)?.find(|state| state.as_ref().map_or(true, is_without));
+    Ok(first.transpose()?.map(|state| state.header.tick))
 }

@@ -27,11 +27,11 @@ use turning::Turning;
 use uprightness::Uprightness;
 
 /// Between two looks at what has been gathered, s of the samples' time.
-const LOOK_S: f64 = 5.0;
+const LOOK_S: f64 = 2.0;
 /// Samples that a look needs, in all and since the one before.
 const LOOK_SAMPLES: u64 = 100;
 /// Samples before the first look: times in a wrong unit make seconds of few.
-const FIRST_SAMPLES: u64 = 500;
+const FIRST_SAMPLES: u64 = 200;
 /// It ends after so much motion that can be judged, s.
 const MOTION_S: f64 = 60.0;
 /// It ends after so long, s; and samples, whatever their times.
@@ -54,6 +54,7 @@ pub struct Judge {
     rate: Axes,
     force: Axes,
     samples: u64,
+    next_tick: u64,
     first_ns: Option<i64>,
     span_s: f64,
     looked: (f64, u64),
@@ -74,6 +75,7 @@ impl Default for Judge {
             rate: Axes::new("rate", "gyro", 2.0),
             force: Axes::new("force", "accelerometer", 15.0),
             samples: 0,
+            next_tick: 0,
             first_ns: None,
             span_s: 0.0,
             looked: (0.0, 0),
@@ -90,9 +92,15 @@ impl Default for Judge {
 impl Judge {
     /// Takes a sample, and the field where one came with it. Gives what is found by it and was not told before: usually nothing.
     pub fn take(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<Finding> {
-        if self.ended || imu.header.flags.any(Flags::FAULT_INJECTED) {
+        let tick = imu.header.tick;
+        // A source that was started again gives again what it had given.
+        if self.ended || tick < self.next_tick || imu.header.flags.any(Flags::FAULT_INJECTED) {
             return Vec::new();
         }
+        if tick > self.next_tick {
+            self.turning.interrupt();
+        }
+        self.next_tick = tick + 1;
         self.gather(imu, mag);
         let due = self.samples >= FIRST_SAMPLES
             && self.span_s - self.looked.0 >= LOOK_S
@@ -170,7 +178,7 @@ impl Judge {
         if !time_is_wrong && self.refused + self.leaps >= STAMPS_MIN {
             found.push(finding::stamps(self.refused, self.leaps, self.samples));
         }
-        found.extend(self.sizes.force_finding());
+        found.extend(self.sizes.force_finding(self.span_s));
         let force_is_whole = !found.iter().any(|finding| finding.mistake == Mistake::GravityRemoved);
         found.extend(self.sizes.field_finding());
         if !time_is_wrong && force_is_whole {

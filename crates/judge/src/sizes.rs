@@ -13,6 +13,9 @@ const FORCE_USUAL: std::ops::Range<f64> = 0.5..2.0;
 const FIELD_USUAL_UT: std::ops::Range<f64> = 8.0..240.0;
 /// Median intervals of inertial sensors, s.
 const INTERVAL_USUAL_S: std::ops::Range<f64> = 20e-6..0.6;
+/// A force that is so many times another of the same seconds is of a body that is shaken: it is watched for so long first, s.
+const SHAKEN: f64 = 3.0;
+const SHAKEN_S: f64 = 5.0;
 /// Samples that a median needs.
 const COUNT_MIN: u64 = 50;
 
@@ -48,9 +51,10 @@ impl Sizes {
         (leapt || !INTERVAL_USUAL_S.contains(&median_s)).then(|| finding::time_unit(median_s, leaps, samples))
     }
 
-    pub(crate) fn force_finding(&self) -> Option<Finding> {
+    pub(crate) fn force_finding(&self, span_s: f64) -> Option<Finding> {
         let [low, median, high] = [self.force_m_s2.at(0.1)?, self.force_m_s2.at(0.5)?, self.force_m_s2.at(0.9)?];
-        if FORCE_USUAL.contains(&(median / GRAVITY_M_S2)) {
+        let is_shaken = high > SHAKEN * low;
+        if FORCE_USUAL.contains(&(median / GRAVITY_M_S2)) || is_shaken && span_s < SHAKEN_S {
             return None;
         }
         Some(finding::force_size(low, median, high))

@@ -11,7 +11,7 @@ const DOWN: f64 = -0.5;
 /// How far |f| may be from its usual value to be taken for gravity.
 const GRAVITY_SHARE: f64 = 0.1;
 /// Time at which this could be asked that a finding needs, s, and the share of it that must be upside down.
-const SECONDS_MIN: f64 = 2.0;
+const SECONDS_MIN: f64 = 4.0;
 const SHARE: f64 = 0.9;
 /// Samples of the field that tell something.
 const FIELDS_MIN: u64 = 10;

@@ -107,8 +107,17 @@ impl Schedule {
             return self.doubt(event.tick, &format!("nobody had the slot `{slot}`"));
         }
         let own = self.slots.entry(slot as u32).or_default();
+        let turns = own.turns.len();
         own.turns.retain(|turn| turn.from_tick < event.tick);
+        let takes_back = own.turns.len() < turns;
         own.turns.push(Turn { from_tick: event.tick, filling: event.filling });
+        if takes_back {
+            self.doubt(
+                event.tick,
+                &format!("a swap of the slot `{slot}` was taken back after its first tick was told"),
+            );
+        }
+        let own = self.slots.entry(slot as u32).or_default();
         if event.filling == 0 {
             return;
         }
@@ -139,7 +148,8 @@ impl Schedule {
         }
     }
 
-    fn doubt(&mut self, tick: u64, why: &str) {
+    /// Notes something else that the events do not determine.
+    pub fn doubt(&mut self, tick: u64, why: &str) {
         self.doubts.push(Doubt { tick, why: why.into() });
     }
 }
@@ -176,7 +186,8 @@ mod tests {
         assert_eq!(turns, [(90, 0), (140, 2), (300, 3)]);
         assert_eq!([0, 2, 3].map(|filling| fuser.needed_until(filling)), [140, 300, u64::MAX]);
         assert_eq!(fuser.fillings[&2].stage.set.iter().collect::<Vec<_>>().len(), 2);
-        assert_eq!((schedule.doubts(), schedule.of(Service::Gyro).is_none()), (&[][..], true));
+        let doubts: Vec<_> = schedule.doubts().iter().map(|doubt| doubt.tick).collect();
+        assert_eq!((doubts, schedule.of(Service::Gyro).is_none()), (vec![90], true), "who read the first is not known");
     }
 
     #[test]

@@ -21,6 +21,7 @@ use runtime::{
 use crate::{
     Plan, Report, UpError, announce,
     flight::{Flight, TakenReadings},
+    input::InputJudge,
     processes::own_cpu_s,
     report::{Account, ServiceReport},
     view::View,
@@ -97,9 +98,12 @@ fn flow(plan: &Plan, ends: &AtomicBool, mut samples: Samples, mut path: Path) ->
     let mut collector = Collector::new(plan.out.as_deref())?;
     let mut view = View::new(plan)?;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
-    let flowed = pump(plan, ends, &mut samples, &mut path, &mut collector, &mut view);
+    let mut judge = InputJudge::default();
+    let flowed = pump(plan, ends, &mut samples, &mut path, &mut judge, (&mut collector, &mut view));
+    view.announce(judge.finish());
     view.end();
     let account = Account {
+        warnings: judge.into_warnings(),
         ticks_in: samples.ticks(),
         ticks_out: None,
         refused: samples.refused(),
@@ -116,8 +120,8 @@ fn pump(
     ends: &AtomicBool,
     samples: &mut Samples,
     path: &mut Path,
-    collector: &mut Collector,
-    view: &mut View,
+    judge: &mut InputJudge,
+    (collector, view): (&mut Collector, &mut View),
 ) -> Result<(), UpError> {
     let start_ns = monotonic_ns();
     let (mut first_ns, mut seen_ns) = (None, 0);
@@ -136,6 +140,7 @@ fn pump(
         if let Some(Truth { quaternion, scored }) = sample.reference {
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
+        view.announce(judge.take(&sample.imu, sample.mag.as_ref()));
         path.offer(sample, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
             collector.attitude(&output);

@@ -20,6 +20,7 @@
 //! | `notify` | what the service manager is told |
 pub mod flight;
 pub mod in_process;
+mod input;
 mod notify;
 pub mod plan;
 mod processes;

@@ -33,6 +33,8 @@ pub struct Report {
     /// The recording of the flight, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingReport>,
+    /// What seems wrong with the input, each with the remedy.
+    pub warnings: Vec<String>,
     /// Why it is not as it should be, one reason a line; `None` where it is.
     pub error: Option<String>,
     /// Shared by runs whose attitudes are the same to the last bit.
@@ -95,6 +97,8 @@ pub struct Account {
     pub cpu_s_per_s: f64,
     /// The processes.
     pub services: Vec<ServiceReport>,
+    /// What the judge of the input has said.
+    pub warnings: Vec<String>,
 }
 
 impl Report {
@@ -125,6 +129,7 @@ impl Report {
             }),
             services: account.services,
             recording: None,
+            warnings: account.warnings,
             error: Some(error).filter(|error| !error.is_empty()),
             digest: collector.digest(),
             refused: account.refused,

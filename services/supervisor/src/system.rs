@@ -22,6 +22,7 @@ use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Sp
 use crate::{
     Plan, Report, UpError,
     flight::beginning,
+    input::InputJudge,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
     recorder::Recorder,
@@ -160,9 +161,6 @@ impl<'r> System<'r> {
         if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
             recorded.look(&mut **recorder);
         }
-        let warnings = attached.input.as_mut().map_or(Vec::new(), |input| input.look(&mut self.judge));
-        self.view.announce(warnings);
-        attached.input.take_if(|_| self.judge.is_ended());
         events.push(Event::Output(progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
         if died {
@@ -171,6 +169,7 @@ impl<'r> System<'r> {
         for event in events {
             self.handle(event, collector)?;
         }
+        self.judge_input();
         self.look(died, collector)?;
         self.answer_callers(collector)?;
         if self.asked_to_end.load(Ordering::SeqCst) {
@@ -332,7 +331,8 @@ impl<'r> System<'r> {
         self.attached = None;
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
-        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, self.recorder.is_some())?);
+        let (recorded, judged) = (self.recorder.is_some(), !self.judge.is_ended());
+        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, recorded, judged)?);
         Ok(())
     }
 
@@ -344,6 +344,14 @@ impl<'r> System<'r> {
             Some(attached) if self.supervision.waits_for_output() => attached.wait(limit),
             _ => self.processes.wait(limit),
         }
+    }
+
+    /// Judges what has come in, until the verdict.
+    fn judge_input(&mut self) {
+        let Some(attached) = &mut self.attached else { return };
+        let warnings = attached.input.as_mut().map_or(Vec::new(), |input| input.look(&mut self.judge));
+        attached.input.take_if(|_| self.judge.is_ended());
+        self.view.announce(warnings);
     }
 
     /// How it went, to the end or to what ended it.
@@ -367,7 +375,10 @@ impl<'r> System<'r> {
             pid: entry.pid(),
             restarts: entry.restarts(),
         });
+        let warnings = self.judge.finish();
+        self.view.announce(warnings);
         let account = Account {
+            warnings: std::mem::take(&mut self.judge).into_warnings(),
             ticks_in: self.supervision.ticks_in().max(published),
             ticks_out: self.supervision.published_elsewhere(),
             refused: self.supervision.refused(),
