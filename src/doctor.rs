@@ -29,7 +29,7 @@ pub(crate) struct DoctorCommand {
     #[arg(long)]
     fix: bool,
     /// How long a running system is watched.
-    #[arg(long, default_value = "2", value_parser = duration)]
+    #[arg(long, default_value = "5", value_parser = duration)]
     seconds: Duration,
 }
 

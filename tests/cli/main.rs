@@ -9,3 +9,4 @@ mod means;
 mod output;
 mod seeing;
 mod up;
+mod warnings;

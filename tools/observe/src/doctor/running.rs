@@ -1,11 +1,13 @@
 //! Services, rates and flags of a running system.
 
-use std::time::Duration;
+use std::{collections::VecDeque, time::Duration};
 
 use bus::{BusError, Observer};
 use control::{RecordStatus, ServiceStatus};
+use graph::Topic;
+use judge::{Finding, Judge};
 use launch::{Service, Source};
-use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
+use messages::{AttitudeOutput, Flags, ImuSample, MagSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 
 use super::{Check, Outcome, still::Still};
@@ -23,6 +25,9 @@ const RATE_SHARE_MAX: f64 = 0.2;
 pub struct Seen {
     flows: Vec<(Service, Flow)>,
     still: Still,
+    judge: Judge,
+    fields: VecDeque<MagSample>,
+    findings: Vec<Finding>,
     attitudes: u64,
     flags: [u64; 64],
 }
@@ -34,9 +39,20 @@ impl Seen {
         for (service, topic) in Service::PATH.into_iter().filter_map(|service| Some((service, service.output()?))) {
             taps.push((service, observer.tap(topic)?, Flow::new(topic, &messages::layout(topic))));
         }
-        let mut seen = Self { flows: Vec::new(), still: Still::default(), attitudes: 0, flags: [0; 64] };
+        let field = observer.tap(Topic::Mag)?;
+        let mut seen = Self {
+            flows: Vec::new(),
+            still: Still::default(),
+            judge: Judge::default(),
+            fields: VecDeque::new(),
+            findings: Vec::new(),
+            attitudes: 0,
+            flags: [0; 64],
+        };
         while !ends() {
             std::thread::sleep(LOOK);
+            // Before their samples, which do not wait: of a field that comes meanwhile nothing is said.
+            field.drain(&mut |bytes| seen.fields.extend(bytemuck::try_pod_read_unaligned::<MagSample>(bytes)))?;
             for (service, tap, flow) in &mut taps {
                 tap.drain(&mut |bytes| {
                     flow.take(bytes, monotonic_ns());
@@ -44,6 +60,8 @@ impl Seen {
                 })?;
             }
         }
+        let last = seen.judge.finish();
+        seen.findings.extend(last);
         seen.flows = taps.into_iter().map(|(service, _, flow)| (service, flow)).collect();
         Ok(seen)
     }
@@ -51,7 +69,12 @@ impl Seen {
     fn take(&mut self, service: Service, bytes: &[u8]) {
         match service {
             Service::Ingest => {
-                bytemuck::try_pod_read_unaligned::<ImuSample>(bytes).iter().for_each(|sample| self.still.take(sample));
+                let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) else { return };
+                self.still.take(&sample);
+                let tick = sample.header.tick;
+                while self.fields.pop_front_if(|field| field.header.tick < tick).is_some() {}
+                let field = self.fields.pop_front_if(|field| field.header.tick == tick);
+                self.findings.extend(self.judge.take(&sample, field.as_ref()));
             }
             Service::Course => {
                 let Ok(output) = bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes) else { return };
@@ -68,6 +91,7 @@ impl Seen {
         let mut checks: Vec<_> = statuses.iter().map(service).collect();
         checks.extend(self.rates(config));
         checks.extend(self.still.checks());
+        checks.extend(self.input());
         checks.extend(self.flags());
         checks
     }
@@ -78,6 +102,19 @@ impl Seen {
             Pace::Max => None,
         };
         self.flows.iter().map(|(service, flow)| rate(*service, flow, expected_hz, config)).collect()
+    }
+
+    /// Units, axes and signs of what comes in.
+    fn input(&self) -> Vec<Check> {
+        let check = "input";
+        if self.findings.is_empty() {
+            return vec![Check::ok(check, "units, axes and signs of the sensors are such as can be")];
+        }
+        let warning = |finding: &Finding| {
+            let found = format!("{}: {}", finding.mistake.name(), finding.found);
+            Check::warning(check, found, finding.remedies())
+        };
+        self.findings.iter().map(warning).collect()
     }
 
     fn flags(&self) -> Vec<Check> {
