@@ -111,3 +111,8 @@ pub struct Counts {
     /// Bytes that belong to no frame.
     pub skipped_bytes: u64,
 }
+
+/// Of a latitude in degrees; `None` of what is none.
+pub(crate) fn latitude_rad(latitude_deg: f64) -> Option<f64> {
+    (-90.0..=90.0).contains(&latitude_deg).then(|| latitude_deg.to_radians())
+}

@@ -28,6 +28,7 @@ use mapping::{
 use crate::{
     DeviceTime, Measurement, Value,
     framed::{Format, Seen},
+    latitude_rad,
 };
 
 /// With its newline.
@@ -137,7 +138,7 @@ impl Lines {
             let [east, north, up] = velocity;
             let said = [east, north, up, latitude_deg].map(f64::to_bits);
             if self.last_fix.replace(said) != Some(said) {
-                let latitude_rad = latitude_deg.is_finite().then(|| latitude_deg.to_radians());
+                let latitude_rad = latitude_rad(latitude_deg);
                 let velocity_m_s = self.mapping.velocity_m_s(velocity);
                 found.push(Measurement { time, value: Value::Fix { velocity_m_s, sd_m_s: None, latitude_rad } });
             }

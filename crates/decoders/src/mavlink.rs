@@ -31,6 +31,7 @@ use mavlink::{
 use crate::{
     DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
+    latitude_rad,
 };
 
 const BEGIN_1: u8 = 0xfe;
@@ -295,20 +296,19 @@ fn receiver(said: &GPS_RAW_INT_DATA) -> Option<Measurement> {
     let value = Value::Fix {
         velocity_m_s: [speed_m_s * east, speed_m_s * north, 0.0],
         sd_m_s: Some(sd_m_s),
-        latitude_rad: Some(latitude_rad(said.lat)),
+        latitude_rad: latitude_rad(f64::from(said.lat) / 1e7),
     };
     Some(Measurement { time: time_of_us(said.time_usec), value })
 }
 
 fn estimate(said: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
     let [north, east, down] = [said.vx, said.vy, said.vz].map(|part| f64::from(part) / 100.0);
-    let value =
-        Value::Fix { velocity_m_s: [east, north, -down], sd_m_s: None, latitude_rad: Some(latitude_rad(said.lat)) };
+    let value = Value::Fix {
+        velocity_m_s: [east, north, -down],
+        sd_m_s: None,
+        latitude_rad: latitude_rad(f64::from(said.lat) / 1e7),
+    };
     Some(Measurement { time: Some(since_boot(said.time_boot_ms)), value })
-}
-
-fn latitude_rad(of_1e7_deg: i32) -> f64 {
-    (f64::from(of_1e7_deg) / 1e7).to_radians()
 }
 
 fn since_boot(ms: u32) -> DeviceTime {

@@ -13,6 +13,7 @@
 use crate::{
     DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
+    latitude_rad,
 };
 
 /// Between `$` and `*`; the standard has 79, receivers exceed it a little.
@@ -113,7 +114,7 @@ impl<'a> Fields<'a> {
     fn latitude_rad(&self, index: usize) -> Option<f64> {
         let together = decimal(self.nth(index))?;
         let degrees = (together / 100.0).floor();
-        let latitude_rad = (degrees + (together - degrees * 100.0) / 60.0).to_radians();
+        let latitude_rad = latitude_rad(degrees + (together - degrees * 100.0) / 60.0)?;
         match self.nth(index + 1) {
             "N" => Some(latitude_rad),
             "S" => Some(-latitude_rad),

@@ -18,16 +18,20 @@ use ublox::{
 use crate::{
     DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
+    latitude_rad,
 };
 
 const BEGIN: u8 = 0xb5;
 const BEGIN_2: u8 = 0x62;
 const HEAD_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 2;
-/// Of a payload; the longest that receivers send regularly, satellites and raw measurements, have less than half.
-const LENGTH_MAX_BYTES: usize = 8192;
+/// Of a payload; the longest that receivers send regularly are raw measurements of a hundred signals.
+const LENGTH_MAX_BYTES: usize = 4096;
 const CLASS_NAV: u8 = 0x01;
 const ID_PVT: u8 = 0x07;
+/// Of a payload of NAV-PVT, before u-blox 8 and since. Another one is a length that the line changed: to wait for its end would be to
+/// hold the next fixes back.
+const PVT_LENGTHS_BYTES: [usize; 2] = [84, 92];
 
 /// Has no settings.
 #[derive(Debug, Clone, Copy, Default)]
@@ -42,7 +46,8 @@ impl Format for Ubx {
         }
         let Some(&[_, _, class, id, low, high]) = bytes.first_chunk::<HEAD_BYTES>() else { return Seen::More };
         let length = usize::from(u16::from_le_bytes([low, high]));
-        if length > LENGTH_MAX_BYTES {
+        let is_pvt = (class, id) == (CLASS_NAV, ID_PVT);
+        if length > LENGTH_MAX_BYTES || (is_pvt && !PVT_LENGTHS_BYTES.contains(&length)) {
             return Seen::Refused;
         }
         let Some(frame) = bytes.get(..HEAD_BYTES + length + CHECKSUM_BYTES) else { return Seen::More };
@@ -50,9 +55,7 @@ impl Format for Ubx {
         if fletcher(&covered[2..]) != checksum {
             return Seen::Refused;
         }
-        if (class, id) == (CLASS_NAV, ID_PVT)
-            && let Ok(PacketRef::NavPvt(said)) = Proto23::match_packet(class, id, &covered[HEAD_BYTES..])
-        {
+        if is_pvt && let Ok(PacketRef::NavPvt(said)) = Proto23::match_packet(class, id, &covered[HEAD_BYTES..]) {
             found.extend(fix(&said));
         }
         Seen::Frame(frame.len())
@@ -78,7 +81,7 @@ fn fix(said: &NavPvtRef<'_>) -> Option<Measurement> {
     let value = Value::Fix {
         velocity_m_s: [said.vel_east(), said.vel_north(), -said.vel_down()],
         sd_m_s: Some(said.speed_accuracy().max(least_sd_m_s)),
-        latitude_rad: (!said.flags3().invalid_llh()).then(|| said.latitude().to_radians()),
+        latitude_rad: latitude_rad(said.latitude()).filter(|_| !said.flags3().invalid_llh()),
     };
     Some(Measurement { time: unix(said), value })
 }

@@ -125,3 +125,47 @@ proptest! {
         prop_assert!(after.frames + after.refused > before.frames, "{after:?}");
     }
 }
+
+/// What a receiver makes of bytes that are sent `ratio` times as fast as it listens: start bit, eight bits from the lowest, stop bit.
+fn heard(bytes: &[u8], ratio: f64) -> Vec<u8> {
+    let mut line = vec![true; 20];
+    for byte in bytes {
+        line.push(false);
+        line.extend((0..8).map(|bit| byte >> bit & 1 == 1));
+        line.push(true);
+    }
+    line.extend([true; 20]);
+    let at = |place: f64| line.get(place as usize).copied();
+    let mut heard = Vec::new();
+    let mut place = 0.0;
+    while let Some(level) = at(place) {
+        if level {
+            place += 0.25;
+            continue;
+        }
+        // In the middle of each bit; a stop bit that is none is an error, and the byte comes all the same.
+        let bits = (0..8).map(|bit| u8::from(at(place + (1.5 + f64::from(bit)) * ratio).unwrap_or(true)) << bit);
+        heard.push(bits.sum());
+        place += 9.5 * ratio;
+    }
+    heard
+}
+
+#[test]
+fn a_wrong_baud_rate_is_counted_and_the_right_one_heard_after_it() {
+    for stream in streams::all(200).into_iter().filter(|stream| stream.name != "iio") {
+        let sent = stream.units.concat();
+        assert_eq!(heard(&sent, 1.0), sent);
+        let (wanted, _) = decoded((stream.decoder)(), [&sent[..]]);
+        for ratio in [12.0, 2.0, 0.5, 1.0 / 12.0] {
+            let wrong = heard(&sent, ratio);
+            assert!(wrong.len() > 100, "{} {ratio}", stream.name);
+            let (found, counts) = decoded((stream.decoder)(), [&wrong[..]]);
+            assert_eq!(found, [], "{} {ratio}: {counts:?}", stream.name);
+            let newline = if stream.name == "lines" { &b"\n"[..] } else { &FLUSH };
+            let (found, counts) = decoded((stream.decoder)(), [&wrong[..], newline, &sent]);
+            assert!(holds(&found, &wanted), "{} {ratio}: {counts:?}", stream.name);
+            assert!(counts.skipped_bytes >= wrong.len() as u64, "{} {ratio}: {counts:?}", stream.name);
+        }
+    }
+}

@@ -37,6 +37,16 @@ fn a_receiver_that_stands_has_a_velocity_and_one_without_a_course_has_none() {
 }
 
 #[test]
+fn a_latitude_beyond_a_pole_is_none() {
+    let latitude = |text: &str| {
+        let found = of(&[&format!("GPRMC,000000,A,{text},N,01100.0,E,1.0,90.0,010126,,,A")]);
+        let Value::Fix { latitude_rad, .. } = found[0].value else { panic!("{found:?}") };
+        latitude_rad.map(|rad| rad.to_degrees().round())
+    };
+    assert_eq!([latitude("9000.0"), latitude("9001.0"), latitude("")], [Some(90.0), None, None]);
+}
+
+#[test]
 fn what_is_no_time_of_a_calendar_is_none_and_the_rest_is_read() {
     for (time, date) in [("250000", "010126"), ("120000", "320126"), ("", ""), ("1200", "010126"), ("12000+", "010126")]
     {
@@ -61,4 +71,15 @@ fn ubx_between_nmea_is_read_and_what_has_no_such_length_is_refused() {
     let (found, counts) = decoded(Box::new(Framed::new(Ubx)), [&bytes[..]]);
     assert_eq!(found, [], "of receivers before u-blox 8");
     assert_eq!((counts.frames, counts.refused, counts.skipped_bytes), (2, 1, 13 + 6), "{counts:?}");
+}
+
+#[test]
+fn a_length_that_the_line_changed_does_not_hold_the_next_fix_back() {
+    let mut payload = [0; 92];
+    (payload[20], payload[21]) = (3, 1);
+    let good = ubx_frame(1, 7, &payload);
+    let mut changed = good.clone();
+    changed[5] = 8;
+    let (found, counts) = decoded(Box::new(Framed::new(Ubx)), [&changed[..], &good]);
+    assert_eq!((found.len(), counts.frames, counts.refused), (1, 1, 1), "{counts:?}");
 }
