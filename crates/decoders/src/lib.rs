@@ -3,7 +3,37 @@
 //! Input: bytes as they arrive, cut anywhere. Output: measurements in SI units and the sensor's own axes, with the device's own time
 //! where it tells one. Time: none; whoever has the bytes knows when they came. Failure: bytes that are no frame of the format are
 //! skipped and counted, never an error and never a panic; the next good frame is found again.
+//!
+//! A decoder is [`Framed`] with the [`Format`] of a device in it, as `Framed::new(Rvc::default())`.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`framed`] | frames in bytes that are cut anywhere and may be anything |
+//! | [`witmotion`] | WitMotion: frames of 0x55 |
+//! | [`xsens`] | Xsens MTi: MTData2 |
+//! | [`rvc`] | BNO08x: UART-RVC |
+//! | [`lines`] | lines of numbers with named columns |
+//! | [`mavlink`] | MAVLink: the IMU and the receiver of an autopilot |
+//! | [`ubx`] | u-blox: NAV-PVT |
+//! | [`nmea`] | NMEA 0183: RMC, VTG |
+//! | [`iio`] | Linux industrial I/O: records of a character device |
 #![forbid(unsafe_code)]
+
+pub mod framed;
+pub mod iio;
+pub mod lines;
+pub mod mavlink;
+pub mod nmea;
+pub mod rvc;
+pub mod ubx;
+pub mod witmotion;
+pub mod xsens;
+
+pub use framed::{Format, Framed};
+
+/// Standard deviation of a velocity whose vertical part is not told and given as 0, m/s: the vertical motion of what moves on ground
+/// and water.
+pub const VERTICAL_SD_M_S: f64 = 1.0;
 
 /// Turns the bytes of one device into measurements.
 pub trait Decoder: Send {
@@ -80,4 +110,9 @@ pub struct Counts {
     pub refused: u64,
     /// Bytes that belong to no frame.
     pub skipped_bytes: u64,
+}
+
+/// Of a latitude in degrees; `None` of what is none.
+pub(crate) fn latitude_rad(latitude_deg: f64) -> Option<f64> {
+    (-90.0..=90.0).contains(&latitude_deg).then(|| latitude_deg.to_radians())
 }

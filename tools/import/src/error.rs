@@ -125,7 +125,7 @@ pub enum ImportError {
         columns: Vec<String>,
     },
     /// The mapping is none.
-    #[error(transparent)]
+    #[error("reading --{}: {}", .0.about(), .0)]
     Mapping(#[from] MappingError),
     /// A column that no file has.
     #[error("mapping {target}: there is no column {found:?}{}; there are {}", guess(near.as_deref()), names(known))]
@@ -314,19 +314,4 @@ fn guess(near: Option<&str>) -> String {
 
 fn because(reason: Option<&str>) -> String {
     reason.map_or_else(String::new, |reason| format!(" ({reason})"))
-}
-
-/// Jaro-Winkler similarity from which a name is another one misspelt.
-const NEAR: f64 = 0.8;
-
-/// That of `known` which is nearly `found`.
-pub(crate) fn nearest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let plain = |name: &str| name.to_lowercase().replace(['_', ' '], "");
-    let found = plain(found);
-    known
-        .into_iter()
-        .map(|known| (strsim::jaro_winkler(&found, &plain(known)), known))
-        .filter(|&(similarity, _)| similarity >= NEAR)
-        .max_by(|(a, _), (b, _)| a.total_cmp(b))
-        .map(|(_, known)| known)
 }

@@ -9,7 +9,6 @@
 //! | --- | --- |
 //! | [`mod@convert`] | files in, a recording out |
 //! | [`format`](mod@format) | what a file is, by its content |
-//! | [`mapping`] | which column is what, and its unit and frame |
 //! | [`summary`] | what came of it |
 //! | `source` | what every kind of log gives |
 //! | `ulog` | the topics of a ULog |
@@ -19,7 +18,6 @@
 //! | `text` | one CSV file of whatever kind |
 //! | `aligned` | force at the times of the rate |
 //! | `rows` | field and reference at the times of the rows |
-//! | `frames` | axes of others |
 #![forbid(unsafe_code)]
 
 mod aligned;
@@ -28,9 +26,7 @@ pub mod convert;
 mod dataflash;
 mod error;
 pub mod format;
-mod frames;
 mod mapped;
-pub mod mapping;
 mod rows;
 mod source;
 pub mod summary;

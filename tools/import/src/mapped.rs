@@ -10,13 +10,13 @@ use std::{
     rc::Rc,
 };
 
+use mapping::{FIELD, FORCE, POSITION, RATE, REFERENCE, names::nearest};
 use recording::Reference;
 
 use crate::{
     Format, ImportError, Mapping, Note,
     aligned::{Aligned, Sample},
-    error::{nearest, opening},
-    mapping::{FIELD, FORCE, POSITION, RATE, REFERENCE},
+    error::opening,
     rows::{Attitude, Rows, Samples},
     source::{Fixed, Source, Survey, TakeFix},
     text::Text,

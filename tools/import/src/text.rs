@@ -13,6 +13,7 @@ use std::{
 };
 
 use flate2::read::MultiGzDecoder;
+use mapping::text::{fields, time_ns};
 
 use crate::{
     ImportError,
@@ -26,8 +27,6 @@ const LINE_MAX_BYTES: usize = 1 << 16;
 /// The first that divides the header and the first row alike is it: a tab or a semicolon is hardly ever part of a name, and beside
 /// them a comma is a decimal comma.
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
-/// Before what must be less than this, s, so that it can be counted in ns.
-const TIME_END_S: i128 = 9_000_000_000;
 
 pub(crate) struct Text {
     path: PathBuf,
@@ -161,41 +160,6 @@ impl Fields<'_> {
     }
 }
 
-/// The fields of a line, without the blanks and the quotes around each. A separator between quotes is none; a quote ends with its line.
-fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
-    let mut is_quoted = false;
-    let parts = line.split(move |&byte| {
-        is_quoted ^= byte == b'"';
-        byte == separator && !is_quoted
-    });
-    parts.map(|part| match part.trim_ascii() {
-        [b'"', inner @ .., b'"'] => inner.trim_ascii(),
-        part => part,
-    })
-}
-
-/// A decimal number of units with `digits` decimals in ns, rounded half away from zero; one with an exponent goes through `f64`.
-fn time_ns(text: &str, digits: usize) -> Option<i64> {
-    let end_ns = TIME_END_S * 1_000_000_000;
-    let (is_negative, plain) = match text.strip_prefix('-') {
-        Some(plain) => (true, plain),
-        None => (false, text.strip_prefix('+').unwrap_or(text)),
-    };
-    let (whole, fraction) = plain.split_once('.').unwrap_or((plain, ""));
-    if whole.len() + fraction.len() == 0 || !whole.bytes().chain(fraction.bytes()).all(|byte| byte.is_ascii_digit()) {
-        let t_ns = (text.parse::<f64>().ok()? * 10f64.powi(i32::try_from(digits).ok()?)).round();
-        return (t_ns.abs() < end_ns as f64).then_some(t_ns as i64);
-    }
-    let decimals = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
-    let sum = whole.bytes().chain(decimals).fold(0i128, |sum, byte| {
-        // Far beyond the end already: no further.
-        if sum > end_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
-    });
-    let rounded = sum + i128::from(fraction.as_bytes().get(digits).is_some_and(|byte| *byte >= b'5'));
-    let t_ns = i64::try_from(rounded).ok().filter(|t_ns| i128::from(*t_ns) < end_ns)?;
-    Some(if is_negative { -t_ns } else { t_ns })
-}
-
 /// The lines of a file that are neither blank nor remarks.
 struct Lines {
     path: PathBuf,
@@ -266,29 +230,5 @@ impl Read for Counted {
         let count = self.inner.read(buffer)?;
         self.read_bytes.set(self.read_bytes.get() + count as u64);
         Ok(count)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_keep_every_nanosecond_in_every_unit() {
-        for (text, digits, t_ns) in [
-            ("1700000000123456789", 0, 1_700_000_000_123_456_789),
-            ("1700000000123456.789", 3, 1_700_000_000_123_456_789),
-            ("-0.5", 6, -500_000),
-            ("0.0000000005", 9, 1),
-            ("1.5e3", 9, 1_500_000_000_000),
-            ("8999999999.999999999", 9, 8_999_999_999_999_999_999),
-        ] {
-            assert_eq!(time_ns(text, digits), Some(t_ns), "{text}");
-        }
-        for (text, digits) in
-            [("", 9), (".", 9), ("1.2.3", 9), ("nan", 0), ("9e9", 9), ("9000000000", 9), ("99999999999999999999999", 0)]
-        {
-            assert_eq!(time_ns(text, digits), None, "{text}");
-        }
     }
 }

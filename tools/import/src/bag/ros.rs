@@ -4,11 +4,12 @@
 //! earth east, north, up (REP 103, REP 145). Time: `header.stamp`. Failure: `None` of what is malformed, not finite or said to be absent.
 
 use byteorder::{BigEndian, LittleEndian};
+use mapping::frames;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{Fix, Inertial, Position};
-use crate::{aligned::Sample, frames, rows::Attitude};
+use crate::{aligned::Sample, rows::Attitude};
 
 const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;

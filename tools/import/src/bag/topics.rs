@@ -2,7 +2,9 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use crate::{ImportError, Note, error::nearest};
+use mapping::names::nearest;
+
+use crate::{ImportError, Note};
 
 /// Topics that are looked at.
 const TOPICS_MAX: usize = 4096;

@@ -1,9 +1,10 @@
 //! What the messages of ArduPilot say, in our axes and units.
 
+use mapping::frames;
 use recording::Reference;
 
 use super::messages::Field;
-use crate::{frames, rows::Attitude, source::Fixed};
+use crate::{rows::Attitude, source::Fixed};
 
 const UT_PER_MGAUSS: f64 = 0.1;
 /// Least status of a fix whose velocity has all three components.

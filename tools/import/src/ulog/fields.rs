@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use mapping::frames;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
-
 use recording::Reference;
 
-use crate::{ImportError, aligned::Sample, frames, rows::Attitude, source::Fixed};
+use crate::{ImportError, aligned::Sample, rows::Attitude, source::Fixed};
 
 /// A relative time that is none.
 const NO_TIME: i32 = i32::MAX;

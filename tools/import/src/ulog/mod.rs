@@ -13,13 +13,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use mapping::frames;
 use px4_ulog::stream_parser::DataMessage;
 
 use crate::{
     Format, ImportError, Note,
     aligned::{Aligned, Sample},
     error::opening,
-    frames,
     rows::{Attitude, Rows, Samples},
     source::{Fixed, Source, Survey, TakeFix},
 };

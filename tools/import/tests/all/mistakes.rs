@@ -9,7 +9,7 @@ use crate::common::{ATTITUDE, COMBINED, Folder, Log};
 const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
 
 fn parsed(maps: &[&str], units: &str, frame: &str) -> String {
-    Mapping::parse(maps, Some(units), Some(frame)).unwrap_err().to_string()
+    ImportError::from(Mapping::parse(maps, Some(units), Some(frame)).unwrap_err()).to_string()
 }
 
 fn said(folder: &Folder, paths: &[PathBuf], maps: &[&str]) -> String {

@@ -7,28 +7,28 @@ use std::f64::consts::FRAC_1_SQRT_2;
 const LENGTH_TOLERANCE: f64 = 0.01;
 
 /// A quaternion of unit length, as far as others round it.
-pub(crate) fn is_rotation(quaternion: [f64; 4]) -> bool {
+pub fn is_rotation(quaternion: [f64; 4]) -> bool {
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     (length - 1.0).abs() <= LENGTH_TOLERANCE
 }
 
 /// Forward, right, down to right, forward, up. North, east, down to east, north, up is the same.
-pub(crate) fn of_frd([forward, right, down]: [f64; 3]) -> [f64; 3] {
+pub fn of_frd([forward, right, down]: [f64; 3]) -> [f64; 3] {
     [right, forward, -down]
 }
 
 /// Forward, left, up to right, forward, up.
-pub(crate) fn of_flu([forward, left, up]: [f64; 3]) -> [f64; 3] {
+pub fn of_flu([forward, left, up]: [f64; 3]) -> [f64; 3] {
     [-left, forward, up]
 }
 
 /// w, x, y, z from forward, right, down to north, east, down, made one from right, forward, up to east, north, up.
-pub(crate) fn of_ned_frd([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+pub fn of_ned_frd([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     [w, y, x, -z]
 }
 
 /// w, x, y, z from forward, left, up to east, north, up, made one from right, forward, up: an eighth of a turn in w and z.
-pub(crate) fn of_enu_flu([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+pub fn of_enu_flu([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     [w + z, x - y, x + y, z - w].map(|part| part * FRAC_1_SQRT_2)
 }
 
@@ -36,12 +36,12 @@ pub(crate) fn of_enu_flu([w, x, y, z]: [f64; 4]) -> [f64; 4] {
 const HALF_TURN: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 
 /// The same attitude to east, north, up of one to north, east, down.
-pub(crate) fn to_enu_of_ned(quaternion: [f64; 4]) -> [f64; 4] {
+pub fn to_enu_of_ned(quaternion: [f64; 4]) -> [f64; 4] {
     product(HALF_TURN, quaternion)
 }
 
 /// The same attitude from right, forward, up of one from forward, right, down.
-pub(crate) fn from_rfu_of_frd(quaternion: [f64; 4]) -> [f64; 4] {
+pub fn from_rfu_of_frd(quaternion: [f64; 4]) -> [f64; 4] {
     product(quaternion, HALF_TURN)
 }
 

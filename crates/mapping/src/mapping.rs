@@ -1,22 +1,30 @@
-//! Which column is what, and its unit and frame, as people say it on the command line.
+//! Which column is what, and its unit and frame, as people say it.
 
-use crate::{error::nearest, frames};
+use crate::{frames, names::nearest};
 
 /// What a column can be mapped to: time, rate, force, field, reference, velocity, position.
 const TARGETS: [&str; 21] = [
     "t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "qw", "qx", "qy", "qz", "ve", "vn", "vu", "vd", "lat",
     "lon", "alt",
 ];
-/// Those that must be there.
+/// What a column is taken for by its name alone.
+const OWN_NAMES: [&str; 14] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "ve", "vn", "vu", "lat"];
+/// Those that must be there in files.
 const NEEDED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
-pub(crate) const RATE: [&str; 3] = ["gx", "gy", "gz"];
-pub(crate) const FORCE: [&str; 3] = ["ax", "ay", "az"];
-pub(crate) const FIELD: [&str; 3] = ["mx", "my", "mz"];
-pub(crate) const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
+/// Those that must be there in what arrives at its own time.
+const NEEDED_LIVE: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
+/// Targets of the body rate.
+pub const RATE: [&str; 3] = ["gx", "gy", "gz"];
+/// Targets of the specific force.
+pub const FORCE: [&str; 3] = ["ax", "ay", "az"];
+/// Targets of the magnetic field.
+pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
+/// Targets of the reference attitude.
+pub const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const UPWARD: [&str; 3] = ["ve", "vn", "vu"];
 const DOWNWARD: [&str; 3] = ["ve", "vn", "vd"];
-/// Each by itself, where it is known.
-pub(crate) const POSITION: [&str; 3] = ["lat", "lon", "alt"];
+/// Targets of the position, each by itself, where it is known.
+pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
@@ -68,7 +76,11 @@ enum Earth {
     Ned,
 }
 
-/// Which column is what, in which unit and which axes.
+fn own_names() -> Vec<(&'static str, String)> {
+    OWN_NAMES.map(|target| (target, target.to_owned())).into()
+}
+
+/// Which column is what, in which unit and which axes; by itself, columns called as what they are, in s, rad/s, m/s², µT and `rfu`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
     /// Targets and the columns mapped to them.
@@ -81,17 +93,24 @@ pub struct Mapping {
     earth: Option<Earth>,
 }
 
+impl Default for Mapping {
+    fn default() -> Self {
+        let (rate, force, field) = (1.0, 1.0, 1.0);
+        Self { columns: own_names(), rate, force, field, time_digits: 9, frame: Frame::Rfu, earth: None }
+    }
+}
+
 /// What is wrong with a mapping.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum MappingError {
     /// No pair.
-    #[error("reading --map: found {found:?}, expected WHAT=COLUMN, WHAT one of {}", TARGETS.join(", "))]
+    #[error("found {found:?}, expected WHAT=COLUMN, WHAT one of {}", TARGETS.join(", "))]
     NoPair {
         /// What is there.
         found: String,
     },
     /// A target that nobody reads.
-    #[error("reading --map: found {found:?}{}, expected one of {}", guess(*near), TARGETS.join(", "))]
+    #[error("found {found:?}{}, expected one of {}", guess(*near), TARGETS.join(", "))]
     UnknownTarget {
         /// What is there.
         found: String,
@@ -99,13 +118,13 @@ pub enum MappingError {
         near: Option<&'static str>,
     },
     /// A target twice.
-    #[error("reading --map: found {target} twice, expected one column for it")]
+    #[error("found {target} twice, expected one column for it")]
     TargetTwice {
         /// The target.
         target: &'static str,
     },
     /// Targets that must be there.
-    #[error("reading --map: found no {}, expected all of {}", missing.join(", "), expected.join(", "))]
+    #[error("found no {}, expected all of {}", missing.join(", "), expected.join(", "))]
     MissingTargets {
         /// Those not there.
         missing: Vec<&'static str>,
@@ -113,7 +132,7 @@ pub enum MappingError {
         expected: &'static [&'static str],
     },
     /// A unit that is none.
-    #[error("reading --units: found {found:?}{}, expected one of {}", guess(*near), UNITS.map(|(name, _)| name).join(", "))]
+    #[error("found {found:?}{}, expected one of {}", guess(*near), UNITS.map(|(name, _)| name).join(", "))]
     UnknownUnit {
         /// What is there.
         found: String,
@@ -121,7 +140,7 @@ pub enum MappingError {
         near: Option<&'static str>,
     },
     /// Two units of one quantity.
-    #[error("reading --units: found {first:?} and {second:?}, expected one unit of the {quantity}")]
+    #[error("found {first:?} and {second:?}, expected one unit of the {quantity}")]
     UnitTwice {
         /// What both measure.
         quantity: &'static str,
@@ -132,7 +151,7 @@ pub enum MappingError {
     },
     /// Axes that are none.
     #[error(
-        "reading --frame: found {found:?}, expected one of {}, with a reference after enu- or ned-",
+        "found {found:?}, expected one of {}, with a reference after enu- or ned-",
         FRAMES.map(|(name, _)| name).join(", ")
     )]
     UnknownFrame {
@@ -140,8 +159,22 @@ pub enum MappingError {
         found: String,
     },
     /// A reference, and nothing that says from where it is counted.
-    #[error("reading --frame: found no axes of the earth for qw, qx, qy, qz, expected such as enu-flu or ned-frd")]
+    #[error("found no axes of the earth for qw, qx, qy, qz, expected such as enu-flu or ned-frd")]
     NoEarth,
+}
+
+impl MappingError {
+    /// Which of the three that say a mapping is wrong: `map`, `units` or `frame`.
+    pub fn about(&self) -> &'static str {
+        match self {
+            Self::NoPair { .. }
+            | Self::UnknownTarget { .. }
+            | Self::TargetTwice { .. }
+            | Self::MissingTargets { .. } => "map",
+            Self::UnknownUnit { .. } | Self::UnitTwice { .. } => "units",
+            Self::UnknownFrame { .. } | Self::NoEarth => "frame",
+        }
+    }
 }
 
 fn guess(near: Option<&str>) -> String {
@@ -153,9 +186,29 @@ impl Mapping {
     /// `FILE:COLUMN`. Of `units`, as `deg/s,g,gauss,ms`, in any order; rad/s, m/s2, uT, s where none is named. Of `frame`, the body
     /// axes of the file; `rfu` where none is named; with a reference those of the earth before them, as `ned-frd`.
     pub fn parse<S: AsRef<str>>(maps: &[S], units: Option<&str>, frame: Option<&str>) -> Result<Self, MappingError> {
-        let columns = columns(maps)?;
+        Self::of(columns(maps, &NEEDED)?, units, frame)
+    }
+
+    /// The same of text that arrives line by line, whose lines need not tell a time. Without a pair, the columns are called as what
+    /// they are mapped to.
+    pub fn parse_live<S: AsRef<str>>(
+        maps: &[S],
+        units: Option<&str>,
+        frame: Option<&str>,
+    ) -> Result<Self, MappingError> {
+        if maps.is_empty() {
+            return Self::of(own_names(), units, frame);
+        }
+        Self::of(columns(maps, &NEEDED_LIVE)?, units, frame)
+    }
+
+    fn of(
+        columns: Vec<(&'static str, String)>,
+        units: Option<&str>,
+        frame: Option<&str>,
+    ) -> Result<Self, MappingError> {
         let (frame, earth) = frame.map_or(Ok((Frame::Rfu, None)), axes)?;
-        let mut mapping = Self { columns, rate: 1.0, force: 1.0, field: 1.0, time_digits: 9, frame, earth };
+        let mut mapping = Self { columns, frame, earth, ..Self::default() };
         mapping.set_units(units.unwrap_or_default())?;
         if mapping.has_reference() && earth.is_none() {
             return Err(MappingError::NoEarth);
@@ -190,31 +243,38 @@ impl Mapping {
         Ok(())
     }
 
+    /// Whether somebody said which column is what: then all of them are meant to be there.
+    pub fn is_said(&self) -> bool {
+        self.columns.iter().any(|(target, column)| target != column) || self.columns.len() < OWN_NAMES.len()
+    }
+
     /// The column mapped to a target.
-    pub(crate) fn column(&self, target: &str) -> Option<&str> {
+    pub fn column(&self, target: &str) -> Option<&str> {
         self.columns.iter().find(|(other, _)| *other == target).map(|(_, column)| column.as_str())
     }
 
-    pub(crate) fn has_field(&self) -> bool {
+    /// Whether the magnetic field is mapped.
+    pub fn has_field(&self) -> bool {
         self.column(FIELD[0]).is_some()
     }
 
-    pub(crate) fn has_reference(&self) -> bool {
+    /// Whether the reference attitude is mapped.
+    pub fn has_reference(&self) -> bool {
         self.column(REFERENCE[0]).is_some()
     }
 
     /// The targets of the velocity, where it is mapped.
-    pub(crate) fn velocity(&self) -> Option<[&'static str; 3]> {
+    pub fn velocity(&self) -> Option<[&'static str; 3]> {
         [UPWARD, DOWNWARD].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
     }
 
-    /// Of the columns of [`Mapping::velocity`].
-    pub(crate) fn velocity_m_s(&self, [east, north, vertical]: [f64; 3]) -> [f64; 3] {
+    /// Velocity east, north, up, m/s, of the columns of [`Mapping::velocity`].
+    pub fn velocity_m_s(&self, [east, north, vertical]: [f64; 3]) -> [f64; 3] {
         [east, north, if self.column(DOWNWARD[2]).is_some() { -vertical } else { vertical }]
     }
 
     /// w, x, y, z of unit length in our axes; `None` of what is no rotation.
-    pub(crate) fn reference(&self, found: [f64; 4]) -> Option<[f64; 4]> {
+    pub fn reference(&self, found: [f64; 4]) -> Option<[f64; 4]> {
         if !frames::is_rotation(found) {
             return None;
         }
@@ -232,20 +292,23 @@ impl Mapping {
         })
     }
 
-    pub(crate) fn rate_rad_s(&self, found: [f64; 3]) -> [f64; 3] {
+    /// Body rate, rad/s, of the columns of [`RATE`].
+    pub fn rate_rad_s(&self, found: [f64; 3]) -> [f64; 3] {
         self.body(found.map(|part| part * self.rate))
     }
 
-    pub(crate) fn force_m_s2(&self, found: [f64; 3]) -> [f64; 3] {
+    /// Specific force, m/s², of the columns of [`FORCE`].
+    pub fn force_m_s2(&self, found: [f64; 3]) -> [f64; 3] {
         self.body(found.map(|part| part * self.force))
     }
 
-    pub(crate) fn field_ut(&self, found: [f64; 3]) -> [f64; 3] {
+    /// Magnetic field, µT, of the columns of [`FIELD`].
+    pub fn field_ut(&self, found: [f64; 3]) -> [f64; 3] {
         self.body(found.map(|part| part * self.field))
     }
 
     /// Digits after the point that a time of whole nanoseconds has.
-    pub(crate) fn time_digits(&self) -> usize {
+    pub fn time_digits(&self) -> usize {
         self.time_digits
     }
 
@@ -269,7 +332,10 @@ fn axes(found: &str) -> Result<(Frame, Option<Earth>), MappingError> {
     Ok((frame, earth))
 }
 
-fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, MappingError> {
+fn columns<S: AsRef<str>>(
+    maps: &[S],
+    needed: &'static [&'static str],
+) -> Result<Vec<(&'static str, String)>, MappingError> {
     let mut columns: Vec<(&'static str, String)> = Vec::new();
     for map in maps {
         let mut continued = false;
@@ -303,7 +369,7 @@ fn columns<S: AsRef<str>>(maps: &[S]) -> Result<Vec<(&'static str, String)>, Map
     let velocity: &'static [&'static str] = if has(&DOWNWARD[2]) { &DOWNWARD } else { &UPWARD };
     let has_velocity = any(&UPWARD) || any(&DOWNWARD) || any(&POSITION);
     let groups: [(&'static [&'static str], bool); 4] =
-        [(&NEEDED, true), (&FIELD, any(&FIELD)), (&REFERENCE, any(&REFERENCE)), (velocity, has_velocity)];
+        [(needed, true), (&FIELD, any(&FIELD)), (&REFERENCE, any(&REFERENCE)), (velocity, has_velocity)];
     for (expected, wanted) in groups {
         let missing = missing(expected);
         if wanted && !missing.is_empty() {

@@ -1,0 +1,132 @@
+//! Bytes as pymavlink, pyubx2 and pynmeagps encode them.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::LazyLock,
+};
+
+use decoders::{
+    Counts, Decoder, DeviceTime, Framed, Measurement, Value,
+    mavlink::{FixMessage, Mavlink, Settings},
+    nmea::Nmea,
+    ubx::Ubx,
+};
+
+use crate::streams::decoded;
+
+const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
+
+/// Made once; says why where there is none.
+static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("devices-venv");
+    let python = folder.join("bin/python");
+    let check =
+        Command::new(&python).args(["-c", "import pymavlink, pyubx2, pynmeagps"]).stderr(Stdio::null()).status();
+    if check.is_ok_and(|status| status.success()) {
+        return Some(python);
+    }
+    let run = |command: &mut Command| {
+        let output = command.output().map_err(|cause| cause.to_string())?;
+        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+    };
+    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder))
+        .and_then(|()| run(Command::new(&python).args(["-m", "pip", "install", "--quiet"]).args(PACKAGES)));
+    match made {
+        Ok(()) => Some(python),
+        Err(cause) => {
+            eprintln!("skipped: no Python with {}: {cause}", PACKAGES.join(", "));
+            None
+        }
+    }
+});
+
+/// The bytes of `kind`, and what is to come of them.
+fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Measurement>)> {
+    let python = PYTHON.as_ref()?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/foreign.py");
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let output = Command::new(python).arg(script).arg(kind).arg(file.path()).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    Some((fs::read(file.path()).unwrap(), text.lines().map(measurement).collect()))
+}
+
+fn measurement(line: &str) -> Measurement {
+    let words: Vec<_> = line.split(' ').collect();
+    let now_ns = words[2].parse().unwrap();
+    let time = match words[1] {
+        "boot" => Some(DeviceTime::SinceBoot { now_ns }),
+        "unix" => Some(DeviceTime::Unix { now_ns }),
+        _ => None,
+    };
+    let numbers: Vec<f64> = words[3..].iter().map(|word| word.parse().unwrap()).collect();
+    let three = |at: usize| [numbers[at], numbers[at + 1], numbers[at + 2]];
+    let told = |number: f64| Some(number).filter(|number| !number.is_nan());
+    let value = match words[0] {
+        "imu" => Value::Imu {
+            rate_rad_s: three(0),
+            force_m_s2: three(3),
+            field_ut: Some(three(6)).filter(|field| !field[0].is_nan()),
+        },
+        "field" => Value::Field(three(0)),
+        _ => Value::Fix { velocity_m_s: three(0), sd_m_s: told(numbers[3]), latitude_rad: told(numbers[4]) },
+    };
+    Measurement { time, value }
+}
+
+/// All numbers of a value; what is not told is NaN.
+fn numbers(value: &Value) -> Vec<f64> {
+    let none = [f64::NAN; 3];
+    match *value {
+        Value::Imu { rate_rad_s, force_m_s2, field_ut } => [rate_rad_s, force_m_s2, field_ut.unwrap_or(none)].concat(),
+        Value::Field(field_ut) => field_ut.to_vec(),
+        Value::Fix { velocity_m_s, sd_m_s, latitude_rad } => {
+            [&velocity_m_s[..], &[sd_m_s.unwrap_or(f64::NAN), latitude_rad.unwrap_or(f64::NAN)]].concat()
+        }
+    }
+}
+
+fn check(kind: &str, decoder: impl Decoder + 'static) -> Option<Counts> {
+    let (bytes, wanted) = encoded(kind)?;
+    let (found, counts) = decoded(Box::new(decoder), bytes.chunks(61));
+    assert_eq!(found.len(), wanted.len(), "{kind}: {counts:?}");
+    for (found, wanted) in found.iter().zip(&wanted) {
+        let is_near = |(a, b): (f64, f64)| (a.is_nan() && b.is_nan()) || (a - b).abs() <= 1e-9 * b.abs().max(1.0);
+        let same = numbers(&found.value).into_iter().zip(numbers(&wanted.value)).all(is_near)
+            && std::mem::discriminant(&found.value) == std::mem::discriminant(&wanted.value);
+        assert!(found.time == wanted.time && same, "{kind}: {found:?} instead of {wanted:?}");
+    }
+    assert_eq!(counts.refused, 0, "{kind}: {counts:?}");
+    Some(counts)
+}
+
+#[test]
+fn mavlink_of_pymavlink_in_both_versions_signed_and_not() {
+    for kind in ["mavlink-1", "mavlink-2", "mavlink-signed"] {
+        let Some(counts) = check(kind, Framed::new(Mavlink::new(Settings::default()))) else { return };
+        // Six messages each time, and each tenth time one more.
+        assert_eq!((counts.frames, counts.skipped_bytes), (300 * 6 + 30, 0), "{kind}");
+    }
+}
+
+#[test]
+fn scaled_imu_and_the_autopilots_velocity_of_pymavlink() {
+    let settings = Settings { fix: FixMessage::GlobalPositionInt, ..Settings::default() };
+    let Some(counts) = check("scaled", Framed::new(Mavlink::new(settings))) else { return };
+    assert_eq!((counts.frames, counts.skipped_bytes), (400, 0));
+}
+
+#[test]
+fn nav_pvt_of_pyubx2() {
+    let Some(counts) = check("ubx", Framed::new(Ubx)) else { return };
+    assert_eq!((counts.frames, counts.skipped_bytes), (600, 0));
+}
+
+#[test]
+fn rmc_and_vtg_of_pynmeagps() {
+    let Some(counts) = check("nmea", Framed::new(Nmea::default())) else { return };
+    // Of each the two bytes of its line's end.
+    assert_eq!((counts.frames, counts.skipped_bytes), (901, 1802));
+}

@@ -1,0 +1,121 @@
+//! Lines of numbers, in the words of `plumb import`.
+
+use decoders::{
+    Counts, DeviceTime, Framed, Measurement, Value,
+    lines::{Lines, LinesError, Settings},
+};
+use mapping::Mapping;
+
+use crate::streams::decoded;
+
+fn read(settings: &Settings, text: &str) -> (Vec<Measurement>, Counts) {
+    decoded(Box::new(Framed::new(Lines::new(settings).unwrap())), [text.as_bytes()])
+}
+
+fn said(maps: &[&str], units: &str, frame: &str) -> Settings {
+    let mapping = Mapping::parse_live(maps, Some(units), Some(frame)).unwrap();
+    Settings { mapping, ..Settings::default() }
+}
+
+fn imu(time: Option<DeviceTime>, rate_rad_s: [f64; 3], force_m_s2: [f64; 3], field: Option<[f64; 3]>) -> Measurement {
+    Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut: field } }
+}
+
+#[test]
+fn a_recording_of_ours_is_read_with_its_field_where_there_is_one() {
+    let text = "t_s,gx,gy,gz,ax,ay,az,mx,my,mz,qw,qx,qy,qz,mov\n\
+                0.5,1,2,3,4,5,6,7,8,9,1,0,0,0,1\n\
+                0.505,1,2,3,4,5,6,nan,nan,nan,1,0,0,0,1\n";
+    let (found, counts) = read(&Settings::default(), text);
+    let at = |now_ns| Some(DeviceTime::SinceBoot { now_ns });
+    let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+    let wanted = [imu(at(500_000_000), rate, force, Some([7.0, 8.0, 9.0])), imu(at(505_000_000), rate, force, None)];
+    assert_eq!(found, wanted);
+    assert_eq!(counts, Counts { frames: 3, refused: 0, skipped_bytes: 0 });
+}
+
+#[test]
+fn columns_have_their_names_units_and_axes() {
+    let maps = ["t=ms,gx=p,gy=q,gz=r,ax=u,ay=v,az=w,mx=a,my=b,mz=c"];
+    let text = "ms;p;q;r;u;v;w;battery;a;b;c\n1000,5;90;0;0;0;1;0;3,7;0,5;0;0\n";
+    let (found, _) = read(&said(&maps, "deg/s,g,gauss,ms", "flu"), text);
+    // Forward, left, up becomes right, forward, up.
+    let quarter = 90f64.to_radians();
+    let time = Some(DeviceTime::SinceBoot { now_ns: 1_000_500_000 });
+    assert_eq!(found, [imu(time, [0.0, quarter, 0.0], [-9.80665, 0.0, 0.0], Some([0.0, 50.0, 0.0]))]);
+}
+
+#[test]
+fn columns_without_names_are_those_of_the_settings() {
+    let columns = ["gx", "gy", "gz", "ax", "ay", "az"].map(str::to_owned).to_vec();
+    let settings = Settings { columns: Some(columns), ..Settings::default() };
+    let (found, counts) =
+        read(&settings, "7 1 2 3 4 5\n0 0 0 0 0 9.8\n\n# remark\n0 0 0\n1 2 3 4 5 x\n1 2 3 4 5 6\r\n");
+    let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+    assert_eq!(found, [imu(None, [0.0; 3], [0.0, 0.0, 9.8], None), imu(None, rate, force, None)]);
+    // The first line may have lost its beginning.
+    assert_eq!(counts, Counts { frames: 4, refused: 2, skipped_bytes: 12 + 6 + 12 });
+}
+
+#[test]
+fn a_counter_begins_again_where_it_is_said_to() {
+    let maps = ["t=us,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az"];
+    let settings = Settings { time_bits: Some(32), ..said(&maps, "us", "rfu") };
+    let (found, _) = read(&settings, "us,gx,gy,gz,ax,ay,az\n4294967295,0,0,0,0,0,9.8\n,0,0,0,0,0,9.8\n");
+    let times: Vec<_> = found.iter().map(|found| found.time).collect();
+    let period_ns = (1 << 32) * 1000;
+    assert_eq!(times, [Some(DeviceTime::Counter { now_ns: 4_294_967_295_000, period_ns }), None]);
+    let unix = "t,gx,gy,gz,ax,ay,az\n1700000000.5,0,0,0,0,0,9.8\n-1,0,0,0,0,0,9.8\n";
+    let times: Vec<_> = read(&Settings::default(), unix).0.iter().map(|found| found.time).collect();
+    assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), None]);
+}
+
+#[test]
+fn a_fix_beside_the_rows_is_handed_on_once() {
+    let maps = ["t=t,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az,ve=e,vn=n,vd=d,lat=lat"];
+    let text = "t,gx,gy,gz,ax,ay,az,e,n,d,lat\n1,0,0,0,0,0,9.8,1,2,3,-37.5\n2,0,0,0,0,0,9.8,1,2,3,-37.5\n\
+                3,,,,,,,,,,\n4,,,,,,,4,5,6,\n";
+    let (found, counts) = read(&said(&maps, "", "rfu"), text);
+    let fixes: Vec<_> = found.iter().filter(|found| matches!(found.value, Value::Fix { .. })).collect();
+    let latitude_rad = Some((-37.5f64).to_radians());
+    let first = Value::Fix { velocity_m_s: [1.0, 2.0, -3.0], sd_m_s: None, latitude_rad };
+    let second = Value::Fix { velocity_m_s: [4.0, 5.0, -6.0], sd_m_s: None, latitude_rad: None };
+    assert_eq!(fixes.iter().map(|fix| fix.value).collect::<Vec<_>>(), [first, second]);
+    assert_eq!((found.len(), counts.frames, counts.refused), (4, 5, 0));
+}
+
+#[test]
+fn settings_that_are_none_are_refused() {
+    let columns = |names: &[&str]| Some(names.iter().map(|name| (*name).to_owned()).collect());
+    let settings = Settings {
+        columns: columns(&["gx", "gy", "gyro_z", "ax", "ay", "az"]),
+        ..said(&["gx=gx,gy=gy,gz=gyroz,ax=ax,ay=ay,az=az"], "", "rfu")
+    };
+    assert_eq!(
+        Lines::new(&settings).unwrap_err().to_string(),
+        "reading the columns: there is no \"gyroz\" for gz, did you mean \"gyro_z\"?"
+    );
+    for bits in [0, 64, 60] {
+        let settings = Settings { time_bits: Some(bits), ..Settings::default() };
+        assert_eq!(Lines::new(&settings).unwrap_err(), LinesError::Bits { bits });
+    }
+}
+
+#[test]
+fn a_line_without_an_end_is_passed_over_and_its_rest_is_no_line() {
+    let header = "gx,gy,gz,ax,ay,az\n";
+    let endless = "1,2,3,4,5,".repeat(500);
+    let (found, counts) = read(&Settings::default(), &format!("{header}{endless}6,1,1,1,1,1\n1,2,3,4,5,6\n"));
+    assert_eq!(found, [imu(None, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None)]);
+    assert_eq!((counts.frames, counts.refused), (2, 0), "{counts:?}");
+    assert_eq!(counts.skipped_bytes, 5000 + 12);
+}
+
+#[test]
+fn a_line_before_any_names_is_refused_and_names_may_change() {
+    let text = "1,2\n1,2,3,4,5,6\nax,ay,az,gx,gy,gz\n4,5,6,1,2,3\ngx,gy,gz,ax,ay,az\n1,2,3,4,5,6\n";
+    let (found, counts) = read(&Settings::default(), text);
+    let row = imu(None, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None);
+    assert_eq!(found, [row, row]);
+    assert_eq!((counts.frames, counts.refused), (4, 1));
+}

@@ -1,0 +1,11 @@
+//! Decoders on bytes that others encoded, and on bytes that are damaged.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+mod autopilot;
+mod damage;
+mod foreign;
+mod iio;
+mod lines;
+mod receivers;
+mod sensors;
+mod streams;

@@ -1,0 +1,255 @@
+//! What devices send, in every format: decoders, and units of bytes, each whole by itself.
+
+use decoders::{
+    Counts, Decoder, Framed, Measurement,
+    iio::{Channel, Clock, Iio, Layout, Vector},
+    lines::{self, Lines},
+    mavlink::{Mavlink, Settings},
+    nmea::Nmea,
+    rvc::Rvc,
+    ubx::Ubx,
+    witmotion::{Ranges, WitMotion},
+    xsens::{FIELD_UT, Xsens},
+};
+use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, dialects::ardupilotmega as dialect};
+
+/// One format.
+pub(crate) struct Stream {
+    pub(crate) name: &'static str,
+    pub(crate) decoder: fn() -> Box<dyn Decoder>,
+    /// Frames, or cycles of frames that belong together.
+    pub(crate) units: Vec<Vec<u8>>,
+    /// Of the sum that a frame ends with: one of so many broken frames is sound by accident. 0 where there is none, and no mark by which a
+    /// unit is found again.
+    pub(crate) sum_bits: u32,
+    /// Behind a damaged unit the next one tells the same.
+    pub(crate) is_without_memory: bool,
+}
+
+/// Every format, each with `count` units.
+pub(crate) fn all(count: u32) -> Vec<Stream> {
+    let stream = |name, decoder, unit: fn(u32) -> Vec<u8>, sum_bits, is_without_memory| Stream {
+        name,
+        decoder,
+        units: (0..count).map(unit).collect(),
+        sum_bits,
+        is_without_memory,
+    };
+    vec![
+        stream("witmotion", || Box::new(Framed::new(WitMotion::new(Ranges::default()))), witmotion_cycle, 8, true),
+        stream("xsens", || Box::new(Framed::new(Xsens::new(FIELD_UT))), xsens_message, 8, true),
+        stream("rvc", || Box::new(Framed::new(Rvc::default())), rvc_frame, 8, false),
+        stream("lines", || Box::new(Framed::new(named_lines())), line, 0, false),
+        stream("mavlink", || Box::new(Framed::new(Mavlink::new(Settings::default()))), mavlink_frames, 16, true),
+        stream("ubx", || Box::new(Framed::new(Ubx)), nav_pvt, 16, true),
+        stream("nmea", || Box::new(Framed::new(Nmea::default())), sentence, 8, true),
+        stream("iio", || Box::new(Framed::new(Iio::new(layout()))), record, 0, false),
+    ]
+}
+
+/// What came of chunks of bytes.
+pub(crate) fn decoded<'a>(
+    mut decoder: Box<dyn Decoder>,
+    chunks: impl IntoIterator<Item = &'a [u8]>,
+) -> (Vec<Measurement>, Counts) {
+    let mut found = Vec::new();
+    chunks.into_iter().for_each(|chunk| decoder.push(chunk, &mut found));
+    (found, decoder.counts())
+}
+
+/// Something that differs from `n` to `n` and from part to part.
+fn number(n: u32, part: u32) -> i16 {
+    let mixed = n.wrapping_mul(2_654_435_761).wrapping_add(part.wrapping_mul(40_503)) >> 12;
+    (mixed % 16_001) as i16 - 8_000
+}
+
+fn three_i16(n: u32, part: u32) -> [u8; 6] {
+    let [a, b, c] = [0, 1, 2].map(|axis| number(n, part + axis).to_le_bytes());
+    [a[0], a[1], b[0], b[1], c[0], c[1]]
+}
+
+pub(crate) fn witmotion_frame(kind: u8, numbers: [u8; 8]) -> Vec<u8> {
+    let mut frame = vec![0x55, kind];
+    frame.extend(numbers);
+    frame.push(frame.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)));
+    frame
+}
+
+/// Time, force, rate, angles, field.
+fn witmotion_cycle(n: u32) -> Vec<u8> {
+    let with = |three: [u8; 6]| [three[0], three[1], three[2], three[3], three[4], three[5], 0x10, 0x0a];
+    let [low, high] = ((n * 10 % 1000) as u16).to_le_bytes();
+    let time = [26, 11, 23, 8, 12, (n / 100 % 60) as u8, low, high];
+    let cycle = [
+        witmotion_frame(0x50, time),
+        witmotion_frame(0x51, with(three_i16(n, 0))),
+        witmotion_frame(0x52, with(three_i16(n, 3))),
+        witmotion_frame(0x53, with(three_i16(n, 6))),
+        witmotion_frame(0x54, with(three_i16(n, 9))),
+    ];
+    cycle.concat()
+}
+
+pub(crate) fn xsens_frame(packets: &[(u16, Vec<u8>)]) -> Vec<u8> {
+    let data: Vec<u8> = packets
+        .iter()
+        .flat_map(|(id, packet)| [&id.to_be_bytes()[..], &[packet.len() as u8], &packet[..]].concat())
+        .collect();
+    let mut frame = vec![0xfa, 0xff, 0x36];
+    match u8::try_from(data.len()) {
+        Ok(length) if length < 0xff => frame.push(length),
+        _ => frame.extend([0xff, (data.len() >> 8) as u8, data.len() as u8]),
+    }
+    frame.extend(data);
+    let sum = frame[1..].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
+    frame.push(sum.wrapping_neg());
+    frame
+}
+
+pub(crate) fn three_f32(three: [f32; 3]) -> Vec<u8> {
+    three.map(f32::to_be_bytes).concat()
+}
+
+fn xsens_message(n: u32) -> Vec<u8> {
+    let three = |part: u32| three_f32([0, 1, 2].map(|axis| f32::from(number(n, part + axis)) / 1000.0));
+    let mut packets = vec![
+        (0x1020, (n as u16).to_be_bytes().to_vec()),
+        (0x1060, (n * 100).to_be_bytes().to_vec()),
+        (0x4020, three(0)),
+        (0x8020, three(3)),
+    ];
+    if n.is_multiple_of(2) {
+        packets.push((0xc020, three(6)));
+    }
+    xsens_frame(&packets)
+}
+
+pub(crate) fn rvc_frame_of(number: u8, angles: [i16; 3], force: [i16; 3]) -> Vec<u8> {
+    let mut frame = vec![0xaa, 0xaa, number];
+    angles.iter().chain(&force).for_each(|part| frame.extend(part.to_le_bytes()));
+    frame.extend([0; 3]);
+    frame.push(frame[2..].iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)));
+    frame
+}
+
+fn rvc_frame(n: u32) -> Vec<u8> {
+    rvc_frame_of(n as u8, [0, 1, 2].map(|part| number(n, part)), [3, 4, 5].map(|part| number(n, part) / 8))
+}
+
+fn named_lines() -> Lines {
+    let columns = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"].map(str::to_owned).to_vec();
+    Lines::new(&lines::Settings { columns: Some(columns), ..lines::Settings::default() }).unwrap()
+}
+
+fn line(n: u32) -> Vec<u8> {
+    let numbers: Vec<_> = (0..9).map(|part| format!("{}", f64::from(number(n, part)) / 1000.0)).collect();
+    format!("{}.{:03},{}\r\n", n / 100, n % 100 * 10, numbers.join(",")).into_bytes()
+}
+
+pub(crate) fn in_mavlink_2(message: &dialect::MavMessage, sequence: u8) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message(MavHeader { system_id: 1, component_id: 1, sequence }, message);
+    raw.raw_bytes().to_vec()
+}
+
+pub(crate) fn in_mavlink_1(message: &dialect::MavMessage, sequence: u8) -> Vec<u8> {
+    let mut raw = MAVLinkV1MessageRaw::new();
+    raw.serialize_message(MavHeader { system_id: 1, component_id: 1, sequence }, message);
+    raw.raw_bytes().to_vec()
+}
+
+/// An IMU message, now and then with a fix, in either version.
+fn mavlink_frames(n: u32) -> Vec<u8> {
+    let part = |part| f32::from(number(n, part)) / 1000.0;
+    let imu = dialect::MavMessage::HIGHRES_IMU(dialect::HIGHRES_IMU_DATA {
+        time_usec: 1_000_000 + u64::from(n) * 4000,
+        xacc: part(0),
+        yacc: part(1),
+        zacc: part(2),
+        xgyro: part(3),
+        ygyro: part(4),
+        zgyro: part(5),
+        xmag: part(6),
+        ymag: part(7),
+        zmag: part(8),
+        fields_updated: dialect::HighresImuUpdatedFlags::from_bits_retain(if n.is_multiple_of(3) {
+            0x3f
+        } else {
+            0x1ff
+        }),
+        ..Default::default()
+    });
+    let fix = dialect::MavMessage::GPS_RAW_INT(dialect::GPS_RAW_INT_DATA {
+        time_usec: 1_000_000 + u64::from(n) * 4000,
+        lat: -375_000_000,
+        vel: n as u16 % 3000,
+        cog: n as u16 % 36_000,
+        fix_type: dialect::GpsFixType::GPS_FIX_TYPE_3D_FIX,
+        ..Default::default()
+    });
+    let put = if n.is_multiple_of(2) { in_mavlink_2 } else { in_mavlink_1 };
+    if n.is_multiple_of(4) { [put(&imu, n as u8), put(&fix, n as u8)].concat() } else { put(&imu, n as u8) }
+}
+
+pub(crate) fn ubx_frame(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
+    let [low, high] = (payload.len() as u16).to_le_bytes();
+    let covered = [&[class, id, low, high], payload].concat();
+    let (mut a, mut b) = (0u8, 0u8);
+    for byte in &covered {
+        a = a.wrapping_add(*byte);
+        b = b.wrapping_add(a);
+    }
+    [&[0xb5, 0x62], &covered[..], &[a, b]].concat()
+}
+
+fn nav_pvt(n: u32) -> Vec<u8> {
+    let mut payload = [0; 92];
+    payload[4..11].copy_from_slice(&[0xea, 0x07, 11, 23, 8, 12, (n / 10 % 60) as u8]);
+    payload[11] = 3;
+    (payload[20], payload[21]) = (3, 1);
+    payload[28..32].copy_from_slice(&(-375_000_000i32).to_le_bytes());
+    for axis in 0..3 {
+        let velocity = i32::from(number(n, axis as u32));
+        payload[48 + 4 * axis..52 + 4 * axis].copy_from_slice(&velocity.to_le_bytes());
+    }
+    payload[68..72].copy_from_slice(&120u32.to_le_bytes());
+    ubx_frame(1, 7, &payload)
+}
+
+pub(crate) fn nmea_sentence(inside: &str) -> Vec<u8> {
+    let sum = inside.bytes().fold(0, |sum, byte| sum ^ byte);
+    format!("${inside}*{sum:02X}\r\n").into_bytes()
+}
+
+fn sentence(n: u32) -> Vec<u8> {
+    let (speed, course) = (f64::from(n % 300) / 10.0, n % 360);
+    nmea_sentence(&format!(
+        "GNRMC,08{:02}{:02}.00,A,3730.0,S,14515.0,E,{speed:.1},{course}.0,231126,,,A,V",
+        n / 60 % 60,
+        n % 60
+    ))
+}
+
+/// Rate and force of 16 bits, high byte first, a time stamp.
+fn layout() -> Layout {
+    let channel = |at, bytes, bits| Channel { at, bytes, bits, shift: 0, is_signed: true, is_big_endian: bytes == 2 };
+    let vector = |at: usize, scale: f64| Vector {
+        channels: [0, 2, 4].map(|axis| channel(at + axis, 2, 16)),
+        offset: [0.0; 3],
+        scale: [scale; 3],
+        mount: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    };
+    Layout {
+        record_bytes: 24,
+        rate: vector(0, 0.001),
+        force: vector(6, 0.01),
+        field: None,
+        time: Some(channel(16, 8, 64)),
+        clock: Clock::Monotonic,
+    }
+}
+
+fn record(n: u32) -> Vec<u8> {
+    let numbers = (0..6).flat_map(|part| number(n, part).to_be_bytes());
+    numbers.chain([0; 4]).chain((i64::from(n) * 5_000_000).to_le_bytes()).collect()
+}
