@@ -7,7 +7,7 @@ use protox::prost::Message as _;
 /// Ours, and those that viewers know: each package with its files.
 const PACKAGES: [(&str, &[&str]); 2] = [
     ("plumbline/v1", &["common", "sensing", "estimate", "operation", "telemetry", "command"]),
-    ("foxglove", &["FrameTransform", "PoseInFrame"]),
+    ("foxglove", &["FrameTransform", "PoseInFrame", "LocationFix"]),
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

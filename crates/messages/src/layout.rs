@@ -16,10 +16,11 @@ pub struct Field {
 }
 
 /// How names end, and the units that they mean; a longer ending comes before a shorter one.
-const UNITS: [(&str, &str); 7] = [
+const UNITS: [(&str, &str); 8] = [
     ("_rad_s", "rad/s"),
     ("_m_s2", "m/s²"),
     ("_m_s", "m/s"),
+    ("_m", "m"),
     ("_rad", "rad"),
     ("_ns", "ns"),
     ("_ut", "µT"),

@@ -128,7 +128,7 @@ payload! {
 
 payload! {
     /// A fix as it comes from a satellite receiver, before anything was checked; it belongs to the next sensor reading.
-    ReceiverReading = "plumbline.ReceiverReading.1" {
+    ReceiverReading = "plumbline.ReceiverReading.2" {
         /// Velocity over ground, m/s, east, north, up.
         velocity_m_s: [f64; 3],
         /// Standard deviation of each component, m/s; NaN where unknown.
@@ -137,6 +137,10 @@ payload! {
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN where unknown.
         latitude_rad: f64,
+        /// Longitude, rad, east positive; NaN where unknown.
+        longitude_rad: f64,
+        /// Altitude as the receiver gives it, m; NaN where unknown.
+        altitude_m: f64,
     }
 }
 
@@ -164,7 +168,7 @@ payload! {
 
 payload! {
     /// What a satellite receiver said, at the tick at which it arrived; the sample of that tick is flagged `fix`.
-    GnssFix = "plumbline.GnssFix.1" {
+    GnssFix = "plumbline.GnssFix.2" {
         /// Tick, interval, flags.
         header: Header,
         /// Velocity over ground, m/s, east, north, up.
@@ -175,6 +179,10 @@ payload! {
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN where unknown.
         latitude_rad: f64,
+        /// Longitude, rad, east positive; NaN where unknown.
+        longitude_rad: f64,
+        /// Altitude as the receiver gives it, m; NaN where unknown.
+        altitude_m: f64,
     }
 }
 
@@ -196,7 +204,7 @@ payload! {
     ///
     /// A simulation or a recording is read again by each incarnation of ingest, so that a number may come again, with the same reading. Of sensors on
     /// the bus each incarnation counts anew, and goes on at `tick` with `offset_ns`.
-    TakenReading = "plumbline.TakenReading.1" at (|reading, _| Some(reading.t_sensor_ns)) {
+    TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
         /// Readings that this incarnation had taken before it, those included that were refused.
         number: u64,
         /// The tick that it becomes, unless it is refused.
@@ -219,6 +227,10 @@ payload! {
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN where unknown.
         latitude_rad: f64,
+        /// Longitude, rad, east positive; NaN where unknown.
+        longitude_rad: f64,
+        /// Altitude as the receiver gives it, m; NaN where unknown.
+        altitude_m: f64,
         /// The true attitude, body → reference, w x y z; NaN where the source does not know it.
         quaternion: [f64; 4],
         /// What it brings: 1 a field, 2 a fix, 4 the true attitude, 8 that an estimate is to be judged by that; their sum.

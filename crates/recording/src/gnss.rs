@@ -1,7 +1,7 @@
 //! What a satellite receiver said, beside a recording.
 //!
-//! Input: a file with one header line; columns `t_s,ve,vn,vu` in s and m/s, optionally `lat_deg`, and `lon_deg,alt_m`, which are not
-//! read. Output: the fixes, each for the first row of the recording that is not before it. Time: that of a fix is when it
+//! Input: a file with one header line; columns `t_s,ve,vn,vu` in s and m/s, optionally `lat_deg`, `lon_deg` and
+//! `alt_m`. Output: the fixes, each for the first row of the recording that is not before it. Time: that of a fix is when it
 //! arrived, on the recording's clock. Failure: the first malformed line ends the reading, with its place.
 
 use std::path::{Path, PathBuf};
@@ -15,8 +15,8 @@ use crate::{
 };
 
 const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
-const LATITUDE: &str = "lat_deg";
-const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", LATITUDE, "lon_deg", "alt_m"];
+const POSITION: [&str; 3] = ["lat_deg", "lon_deg", "alt_m"];
+const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", POSITION[0], POSITION[1], POSITION[2]];
 
 /// What the file of a recording ends with, and that of its fixes instead.
 const IMU_ENDS: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
@@ -31,13 +31,17 @@ pub struct Fix {
     pub velocity_m_s: [f64; 3],
     /// Geodetic latitude, degrees, north positive; `None` where the file has none or it is nan.
     pub latitude_deg: Option<f64>,
+    /// Longitude, degrees, east positive; `None` as for the latitude.
+    pub longitude_deg: Option<f64>,
+    /// Altitude as the receiver gave it, m; `None` as for the latitude.
+    pub altitude_m: Option<f64>,
 }
 
 /// Where the columns of a fix are.
 struct Columns {
     time: usize,
     velocity: [usize; 3],
-    latitude: Option<usize>,
+    position: [Option<usize>; 3],
 }
 
 /// The fixes of a recording, to be taken as its rows go on.
@@ -51,8 +55,8 @@ impl Fixes {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut table = Table::open(path, &KNOWN, |names| {
             let [time, east, north, up] = indices(names, &REQUIRED)?;
-            let latitude = names.iter().position(|&name| name == LATITUDE);
-            Ok(Columns { time, velocity: [east, north, up], latitude })
+            let position = POSITION.map(|wanted| names.iter().position(|&name| name == wanted));
+            Ok(Columns { time, velocity: [east, north, up], position })
         })?;
         let next = read(&mut table)?;
         Ok(Self { table, next })
@@ -71,12 +75,14 @@ impl Fixes {
 
 fn read(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
     let fix = table.next(|fields, columns| {
-        let latitude_deg = columns.latitude.map(|index| fields.numbers([index])).transpose()?;
-        Ok(Fix {
-            t_ns: fields.parsed(columns.time, time::EXPECTED, time::parse_ns)?,
-            velocity_m_s: fields.numbers(columns.velocity)?,
-            latitude_deg: latitude_deg.map(|[deg]| deg).filter(|deg| !deg.is_nan()),
-        })
+        let mut position = [None; 3];
+        for (told, column) in position.iter_mut().zip(columns.position) {
+            let number = column.map(|index| fields.numbers([index])).transpose()?;
+            *told = number.map(|[number]| number).filter(|number| !number.is_nan());
+        }
+        let [latitude_deg, longitude_deg, altitude_m] = position;
+        let t_ns = fields.parsed(columns.time, time::EXPECTED, time::parse_ns)?;
+        Ok(Fix { t_ns, velocity_m_s: fields.numbers(columns.velocity)?, latitude_deg, longitude_deg, altitude_m })
     });
     fix.transpose()
 }
@@ -112,8 +118,8 @@ impl Writer {
         Ok(Self { output, rows: 0 })
     }
 
-    /// Writes the next fix. Longitude in degrees, east positive, and altitude in m are for others to read; nan where they are not known.
-    pub fn write(&mut self, fix: &Fix, longitude_deg: f64, altitude_m: f64) -> Result<(), RecordingError> {
+    /// Writes the next fix.
+    pub fn write(&mut self, fix: &Fix) -> Result<(), RecordingError> {
         self.rows += 1;
         if !time::is_readable(fix.t_ns) {
             return Err(RecordingError::Unwritable {
@@ -124,8 +130,9 @@ impl Writer {
             });
         }
         let [east, north, up] = fix.velocity_m_s.map(number);
-        let latitude = number(fix.latitude_deg.unwrap_or(f64::NAN));
-        let (t_s, longitude, altitude) = (time::Seconds(fix.t_ns), number(longitude_deg), number(altitude_m));
+        let place = [fix.latitude_deg, fix.longitude_deg, fix.altitude_m];
+        let [latitude, longitude, altitude] = place.map(|told| number(told.unwrap_or(f64::NAN)));
+        let t_s = time::Seconds(fix.t_ns);
         self.output.write(&format!("{t_s},{east},{north},{up},{latitude},{longitude},{altitude}\n"))
     }
 
@@ -162,10 +169,17 @@ mod tests {
         let mut fixes = Fixes::open(file.path()).unwrap();
         let mut until = |t_ms: i64| fixes.until(t_ms.saturating_mul(1_000_000)).unwrap();
         assert_eq!(until(99), None);
-        let first = Fix { t_ns: 100_000_000, velocity_m_s: [1.0, 2.0, 3.0], latitude_deg: Some(-37.8) };
+        let place = |latitude_deg, longitude_deg, altitude_m| Fix {
+            t_ns: 0,
+            velocity_m_s: [0.0; 3],
+            latitude_deg: Some(latitude_deg),
+            longitude_deg: Some(longitude_deg),
+            altitude_m: Some(altitude_m),
+        };
+        let first = Fix { t_ns: 100_000_000, velocity_m_s: [1.0, 2.0, 3.0], ..place(-37.8, 145.0, 80.0) };
         assert_eq!(until(100), Some(first));
         assert_eq!(until(101), None, "a fix is taken once");
-        let third = Fix { t_ns: 250_000_000, velocity_m_s: [7.0, 8.0, 9.0], latitude_deg: Some(0.0) };
+        let third = Fix { t_ns: 250_000_000, velocity_m_s: [7.0, 8.0, 9.0], ..place(0.0, 0.0, 0.0) };
         assert_eq!(until(400), Some(third), "of two the newer one");
         assert_eq!(until(i64::MAX), None);
     }

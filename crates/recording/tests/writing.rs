@@ -122,12 +122,19 @@ fn fixes_are_read_as_they_were_written() {
     let recording = folder.path().join("a_imu.csv.gz");
     let path = gnss::place(&recording).unwrap();
     assert_eq!((path.file_name().unwrap(), gnss::place(Path::new("a.csv"))), ("a_gnss.csv".as_ref(), None));
+    let fix = |t_ns, velocity_m_s, [latitude_deg, longitude_deg, altitude_m]: [Option<f64>; 3]| Fix {
+        t_ns,
+        velocity_m_s,
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
+    };
     let fixes = [
-        Fix { t_ns: 1, velocity_m_s: [0.1, -2.0, 1e-7], latitude_deg: Some(-37.812_345_6) },
-        Fix { t_ns: 2_500_000_000, velocity_m_s: [f64::INFINITY, 0.0, 3.0], latitude_deg: None },
+        fix(1, [0.1, -2.0, 1e-7], [Some(-37.812_345_6), Some(145.0), None]),
+        fix(2_500_000_000, [f64::INFINITY, 0.0, 3.0], [None, None, Some(-3.5)]),
     ];
     let mut writer = gnss::Writer::create(&path).unwrap();
-    fixes.iter().for_each(|fix| writer.write(fix, 145.0, f64::NAN).unwrap());
+    fixes.iter().for_each(|fix| writer.write(fix).unwrap());
     writer.finish().unwrap();
     assert_eq!(gnss::beside(&recording), Some(path.clone()));
     let mut read = Fixes::open(&path).unwrap();

@@ -61,13 +61,14 @@ fn take_checked<P, F: Field<P>>(form: P, field: &'static str) -> Result<F, Refus
 
 payloads! {
     SensorReading { t_sensor_ns } any { rate_rad_s, force_m_s2, field_ut };
-    ReceiverReading {} any { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad };
+    ReceiverReading {} any { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
     ImuSample { header, rate_rad_s, force_m_s2 };
     MagSample { header, field_ut };
-    GnssFix { header, velocity_m_s } any { velocity_sd_m_s, age_s, latitude_rad };
+    GnssFix { header, velocity_m_s } any { velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
     Reference { tick, scored, quaternion };
     TakenReading { number, tick, t_sensor_ns, offset_ns } any {
-        rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, quaternion, brings, incarnation
+        rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad,
+        altitude_m, quaternion, brings, incarnation
     };
     GyroStep { header, w, z_rad, chart, p, s, rate_rad_s };
     AccelPoint { header, w, chart, norm_m_s2, trust, force_m_s2 };

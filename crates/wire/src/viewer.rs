@@ -11,12 +11,14 @@ mod foxglove {
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
 }
 
-use foxglove::{FrameTransform, Pose, PoseInFrame, Quaternion, Vector3};
+use foxglove::{FrameTransform, LocationFix, Pose, PoseInFrame, Quaternion, Vector3};
 
 /// The name of the schema of [`frame_transform`].
 pub const FRAME_TRANSFORM: &str = "foxglove.FrameTransform";
 /// The name of the schema of [`pose_in_frame`].
 pub const POSE_IN_FRAME: &str = "foxglove.PoseInFrame";
+/// The name of the schema of [`location_fix`].
+pub const LOCATION_FIX: &str = "foxglove.LocationFix";
 
 /// The frame `child` turned in the frame `parent`, both with one origin: child → parent.
 pub fn frame_transform(t_ns: u64, parent: &str, child: &str, xyzw: [f64; 4]) -> Vec<u8> {
@@ -34,6 +36,12 @@ pub fn frame_transform(t_ns: u64, parent: &str, child: &str, xyzw: [f64; 4]) -> 
 pub fn pose_in_frame(t_ns: u64, frame: &str, xyzw: [f64; 4]) -> Vec<u8> {
     let pose = Pose { position: Some(Vector3::default()), orientation: Some(quaternion(xyzw)) };
     PoseInFrame { timestamp: Some(timestamp(t_ns)), frame_id: frame.into(), pose: Some(pose) }.encode_to_vec()
+}
+
+/// Where the frame `frame` is: latitude, longitude in degrees, altitude in m.
+pub fn location_fix(t_ns: u64, frame: &str, [latitude, longitude, altitude]: [f64; 3]) -> Vec<u8> {
+    let (timestamp, frame_id) = (Some(timestamp(t_ns)), frame.into());
+    LocationFix { timestamp, frame_id, latitude, longitude, altitude, ..LocationFix::default() }.encode_to_vec()
 }
 
 fn timestamp(t_ns: u64) -> Timestamp {

@@ -6,14 +6,18 @@
 use attitude::gnss::Fix;
 use messages::Flags;
 
+use crate::source::ReceiverFix;
+
 /// A value this many times beyond the range is not a measurement.
 const SENSE: f64 = 10.0;
 /// A fix that says more than this of a speed is not one, m/s: nothing that is guided by us is faster.
 const SPEED_MAX_M_S: f64 = 3000.0;
+/// An altitude beyond this is not told, m.
+const ALTITUDE_MAX_M: f64 = 1e6;
 
 /// A fix that makes sense; what does not is left out, flagged.
-pub(crate) fn checked(fix: Option<Fix>) -> (Option<Fix>, Flags) {
-    let Some(fix) = fix else { return (None, Flags::NONE) };
+pub(crate) fn checked(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
+    let Some(ReceiverFix { fix, longitude_rad, altitude_m }) = fix else { return (None, Flags::NONE) };
     // The comparison also refuses what is not a number.
     if !fix.velocity_m_s.iter().all(|x| x.abs() < SPEED_MAX_M_S) {
         return (None, Flags::FIX_INVALID);
@@ -25,7 +29,8 @@ pub(crate) fn checked(fix: Option<Fix>) -> (Option<Fix>, Flags) {
         age_s: sound(fix.age_s, 10.0).filter(|age| *age >= 0.0),
         latitude_rad: sound(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
     };
-    (Some(fix), Flags::FIX)
+    let longitude_rad = sound(longitude_rad, std::f64::consts::PI);
+    (Some(ReceiverFix { fix, longitude_rad, altitude_m: sound(altitude_m, ALTITUDE_MAX_M) }), Flags::FIX)
 }
 
 /// The magnetometer.

@@ -20,7 +20,6 @@
 use attitude::{
     Matrix3, Quaternion,
     calibration::{Calibration, CalibrationError, Mounting},
-    gnss::Fix,
 };
 use launch::{GyroSamples, Ingest};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
@@ -28,7 +27,7 @@ use messages::{Flags, GnssFix, Header, ImuSample, MagSample};
 use crate::{
     channel::{Channel, FieldChannel, checked},
     script::Script,
-    source::{Reading, Truth},
+    source::{Reading, ReceiverFix, Truth},
 };
 
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
@@ -61,7 +60,7 @@ pub struct Conditioner {
     force: Channel,
     field: FieldChannel,
     /// Of a reading that was refused; it goes with the next.
-    fix: Option<Fix>,
+    fix: Option<ReceiverFix>,
     body: Body,
     gap_ns: i64,
     kind: Flags,
@@ -186,12 +185,14 @@ impl Conditioner {
         Some(Sample {
             imu: ImuSample { header, rate_rad_s, force_m_s2 },
             mag: field_ut.map(|field_ut| MagSample { header, field_ut: in_body(mounting, mag, field_ut) }),
-            gnss: fix.map(|fix| GnssFix {
+            gnss: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| GnssFix {
                 header,
                 velocity_m_s: fix.velocity_m_s.into(),
                 velocity_sd_m_s: fix.sd_m_s.unwrap_or(f64::NAN),
                 age_s: fix.age_s.unwrap_or(f64::NAN),
                 latitude_rad: fix.latitude_rad.unwrap_or(f64::NAN),
+                longitude_rad: longitude_rad.unwrap_or(f64::NAN),
+                altitude_m: altitude_m.unwrap_or(f64::NAN),
             }),
             reference: reading.reference.map(|truth| of_body(mounting, truth)),
         })

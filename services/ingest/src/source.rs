@@ -25,9 +25,26 @@ pub struct Reading {
     /// Magnetic field, µT, sensor axes, where there is a sample.
     pub field_ut: Option<[f64; 3]>,
     /// What a satellite receiver said since the reading before.
-    pub fix: Option<Fix>,
+    pub fix: Option<ReceiverFix>,
     /// The true attitude, where the source knows it.
     pub reference: Option<Truth>,
+}
+
+/// A fix, and where it was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReceiverFix {
+    /// What stages know of it.
+    pub fix: Fix,
+    /// Longitude, rad, east positive, where it is known.
+    pub longitude_rad: Option<f64>,
+    /// Altitude as the receiver gives it, m, where it is known.
+    pub altitude_m: Option<f64>,
+}
+
+impl From<Fix> for ReceiverFix {
+    fn from(fix: Fix) -> Self {
+        Self { fix, longitude_rad: None, altitude_m: None }
+    }
 }
 
 impl Reading {
@@ -41,11 +58,15 @@ impl Reading {
             rate_rad_s: all(rate_rad_s),
             force_m_s2: all(force_m_s2),
             field_ut: field_ut.map(all),
-            fix: fix.map(|fix| Fix {
-                velocity_m_s: all(fix.velocity_m_s.into()).into(),
-                sd_m_s: one(fix.sd_m_s),
-                age_s: one(fix.age_s),
-                latitude_rad: one(fix.latitude_rad),
+            fix: fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| ReceiverFix {
+                fix: Fix {
+                    velocity_m_s: all(fix.velocity_m_s.into()).into(),
+                    sd_m_s: one(fix.sd_m_s),
+                    age_s: one(fix.age_s),
+                    latitude_rad: one(fix.latitude_rad),
+                },
+                longitude_rad: one(longitude_rad),
+                altitude_m: one(altitude_m),
             }),
             reference,
         }
@@ -68,13 +89,17 @@ impl From<SensorReading> for Reading {
 }
 
 /// What a receiver says over the bus.
-pub fn fix_of(reading: ReceiverReading) -> Fix {
+pub fn fix_of(reading: ReceiverReading) -> ReceiverFix {
     let told = |value: f64| value.is_finite().then_some(value);
-    Fix {
-        velocity_m_s: reading.velocity_m_s.into(),
-        sd_m_s: told(reading.velocity_sd_m_s),
-        age_s: told(reading.age_s),
-        latitude_rad: told(reading.latitude_rad),
+    ReceiverFix {
+        fix: Fix {
+            velocity_m_s: reading.velocity_m_s.into(),
+            sd_m_s: told(reading.velocity_sd_m_s),
+            age_s: told(reading.age_s),
+            latitude_rad: told(reading.latitude_rad),
+        },
+        longitude_rad: told(reading.longitude_rad),
+        altitude_m: told(reading.altitude_m),
     }
 }
 
@@ -130,7 +155,7 @@ impl Iterator for Readings {
                     rate_rad_s: reading.rate_rad_s.into(),
                     force_m_s2: reading.force_m_s2.into(),
                     field_ut: reading.field_ut.map(Into::into),
-                    fix: reading.fix,
+                    fix: reading.fix.map(Into::into),
                     reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
                 }))
             }
@@ -154,11 +179,15 @@ impl Recorded {
 
     fn read(&mut self, row: Row) -> Result<Reading, RecordingError> {
         let fix = self.fixes.as_mut().map_or(Ok(None), |fixes| fixes.until(row.t_ns))?;
-        let fix = fix.map(|fix| Fix {
-            velocity_m_s: fix.velocity_m_s.into(),
-            sd_m_s: None,
-            age_s: None,
-            latitude_rad: fix.latitude_deg.map(f64::to_radians),
+        let fix = fix.map(|fix| ReceiverFix {
+            fix: Fix {
+                velocity_m_s: fix.velocity_m_s.into(),
+                sd_m_s: None,
+                age_s: None,
+                latitude_rad: fix.latitude_deg.map(f64::to_radians),
+            },
+            longitude_rad: fix.longitude_deg.map(f64::to_radians),
+            altitude_m: fix.altitude_m,
         });
         let reading = Reading::from(row);
         Ok(Reading { fix, field_ut: reading.field_ut.filter(|_| self.mag), ..reading })

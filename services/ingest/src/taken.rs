@@ -10,7 +10,7 @@ use runtime::ServiceConfig;
 
 use crate::{
     conditioner::Conditioner,
-    source::{Reading, Truth},
+    source::{Reading, ReceiverFix, Truth},
 };
 
 /// Publishes each reading that is taken.
@@ -45,6 +45,8 @@ impl From<&Reading> for TakenReading {
         let Reading { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference } = *reading;
         let brings = |part: u32, is_there: bool| if is_there { part } else { 0 };
         let told = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let (longitude_rad, altitude_m) = (fix.and_then(|fix| fix.longitude_rad), fix.and_then(|fix| fix.altitude_m));
+        let fix = fix.map(|received| received.fix);
         Self {
             t_sensor_ns: t_ns,
             rate_rad_s,
@@ -54,6 +56,8 @@ impl From<&Reading> for TakenReading {
             velocity_sd_m_s: told(fix.and_then(|fix| fix.sd_m_s)),
             age_s: told(fix.and_then(|fix| fix.age_s)),
             latitude_rad: told(fix.and_then(|fix| fix.latitude_rad)),
+            longitude_rad: told(longitude_rad),
+            altitude_m: told(altitude_m),
             quaternion: reference.map_or([f64::NAN; 4], |truth| truth.quaternion),
             brings: brings(Self::FIELD, field_ut.is_some())
                 | brings(Self::FIX, fix.is_some())
@@ -68,11 +72,15 @@ impl From<&TakenReading> for Reading {
     fn from(taken: &TakenReading) -> Self {
         let brings = |part: u32| taken.brings & part != 0;
         let told = |value: f64| Some(value).filter(|value| !value.is_nan());
-        let fix = Fix {
-            velocity_m_s: taken.velocity_m_s.into(),
-            sd_m_s: told(taken.velocity_sd_m_s),
-            age_s: told(taken.age_s),
-            latitude_rad: told(taken.latitude_rad),
+        let fix = ReceiverFix {
+            fix: Fix {
+                velocity_m_s: taken.velocity_m_s.into(),
+                sd_m_s: told(taken.velocity_sd_m_s),
+                age_s: told(taken.age_s),
+                latitude_rad: told(taken.latitude_rad),
+            },
+            longitude_rad: told(taken.longitude_rad),
+            altitude_m: told(taken.altitude_m),
         };
         let truth = Truth { quaternion: taken.quaternion, scored: brings(TakenReading::SCORED) };
         Self {
@@ -98,11 +106,10 @@ mod tests {
 
     #[test]
     fn a_reading_comes_back_as_it_was_whatever_is_missing() {
-        let fix = |sd_m_s, age_s, latitude_rad| Fix {
-            velocity_m_s: [1.0, -2.0, f64::NAN].into(),
-            sd_m_s,
-            age_s,
-            latitude_rad,
+        let fix = |sd_m_s, age_s, latitude_rad| ReceiverFix {
+            fix: Fix { velocity_m_s: [1.0, -2.0, f64::NAN].into(), sd_m_s, age_s, latitude_rad },
+            longitude_rad: latitude_rad.map(|rad: f64| -rad),
+            altitude_m: age_s,
         };
         let fixes = [None, Some(fix(None, None, Some(0.8))), Some(fix(Some(0.1), Some(f64::INFINITY), None))];
         let fields = [None, Some([1.0, f64::NAN, 3.0]), Some([f64::NAN; 3])];
@@ -115,7 +122,9 @@ mod tests {
                 assert_eq!(bits(&back), bits(&reading));
                 let parts = |reading: &Reading| {
                     let Reading { field_ut, fix, reference, .. } = *reading;
-                    let told = fix.map(|fix| [fix.sd_m_s, fix.age_s, fix.latitude_rad]);
+                    let told = fix.map(|ReceiverFix { fix, longitude_rad, altitude_m }| {
+                        [fix.sd_m_s, fix.age_s, fix.latitude_rad, longitude_rad, altitude_m]
+                    });
                     (field_ut.is_some(), told, reference)
                 };
                 assert_eq!(parts(&back), parts(&reading));

@@ -2,7 +2,7 @@
 
 use attitude::{Quaternion, exports::ros_xyzw};
 use graph::{Presence, Topic};
-use messages::AttitudeOutput;
+use messages::{AttitudeOutput, GnssFix};
 use wire::{Payload, viewer};
 
 /// The frame in which viewers see the attitude: east, north, up where the course is true, else turned about the vertical.
@@ -13,6 +13,15 @@ pub(crate) const BODY: &str = "body";
 pub(crate) const TF: &str = "/tf";
 /// The attitude as a pose.
 pub(crate) const POSE: &str = "/pose";
+/// Where the body is.
+pub(crate) const LOCATION: &str = "/location";
+
+/// What is recorded for viewers: a channel, its schema, and the topic that it is made of.
+pub(crate) const FOR_VIEWERS: [(&str, &str, Topic); 3] = [
+    (TF, viewer::FRAME_TRANSFORM, Topic::Attitude),
+    (POSE, viewer::POSE_IN_FRAME, Topic::Attitude),
+    (LOCATION, viewer::LOCATION_FIX, Topic::Gnss),
+];
 
 /// What messages of a topic say of themselves: where the numbers stand that tell their place in time.
 #[derive(Debug, Clone, Copy)]
@@ -97,12 +106,24 @@ impl Encoder {
     }
 }
 
-/// What is recorded of the attitude for viewers: `/tf` and `/pose`.
-pub(crate) fn for_viewers(attitude: &[u8], log_ns: u64) -> Option<[Vec<u8>; 2]> {
-    let attitude: AttitudeOutput = bytemuck::try_pod_read_unaligned(attitude).ok()?;
-    let [w, x, y, z] = attitude.quaternion;
-    let xyzw = ros_xyzw(Quaternion::new(w, x, y, z));
-    Some([viewer::frame_transform(log_ns, WORLD, BODY, xyzw), viewer::pose_in_frame(log_ns, WORLD, xyzw)])
+/// What the channel of [`FOR_VIEWERS`] has of a message of its topic; `None` where that tells nothing of it.
+pub(crate) fn for_viewers(channel: &str, message: &[u8], log_ns: u64) -> Option<Vec<u8>> {
+    let xyzw = || {
+        let attitude: AttitudeOutput = bytemuck::try_pod_read_unaligned(message).ok()?;
+        let [w, x, y, z] = attitude.quaternion;
+        Some(ros_xyzw(Quaternion::new(w, x, y, z)))
+    };
+    match channel {
+        TF => Some(viewer::frame_transform(log_ns, WORLD, BODY, xyzw()?)),
+        POSE => Some(viewer::pose_in_frame(log_ns, WORLD, xyzw()?)),
+        LOCATION => {
+            let fix: GnssFix = bytemuck::try_pod_read_unaligned(message).ok()?;
+            let place = [fix.latitude_rad.to_degrees(), fix.longitude_rad.to_degrees(), fix.altitude_m];
+            let is_known = place[..2].iter().all(|degrees| degrees.is_finite());
+            is_known.then(|| viewer::location_fix(log_ns, BODY, place))
+        }
+        _ => None,
+    }
 }
 
 /// A number of 64 bits in a message.
@@ -126,6 +147,15 @@ mod tests {
     use messages::{Health, ImuSample};
 
     use super::*;
+
+    #[test]
+    fn a_fix_that_tells_no_place_is_none_on_the_map() {
+        let mut fix: GnssFix = bytemuck::Zeroable::zeroed();
+        (fix.latitude_rad, fix.longitude_rad, fix.altitude_m) = (0.5, -1.0, f64::NAN);
+        assert!(for_viewers(LOCATION, bytemuck::bytes_of(&fix), 7).is_some());
+        fix.longitude_rad = f64::NAN;
+        assert!(for_viewers(LOCATION, bytemuck::bytes_of(&fix), 7).is_none());
+    }
 
     const CLOCKS: Clocks = Clocks { offset_ns: 1_000_000, rate_hz: 100.0 };
 

@@ -4,9 +4,9 @@ use std::{collections::BTreeSet, fs, path::Path};
 
 use graph::Topic;
 use prost_types::{DescriptorProto, FileDescriptorSet};
-use wire::{schema, viewer};
+use wire::schema;
 
-use crate::channel::{Encoder, POSE, TF};
+use crate::channel::{Encoder, FOR_VIEWERS};
 
 /// Every message of a schema by its full name.
 struct Schemas(Vec<(String, DescriptorProto)>);
@@ -14,7 +14,7 @@ struct Schemas(Vec<(String, DescriptorProto)>);
 impl Schemas {
     fn all() -> Self {
         let names = Topic::ALL.iter().map(|topic| Encoder::schema(*topic));
-        let names = names.chain([viewer::FRAME_TRANSFORM, viewer::POSE_IN_FRAME].map(String::from));
+        let names = names.chain(FOR_VIEWERS.map(|(_, schema, _)| schema.into()));
         let sets = names.map(|name| schema::descriptors_of(&name).unwrap());
         let files = sets.flat_map(|set| <FileDescriptorSet as prost::Message>::decode(&*set).unwrap().file);
         let messages = files.flat_map(|file| {
@@ -26,10 +26,9 @@ impl Schemas {
 
     /// The path leads from the topic's message to a number.
     fn has(&self, topic: &str, path: &[&str]) -> bool {
-        let schema = match topic {
-            TF => viewer::FRAME_TRANSFORM.into(),
-            POSE => viewer::POSE_IN_FRAME.into(),
-            _ => match Topic::named(topic.trim_start_matches('/')) {
+        let schema = match FOR_VIEWERS.iter().find(|(channel, _, _)| *channel == topic) {
+            Some((_, schema, _)) => (*schema).into(),
+            None => match Topic::named(topic.trim_start_matches('/')) {
                 Some(topic) => Encoder::schema(topic),
                 None => return false,
             },

@@ -10,7 +10,7 @@ use messages::layout;
 
 use crate::{
     FlightError, Heading, Stamps,
-    channel::{Clocks, Encoder, POSE, TF, for_viewers},
+    channel::{Clocks, Encoder, FOR_VIEWERS, for_viewers},
     chunk_file::ChunkFile,
     summary::TopicSummary,
 };
@@ -32,8 +32,8 @@ pub(crate) struct Writer {
     channels: Vec<Channel>,
     /// The places of topics among the channels.
     places: Vec<Option<usize>>,
-    /// `/tf` and `/pose`, where the attitude is recorded.
-    for_viewers: Option<[u16; 2]>,
+    /// The channels of [`FOR_VIEWERS`] whose topics are recorded.
+    viewers: Vec<(u16, &'static str, Topic)>,
     /// First and last message, CLOCK_REALTIME, ns.
     span_ns: Option<[u64; 2]>,
 }
@@ -66,30 +66,27 @@ impl Writer {
             places[*topic as usize] = Some(channels.len());
             channels.push(Channel { id, encoder: Encoder::new(*topic), messages: 0, in_file: 0 });
         }
-        let for_viewers = match topics.contains(&Topic::Attitude) {
-            true => Some([
-                channel(&mut mcap, TF, wire::viewer::FRAME_TRANSFORM, &BTreeMap::new())?,
-                channel(&mut mcap, POSE, wire::viewer::POSE_IN_FRAME, &BTreeMap::new())?,
-            ]),
-            false => None,
-        };
+        let mut viewers = Vec::new();
+        for (name, schema, topic) in FOR_VIEWERS.into_iter().filter(|(_, _, topic)| topics.contains(topic)) {
+            viewers.push((channel(&mut mcap, name, schema, &BTreeMap::new())?, name, topic));
+        }
         mcap.flush()?;
-        Ok(Self { mcap, clocks, channels, places, for_viewers, span_ns: None })
+        Ok(Self { mcap, clocks, channels, places, viewers, span_ns: None })
     }
 
     /// Puts a message into the chunk under way; `taken_ns` is when it was taken, CLOCK_MONOTONIC.
     pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], taken_ns: u64) -> McapResult<()> {
-        let Self { mcap, clocks, channels, places, for_viewers: viewers, span_ns } = self;
+        let Self { mcap, clocks, channels, places, viewers, span_ns } = self;
         let Some(channel) = places[topic as usize].and_then(|place| channels.get_mut(place)) else { return Ok(()) };
         let Some((data, stamps)) = channel.encoder.encode(bytes, taken_ns, *clocks) else { return Ok(()) };
         put(mcap, channel.id, stamps, &data)?;
         channel.messages += 1;
         let [first, last] = span_ns.unwrap_or([stamps.log_ns; 2]);
         *span_ns = Some([first.min(stamps.log_ns), last.max(stamps.log_ns)]);
-        if let Some(ids) = viewers.filter(|_| topic == Topic::Attitude)
-            && let Some(forms) = for_viewers(bytes, stamps.log_ns)
-        {
-            ids.into_iter().zip(&forms).try_for_each(|(id, form)| put(mcap, id, stamps, form))?;
+        for (id, name, _) in viewers.iter().filter(|(_, _, of)| *of == topic) {
+            if let Some(form) = for_viewers(name, bytes, stamps.log_ns) {
+                put(mcap, *id, stamps, &form)?;
+            }
         }
         Ok(())
     }

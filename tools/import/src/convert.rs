@@ -156,9 +156,10 @@ impl FixesFile {
             Some(writer) => writer,
             none => none.insert(gnss::Writer::create(&self.path)?),
         };
-        let latitude_deg = Some(fix.latitude_deg).filter(|deg| !deg.is_nan());
-        let velocity_m_s = fix.velocity_m_s;
-        writer.write(&Fix { t_ns: fix.t_ns, velocity_m_s, latitude_deg }, fix.longitude_deg, fix.altitude_m)?;
+        let Fixed { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m } = *fix;
+        let told = |number: f64| Some(number).filter(|number| !number.is_nan());
+        let [latitude_deg, longitude_deg, altitude_m] = [latitude_deg, longitude_deg, altitude_m].map(told);
+        writer.write(&Fix { t_ns, velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         self.count += 1;
         Ok(())
     }

@@ -144,7 +144,7 @@ fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl It
             rate_rad_s: reading.rate_rad_s.into(),
             force_m_s2: reading.force_m_s2.into(),
             field_ut: reading.field_ut.filter(|_| with_field).map(Into::into),
-            fix: reading.fix.filter(|_| with_fixes),
+            fix: reading.fix.filter(|_| with_fixes).map(Into::into),
             reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: t_s >= scored_from_s }),
         }
     })
@@ -171,7 +171,7 @@ mod tests {
         let fixes = |gnss: Gnss| -> Vec<_> {
             let trial = Trial::open(imu.to_str().unwrap(), &Options { gnss, ..Options::default() }).unwrap();
             assert_eq!((trial.name.as_str(), trial.rows), ("flight_imu", 2));
-            trial.readings().unwrap().map(|reading| reading.unwrap().fix.map(|fix| fix.velocity_m_s.x)).collect()
+            trial.readings().unwrap().map(|reading| reading.unwrap().fix.map(|fix| fix.fix.velocity_m_s.x)).collect()
         };
         assert_eq!(fixes(Gnss::Auto), [None, None]);
         fs::write(path("flight_gnss.csv"), "t_s,ve,vn,vu\n0.5,7,0,0\n1.5,8,0,0\n").unwrap();

@@ -2,7 +2,7 @@
 
 use attitude::{Vector3, gnss::Fix};
 
-use crate::source::Reading;
+use crate::source::{Reading, ReceiverFix};
 
 /// Choices that are the same everywhere: splitmix64.
 #[derive(Debug, Clone)]
@@ -43,11 +43,14 @@ impl Dice {
             rate_rad_s: self.vector(),
             force_m_s2: self.vector(),
             field_ut: reading.field_ut.map(|_| self.vector()),
-            fix: reading.fix.map(|_| Fix {
-                velocity_m_s: Vector3::from(self.vector()),
-                sd_m_s: Some(self.value()),
-                age_s: Some(self.value()),
-                latitude_rad: Some(self.value()),
+            fix: reading.fix.map(|received| {
+                let fix = Fix {
+                    velocity_m_s: Vector3::from(self.vector()),
+                    sd_m_s: Some(self.value()),
+                    age_s: Some(self.value()),
+                    latitude_rad: Some(self.value()),
+                };
+                ReceiverFix { fix, ..received }
             }),
             ..*reading
         }

@@ -21,7 +21,7 @@ mod past;
 use attitude::gnss::Fix;
 use launch::{Fault, FaultKind, Sensor};
 
-use crate::source::Reading;
+use crate::source::{Reading, ReceiverFix};
 use {dice::Dice, past::Past};
 
 /// A longer step of the stamps is a leap of the clock, ns.
@@ -214,7 +214,10 @@ fn wrong(reading: Reading, factor: f64, offset: [f64; 3]) -> Reading {
         rate_rad_s: wrong(reading.rate_rad_s),
         force_m_s2: wrong(reading.force_m_s2),
         field_ut: reading.field_ut.map(wrong),
-        fix: reading.fix.map(|fix| Fix { velocity_m_s: wrong(fix.velocity_m_s.into()).into(), ..fix }),
+        fix: reading.fix.map(|received| {
+            let velocity_m_s = wrong(received.fix.velocity_m_s.into()).into();
+            ReceiverFix { fix: Fix { velocity_m_s, ..received.fix }, ..received }
+        }),
         ..reading
     }
 }

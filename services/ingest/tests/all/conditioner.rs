@@ -395,7 +395,7 @@ fn a_field_is_given_on_once_and_only_if_it_is_one() {
 #[test]
 fn a_fix_goes_with_the_first_tick_after_it_even_when_its_reading_is_refused() {
     let fix = |speed: f64| {
-        Some(Fix { velocity_m_s: [speed, 0.0, 0.0].into(), sd_m_s: None, age_s: None, latitude_rad: None })
+        Some(Fix { velocity_m_s: [speed, 0.0, 0.0].into(), sd_m_s: None, age_s: None, latitude_rad: None }.into())
     };
     let mut readings = readings(5);
     readings[1].fix = fix(30.0);

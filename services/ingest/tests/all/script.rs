@@ -2,7 +2,7 @@
 use attitude::{Vector3, gnss::Fix};
 use ingest::{
     conditioner::{Conditioner, Sample},
-    source::Reading,
+    source::{Reading, ReceiverFix},
 };
 use launch::{Fault, FaultKind, GyroSamples, Launch, Sensor};
 use messages::Flags;
@@ -16,12 +16,13 @@ fn reading(count: usize) -> Reading {
     let x = count as f64 * 1e-3;
     let velocity_m_s = Vector3::new(x, 1.0, 0.0);
     let fix = Fix { velocity_m_s, sd_m_s: Some(0.1), age_s: Some(0.2), latitude_rad: Some(0.9) };
+    let received = ReceiverFix { fix, longitude_rad: Some(-0.2), altitude_m: Some(80.0) };
     Reading {
         t_ns: count as i64 * 10_000_000,
         rate_rad_s: [x, -x, 0.1],
         force_m_s2: [0.1, x, 9.8],
         field_ut: (count.is_multiple_of(2)).then_some([20.0 + x, 0.0, -40.0]),
-        fix: (count.is_multiple_of(10)).then_some(fix),
+        fix: (count.is_multiple_of(10)).then_some(received),
         reference: None,
     }
 }

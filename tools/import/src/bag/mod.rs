@@ -59,7 +59,8 @@ struct Inertial {
 struct Fix {
     t_ns: i64,
     velocity_m_s: [f64; 3],
-    latitude_deg: Option<f64>,
+    /// Where the same message says it.
+    position: Option<Position>,
 }
 
 /// Where the receiver is.
@@ -367,9 +368,8 @@ impl Fixes {
             return Ok(true);
         }
         self.last_ns = Some(fix.t_ns);
-        let Position { latitude_deg, longitude_deg, altitude_m } =
-            self.position.unwrap_or(Position { latitude_deg: f64::NAN, longitude_deg: f64::NAN, altitude_m: f64::NAN });
-        let latitude_deg = fix.latitude_deg.unwrap_or(latitude_deg);
+        let nowhere = Position { latitude_deg: f64::NAN, longitude_deg: f64::NAN, altitude_m: f64::NAN };
+        let Position { latitude_deg, longitude_deg, altitude_m } = fix.position.or(self.position).unwrap_or(nowhere);
         take(&Fixed { t_ns: fix.t_ns, velocity_m_s: fix.velocity_m_s, latitude_deg, longitude_deg, altitude_m })?;
         Ok(true)
     }

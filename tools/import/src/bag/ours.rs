@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use messages::{Flags, GnssFix, ImuSample, MagSample, Reference};
 use wire::Payload;
 
-use super::{Fix, Inertial};
+use super::{Fix, Inertial, Position};
 use crate::{aligned::Sample, rows::Attitude};
 
 /// Samples and references that wait for each other.
@@ -27,9 +27,13 @@ pub(super) fn field(data: &[u8]) -> Option<Sample> {
 }
 
 pub(super) fn fix(data: &[u8]) -> Option<Fix> {
-    let GnssFix { header, velocity_m_s, latitude_rad, .. } = GnssFix::decoded(data).ok()?;
-    let latitude_deg = Some(latitude_rad.to_degrees()).filter(|deg| !deg.is_nan());
-    Some(Fix { t_ns: header.t_end_ns, velocity_m_s, latitude_deg })
+    let GnssFix { header, velocity_m_s, latitude_rad, longitude_rad, altitude_m, .. } = GnssFix::decoded(data).ok()?;
+    let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(f64::to_degrees);
+    Some(Fix {
+        t_ns: header.t_end_ns,
+        velocity_m_s,
+        position: Some(Position { latitude_deg, longitude_deg, altitude_m }),
+    })
 }
 
 pub(super) fn reference(data: &[u8]) -> Option<Reference> {

@@ -97,7 +97,7 @@ pub(super) fn field(data: &[u8]) -> Option<Sample> {
 /// `geometry_msgs/msg/TwistStamped`: east, north, up, as receivers publish it.
 pub(super) fn velocity(data: &[u8]) -> Option<Fix> {
     let TwistStamped { header, linear } = decoded(data)?;
-    Some(Fix { t_ns: header.stamp.ns()?, velocity_m_s: finite(linear)?, latitude_deg: None })
+    Some(Fix { t_ns: header.stamp.ns()?, velocity_m_s: finite(linear)?, position: None })
 }
 
 /// `sensor_msgs/msg/NavSatFix`.

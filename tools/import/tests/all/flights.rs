@@ -67,7 +67,9 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
         if tick % 50 == 49 {
             let velocity_m_s = [1.0, turn, -0.5];
             let [velocity_sd_m_s, age_s] = [f64::NAN; 2];
-            flight.write("/gnss", &GnssFix { header, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad: 0.5 });
+            let [latitude_rad, longitude_rad, altitude_m] = [0.5, -2.0, 120.0];
+            let fix = GnssFix { header, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
+            flight.write("/gnss", &fix);
         }
         flight.write("/attitude", &AttitudeOutput { header, quaternion, ..AttitudeOutput::zeroed() });
         let reference = Some(recording::Reference { quaternion, scored: scored == 1 });
@@ -90,6 +92,8 @@ fn a_flight_gives_the_rows_that_were_flown() {
     let expected: Vec<_> = expected.map(|(tick, row)| (row.t_ns, [1.0, tick as f64 / TICKS as f64, -0.5])).collect();
     assert_eq!(fixes, expected);
     assert!(imported.fixes.iter().all(|fix| (fix.latitude_deg.unwrap() - 0.5f64.to_degrees()).abs() < 1e-12));
+    assert!(imported.fixes.iter().all(|fix| (fix.longitude_deg.unwrap() + 2.0f64.to_degrees()).abs() < 1e-12));
+    assert!(imported.fixes.iter().all(|fix| fix.altitude_m == Some(120.0)));
 }
 
 #[test]

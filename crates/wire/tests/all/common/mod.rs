@@ -117,14 +117,14 @@ macro_rules! drawn {
 
 drawn! {
     SensorReading { t_sensor_ns: signed, rate_rad_s: unsure_numbers, force_m_s2: unsure_numbers, field_ut: unsure_numbers }
-    ReceiverReading { velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure }
+    ReceiverReading { velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure }
     ImuSample { header: header, rate_rad_s: numbers, force_m_s2: numbers }
     MagSample { header: header, field_ut: numbers }
-    GnssFix { header: header, velocity_m_s: numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure }
+    GnssFix { header: header, velocity_m_s: numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure }
     Reference { tick: word, scored: word, quaternion: quaternion }
     TakenReading {
         number: word, tick: word, t_sensor_ns: signed, offset_ns: signed, rate_rad_s: unsure_numbers, force_m_s2: unsure_numbers,
-        field_ut: unsure_numbers, velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure,
+        field_ut: unsure_numbers, velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure,
         quaternion: numbers, brings: half, incarnation: half
     }
     GyroStep { header: header, w: numbers, z_rad: number, chart: chart, p: numbers, s: numbers, rate_rad_s: numbers }
