@@ -83,7 +83,7 @@ def summary(path):
 
 def main(path, attitudes=None):
     ends = summary(path)
-    topics, quaternions, transforms, newest_ns = {}, {}, {}, 0
+    topics, quaternions, transforms, places, newest_ns = {}, {}, {}, [], 0
     for schema, topic, message, decoded in indexed(path) if ends else linear(path):
         found = topics.setdefault(topic, {"schema": schema, "messages": 0, "ticks": set(), "bad_stamps": 0})
         found["messages"] += 1
@@ -95,6 +95,8 @@ def main(path, attitudes=None):
         if topic == "/attitude":
             q = decoded.quaternion
             quaternions[message.sequence] = (decoded.header.t_end_ns, q.w, q.x, q.y, q.z)
+        elif topic == "/location":
+            places.append((decoded.latitude, decoded.longitude, decoded.altitude))
         elif topic == "/tf":
             r = decoded.rotation
             transforms[message.sequence] = (r.x, r.y, r.z, r.w)
@@ -106,6 +108,8 @@ def main(path, attitudes=None):
         found["ticks"] = len(ticks)
         found["last_tick"] = max(ticks, default=None)
     result = {"whole": ends is not None, "topics": topics, "newest_ns": newest_ns, "whole_records": whole_records(path)}
+    if places:
+        result["places"] = [places[0], places[-1]]
     if ends:
         result.update(ends)
     if attitudes:

@@ -6,7 +6,7 @@ use std::{
     sync::LazyLock,
 };
 
-use crate::common::{Run, Running, System, lives, plumb, python::python, signal, until};
+use crate::common::{Run, Running, System, data, lives, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -58,6 +58,27 @@ fn assert_every_tick(found: &Value, ticks: u64) {
     let compared = &found["compared"];
     assert_eq!((compared["rows"].as_u64(), compared["same"].as_u64()), (Some(ticks), Some(ticks)), "{compared}");
     assert!(compared["tf_off"].as_f64().unwrap() < 1e-15, "{compared}");
+}
+
+#[test]
+fn where_a_receiver_was_is_on_the_map_of_viewers() {
+    let (Some(python), Some(data)) = (&*PYTHON, data()) else { return };
+    let system = System::new("");
+    let flights = system.path("flights");
+    let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
+    let source = ["--replay", recording.to_str().unwrap(), "--speed", "max"];
+    system.run(&[&source[..], &["--record", flights.to_str().unwrap()]].concat()).assert_whole();
+    let found = read_by_others(python, &flight_in(&flights), None);
+    assert_eq!(found["topics"]["/location"]["schema"], "foxglove.LocationFix");
+    assert_eq!(count(&found, "/location", "messages"), count(&found, "/gnss", "messages"));
+    let text = fs::read_to_string(data.join("flights/apm_plane_log2_gnss.csv")).unwrap();
+    let rows: Vec<Vec<f64>> =
+        text.lines().skip(1).map(|row| row.split(',').map(|number| number.parse().unwrap()).collect()).collect();
+    for (place, row) in found["places"].as_array().unwrap().iter().zip([&rows[0], &rows[rows.len() - 1]]) {
+        for (found, told) in place.as_array().unwrap().iter().zip(&row[4..7]) {
+            assert!((found.as_f64().unwrap() - told).abs() < 1e-9, "{place} and {row:?}");
+        }
+    }
 }
 
 #[test]
