@@ -1,6 +1,6 @@
 //! A topic's message as protobuf, with its times.
 
-use attitude::{Quaternion, exports::ros_xyzw};
+use attitude::frames::{Frame, QuaternionOrder};
 use graph::{Presence, Topic};
 use messages::AttitudeOutput;
 use wire::{Payload, viewer};
@@ -100,8 +100,7 @@ impl Encoder {
 /// What is recorded of the attitude for viewers: `/tf` and `/pose`.
 pub(crate) fn for_viewers(attitude: &[u8], log_ns: u64) -> Option<[Vec<u8>; 2]> {
     let attitude: AttitudeOutput = bytemuck::try_pod_read_unaligned(attitude).ok()?;
-    let [w, x, y, z] = attitude.quaternion;
-    let xyzw = ros_xyzw(Quaternion::new(w, x, y, z));
+    let xyzw = QuaternionOrder::Xyzw.ordered(Frame::EnuFlu.quaternion(attitude.quaternion));
     Some([viewer::frame_transform(log_ns, WORLD, BODY, xyzw), viewer::pose_in_frame(log_ns, WORLD, xyzw)])
 }
 

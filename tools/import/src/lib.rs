@@ -19,7 +19,7 @@
 //! | `text` | one CSV file of whatever kind |
 //! | `aligned` | force at the times of the rate |
 //! | `rows` | field and reference at the times of the rows |
-//! | `frames` | axes of others |
+//! | `rotation` | what is a rotation |
 #![forbid(unsafe_code)]
 
 mod aligned;
@@ -28,9 +28,9 @@ pub mod convert;
 mod dataflash;
 mod error;
 pub mod format;
-mod frames;
 mod mapped;
 pub mod mapping;
+mod rotation;
 mod rows;
 mod source;
 pub mod summary;

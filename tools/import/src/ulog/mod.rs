@@ -8,6 +8,7 @@
 mod fields;
 mod messages;
 
+use attitude::frames::Body;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -19,7 +20,6 @@ use crate::{
     Format, ImportError, Note,
     aligned::{Aligned, Sample},
     error::opening,
-    frames,
     rows::{Attitude, Rows, Samples},
     source::{Fixed, Source, Survey, TakeFix},
 };
@@ -293,6 +293,6 @@ impl Field {
     /// In our axes.
     fn field_ut(&self) -> [f64; 3] {
         const UT_PER_GA: f64 = 100.0;
-        frames::of_frd(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
+        Body::Frd.ours(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
     }
 }
