@@ -5,7 +5,7 @@ from that matrix, or from matrices of other frames. `python3 docs/conventions.py
 """
 
 import json
-from math import atan2, cos, hypot, pi, radians, sin, sqrt
+from math import asin, atan2, cos, hypot, pi, radians, sin, sqrt
 
 GRAVITY_M_S2 = 9.80665
 NAMES = {
@@ -83,6 +83,38 @@ def shortest(n):
     return [[identity[i][j] - sine * cross[i][j] + (1 - c) * square[i][j] for j in range(3)] for i in range(3)]
 
 
+# Of v in axes of the reference or the body, in ours: rows are their axes.
+SAME = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+FLU = NWU = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+FRD = NED = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
+FRAMES = {"enu-flu": (SAME, FLU), "nwu-flu": (NWU, FLU), "ned-frd": (NED, FRD)}
+RATE = [0.1, -0.2, 0.3]
+
+
+def point(matrix):
+    """u, v and z of a matrix reference → body."""
+    n = [row[2] for row in matrix]
+    turn = product(transposed(shortest(n)), matrix)
+    return n[0] / (1 + n[2]), n[1] / (1 + n[2]), atan2(turn[0][1], turn[0][0])
+
+
+def in_frame(to_reference, inverted, earth, body):
+    """The attitude from the axes `body` to the axes `earth`; angles about the third, second and first axis, each after it has turned."""
+    rotation = product(earth, to_reference, transposed(body))
+    over = product(body, [[1, 0, 0], [0, -1, 0], [0, 0, -1]], transposed(body))
+    u, v, z = point(product(over, transposed(rotation)) if inverted else transposed(rotation))
+    return {
+        "quaternion_wxyz": quaternion(rotation),
+        "yaw_rad": atan2(rotation[1][0], rotation[0][0]),
+        "pitch_rad": asin(max(-1.0, min(1.0, -rotation[2][0]))),
+        "roll_rad": atan2(rotation[2][1], rotation[2][2]),
+        "u": u,
+        "v": v,
+        "z_rad": z,
+        "rate_rad_s": [sum(part * rate for part, rate in zip(row, RATE)) for row in body],
+    }
+
+
 def attitude(name, yaw_deg, pitch_deg, roll_deg):
     yaw, pitch, roll = radians(yaw_deg), radians(pitch_deg), radians(roll_deg)
     # Reference → body; axes right, forward, up: pitch about x, roll about y.
@@ -90,12 +122,8 @@ def attitude(name, yaw_deg, pitch_deg, roll_deg):
     inverted = matrix[2][2] < -1e-12
     # The inverted chart is the upright chart of the body turned by π about its right axis.
     seen = product([[1, 0, 0], [0, -1, 0], [0, 0, -1]], matrix) if inverted else matrix
-    n = [row[2] for row in seen]
-    turn = product(transposed(shortest(n)), seen)
+    u, v, z = point(seen)
     to_reference = transposed(matrix)
-    forward_left_up = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    swap = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
-    w, x, y, z = quaternion(product(to_reference, forward_left_up))
     return {
         "name": name,
         "yaw_rad": yaw,
@@ -104,14 +132,14 @@ def attitude(name, yaw_deg, pitch_deg, roll_deg):
         "course_rad": (-yaw) % (2 * pi),
         "near_gimbal": abs(pitch_deg) > 89,
         "chart": "inverted" if inverted else "upright",
-        "u": n[0] / (1 + n[2]),
-        "v": n[1] / (1 + n[2]),
-        "z_rad": atan2(turn[0][1], turn[0][0]),
+        "u": u,
+        "v": v,
+        "z_rad": z,
         "inclination_rad": atan2(hypot(matrix[0][2], matrix[1][2]), matrix[2][2]),
         "matrix_reference_to_body": matrix,
         "quaternion_wxyz": quaternion(to_reference),
-        "ros_xyzw": [x, y, z, w],
-        "ned_frd_wxyz": quaternion(product(swap, to_reference, swap)),
+        "rate_rad_s": RATE,
+        "frames": {name: in_frame(to_reference, inverted, *axes) for name, axes in FRAMES.items()},
         "force_at_rest_m_s2": [GRAVITY_M_S2 * row[2] for row in matrix],
     }
 

@@ -7,17 +7,17 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
+use launch::Output;
 use messages::Layout;
 use observe::{
     flow::{Flow, FlowReport},
-    record::Record,
     topics::{ELSEWHERE, Topic},
 };
 
 use crate::{
     fail,
     out::{print, show},
-    seeing::{LOOK, SeeError, Until, Viewpoint, Watched, duration},
+    seeing::{LOOK, SeeError, Until, Viewpoint, Watched, duration, frame::Shown},
     system::System,
 };
 
@@ -38,7 +38,7 @@ pub(crate) enum TopicCommand {
     },
     /// Print a topic's layout with units and meanings, its fingerprint, and who is at it.
     Info(Watch),
-    /// Print messages as they come; with --json one object per line.
+    /// Print messages as they come, attitudes in the frame of `[output]`; with --json one object per line.
     Echo {
         #[command(flatten)]
         watch: Watch,
@@ -107,22 +107,23 @@ fn info(Watch { topic, system, seconds, .. }: &Watch) -> Result<ExitCode, SeeErr
 fn watch(mut watched: Vec<Watched>, mut until: Until) -> Result<Vec<Topic>, SeeError> {
     while !until.is_over() {
         std::thread::sleep(LOOK);
-        watched.iter_mut().try_for_each(|topic| topic.look(&mut |_, _| true))?;
+        watched.iter_mut().try_for_each(|topic| topic.look(&mut |_, _, _| true))?;
     }
     watched.into_iter().map(Watched::topic).collect()
 }
 
 fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
+    let frame = Shown::of(&watch.system);
     let (mut came, mut shown) = (0, ControlFlow::Continue(()));
     let messages = watch.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
     let report = follow(
         watch,
         messages,
         "topic echo",
-        &mut |layout, bytes| {
+        &mut |layout, bytes, said| {
             came += 1;
             if (came - 1u64).is_multiple_of(every) {
-                shown = match Record::new(layout, bytes) {
+                shown = match frame.record(layout, bytes, said) {
                     Ok(record) if watch.system.json() => show(&record.json()),
                     Ok(record) => show(&format_args!("{}:{record}", watch.topic)),
                     Err(error) => ControlFlow::Break(fail(&error, 1)),
@@ -142,7 +143,7 @@ fn echo(watch: &Watch, every: u64) -> Result<ExitCode, SeeError> {
 fn rate(watch: &Watch, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, SeeError> {
     let json = watch.system.json();
     let (mut told, mut shown) = (None, ControlFlow::Continue(()));
-    let report = follow(watch, watch.count, "topic hz", &mut |_, _| true, &mut |flow| {
+    let report = follow(watch, watch.count, "topic hz", &mut |_, _, _| true, &mut |flow| {
         if json || told.get_or_insert_with(Instant::now).elapsed() < LINE_INTERVAL {
             return true;
         }
@@ -163,7 +164,7 @@ fn follow(
     Watch { topic, system, seconds, .. }: &Watch,
     messages: Option<u64>,
     who: &str,
-    take: &mut dyn FnMut(&Layout, &[u8]) -> bool,
+    take: &mut dyn FnMut(&Layout, &[u8], Option<Output>) -> bool,
     round: &mut dyn FnMut(&Flow) -> bool,
 ) -> Result<FlowReport, SeeError> {
     let place = Viewpoint::of(system, who)?;
@@ -172,9 +173,9 @@ fn follow(
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
     while wanted && left > 0 && !until.is_over() && round(&watched.flow) {
         std::thread::sleep(LOOK);
-        watched.look(&mut |layout, bytes| {
+        watched.look(&mut |layout, bytes, said| {
             left -= 1;
-            wanted = take(layout, bytes);
+            wanted = take(layout, bytes, said);
             wanted && left > 0
         })?;
     }

@@ -3,6 +3,7 @@
 use std::{path::PathBuf, process::ExitCode};
 
 use clap::Args;
+use pipeline::Column;
 use runtime::Pace;
 use supervisor::{Recorder, Report, Request};
 
@@ -32,9 +33,12 @@ pub(crate) struct Up {
     /// Run every slot in this process, without the bus.
     #[arg(long)]
     in_process: bool,
-    /// Write `t_s,qw,qx,qy,qz` of each tick.
+    /// Write `t_s,qw,qx,qy,qz` of each tick, in the frame of `[output]`.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// What a line of --out has after them, with commas between: uvz, angles, course, bias, sd, flags, or all (docs/recordings.md).
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', value_parser = columns, requires = "out")]
+    columns: Vec<Columns>,
     /// Record the flight from its first tick to its last: each start makes one MCAP file in this folder.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
@@ -52,11 +56,19 @@ pub(crate) struct Up {
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, record, cold, readings, json, reading } = up;
+    let Up { launch, replay, speed, duration_s, in_process, out, columns, record, cold, readings, json, reading } = up;
     let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref()));
     // A flight that is recorded can be flown again.
     let readings = readings || recorder.is_some();
-    let request = Request { launch, replay, imported: None, pace: speed, duration_s, in_process, out, cold, readings };
+    let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
+    let columns = columns.fold(Vec::new(), |mut all, column| {
+        if !all.contains(&column) {
+            all.push(column);
+        }
+        all
+    });
+    let request =
+        Request { launch, replay, imported: None, pace: speed, duration_s, in_process, out, columns, cold, readings };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
@@ -88,6 +100,20 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
         }
         Err(error) => Report::none(&error, error.exit_code()),
     }
+}
+
+/// Columns of one name.
+#[derive(Debug, Clone)]
+struct Columns(Vec<Column>);
+
+fn columns(text: &str) -> Result<Columns, String> {
+    let names: Vec<_> = Column::NAMES.iter().map(|(name, _)| *name).chain(["all"]).collect();
+    let all = || Columns(Column::NAMES.iter().map(|(_, column)| *column).collect());
+    let one = Column::NAMES.iter().find(|(name, _)| *name == text).map(|(_, column)| Columns(vec![*column]));
+    one.or_else(|| (text == "all").then(all)).ok_or_else(|| {
+        let meant = launch::nearest(text, &names).map_or_else(String::new, |name| format!("did you mean {name:?}? "));
+        format!("{meant}there are {}", names.join(", "))
+    })
 }
 
 fn pace(text: &str) -> Result<Pace, String> {

@@ -1,5 +1,6 @@
 //! Messages as a vehicle under way says them: no field is 0 that would then be left out of the bytes.
 
+use attitude::frames::{Frame, QuaternionOrder};
 use bytemuck::Zeroable as _;
 use messages::{AttitudeOutput, Chart, CourseReference, Flags, FusedState, Header, Health, ImuSample, State};
 use wire::v1::Envelope;
@@ -95,5 +96,7 @@ pub(crate) fn envelope() -> Envelope {
         decimated: 2_345_678,
         dropped: 3,
         t_sent_ns: 47_000_000_100_000,
+        ..Envelope::default()
     }
+    .in_frame(Frame::default(), QuaternionOrder::default())
 }

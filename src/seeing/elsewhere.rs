@@ -7,6 +7,7 @@ use std::{
 };
 
 use graph::Topic;
+use launch::Output;
 use link::{Link, Stream};
 use observe::flow::Delivery;
 use wire::{
@@ -96,8 +97,13 @@ pub(super) struct Crossing {
 }
 
 impl Crossing {
-    /// Hands what has come to `take`, each message with what became of the others on the way, as long as it wants any.
-    pub(super) fn look(&mut self, message_bytes: usize, take: &mut dyn FnMut(Delivery, Option<&[u8]>) -> bool) {
+    /// Hands what has come to `take`, each message with its frame, as far as its sender says it, and with what became of the others on the way, as
+    /// long as it wants any.
+    pub(super) fn look(
+        &mut self,
+        message_bytes: usize,
+        take: &mut dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool,
+    ) {
         for _ in 0..PARCELS_MAX {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
             let Ok((envelope, messages)) = wire::open_topic(self.topic, &arrival.bytes) else {
@@ -113,7 +119,9 @@ impl Crossing {
             let DeliveryTracker { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.track;
             self.delivery = Delivery { arrived, lost, repeated, restarts, ..self.delivery };
             take(self.delivery, None);
-            if is_new && !messages.chunks_exact(message_bytes).all(|message| take(self.delivery, Some(message))) {
+            let said = envelope.frame_said().map(|(frame, quaternion)| Output { frame, quaternion });
+            let mut each = messages.chunks_exact(message_bytes);
+            if is_new && !each.all(|message| take(self.delivery, Some((message, said)))) {
                 return;
             }
         }

@@ -3,6 +3,7 @@
 //! What is shown (`observe`) takes bytes with their layout and does not know whence they come.
 
 mod elsewhere;
+pub(crate) mod frame;
 
 use std::{
     sync::{
@@ -14,6 +15,7 @@ use std::{
 
 use bus::{BusError, Observer, SystemName, Tap};
 use graph::Topic;
+use launch::Output;
 use messages::Layout;
 use observe::{flow::Flow, topics};
 use runtime::clock::monotonic_ns;
@@ -177,8 +179,11 @@ enum Source {
 }
 
 impl Watched {
-    /// Takes what has come, and shows each message to `take` as long as it wants any.
-    pub(crate) fn look(&mut self, take: &mut dyn FnMut(&Layout, &[u8]) -> bool) -> Result<(), SeeError> {
+    /// Takes what has come, and shows each message to `take` as long as it wants any, with its frame where it came with that.
+    pub(crate) fn look(
+        &mut self,
+        take: &mut dyn FnMut(&Layout, &[u8], Option<Output>) -> bool,
+    ) -> Result<(), SeeError> {
         let Self { layout, flow, source, .. } = self;
         let arrived_ns = monotonic_ns();
         match source {
@@ -187,7 +192,7 @@ impl Watched {
                 let full = tap.drain(&mut |bytes| {
                     if wanted {
                         flow.take(bytes, arrived_ns);
-                        wanted = take(layout, bytes);
+                        wanted = take(layout, bytes, None);
                     }
                 })?;
                 if full {
@@ -196,9 +201,9 @@ impl Watched {
             }
             Source::Elsewhere(crossing) => crossing.look(layout.size, &mut |delivery, bytes| {
                 flow.passed(delivery);
-                bytes.is_none_or(|bytes| {
+                bytes.is_none_or(|(bytes, said)| {
                     flow.take(bytes, arrived_ns);
-                    take(layout, bytes)
+                    take(layout, bytes, said)
                 })
             }),
         }

@@ -14,6 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use attitude::frames::Frame;
 use clap::Args;
 use graph::Topic;
 use link::{Arrival, Link};
@@ -67,6 +68,8 @@ struct Vehicle {
     lives: bool,
     tracks: BTreeMap<String, DeliveryTracker>,
     attitude: Option<AttitudeOutput>,
+    /// In which it is.
+    frame: Frame,
     refusals: Refusals,
 }
 
@@ -172,6 +175,7 @@ impl Vehicle {
             && let Some(newest) = samples.last()
         {
             self.attitude = AttitudeOutput::decoded(&newest.encoded()).ok();
+            self.frame = envelope.frame_said().map(|(frame, _)| frame).unwrap_or_default();
         }
         Ok(samples)
     }
@@ -205,7 +209,10 @@ fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
     let shown =
         detail.or(vehicles.keys().next().map(String::as_str)).and_then(|name| Some((name, vehicles.get(name)?)));
     if let Some((name, vehicle)) = shown {
-        lines.push(format!("{name}: {}", vehicle.attitude.as_ref().map_or("no attitude yet".into(), attitude)));
+        lines.push(format!(
+            "{name}: {}",
+            vehicle.attitude.as_ref().map_or("no attitude yet".into(), |output| attitude(output, vehicle.frame))
+        ));
         lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEAD));
         for (topic, track) in &vehicle.tracks {
             lines.push(format!("  {topic:<11}{track}"));
@@ -214,11 +221,14 @@ fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
     lines.join("\n")
 }
 
-fn attitude(output: &AttitudeOutput) -> String {
+fn attitude(output: &AttitudeOutput, frame: Frame) -> String {
     let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, course_rad, course_reference, .. } = *output;
     let [yaw, pitch, roll, course] = [yaw_rad, pitch_rad, roll_rad, course_rad].map(f64::to_degrees);
     let reference = course_reference.name();
-    format!("yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° ({reference})")
+    format!(
+        "yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° ({reference})  {}",
+        frame.name()
+    )
 }
 
 fn report(vehicles: &Vehicles) -> Value {
@@ -227,6 +237,7 @@ fn report(vehicles: &Vehicles) -> Value {
         let attitude = vehicle.attitude.map(|output| {
             json!({
                 "tick": output.header.tick, "t_s": output.header.t_end_ns as f64 * 1e-9, "quaternion": output.quaternion,
+                "frame": vehicle.frame.name(),
                 "course_deg": output.course_rad.to_degrees(), "course_reference": output.course_reference.name(),
             })
         });

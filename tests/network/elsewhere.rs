@@ -72,6 +72,26 @@ fn names(value: &Value) -> Vec<&String> {
 }
 
 #[test]
+fn the_attitude_is_in_the_frame_of_the_launch_file_on_board_and_elsewhere() {
+    let vehicle = Vehicle::start("[output]\nframe = \"ned-frd\"\nquaternion = \"xyzw\"\n");
+    let echo = ["topic", "echo", "attitude", "--count", "1"];
+    let [on_board, elsewhere] = [vehicle.on_board(&echo), vehicle.answer(&echo)];
+    for message in [&on_board, &elsewhere] {
+        assert_eq!((message["frame"].as_str(), message["quaternion_order"].as_str()), (Some("ned-frd"), Some("xyzw")));
+        let [x, y, z, w] = [0, 1, 2, 3].map(|i| number(&message["quaternion"], &format!("/{i}")));
+        let yaw = number(message, "/yaw_rad");
+        let of_quaternion = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+        let apart = |a: f64, b: f64| (a - b).sin().abs().max(1.0 - (a - b).cos());
+        assert!(apart(yaw, of_quaternion) < 1e-9, "about down: {message}");
+        // Clockwise from above, as the course is.
+        assert!(apart(yaw, number(message, "/course_rad")) < 1e-9, "{message}");
+    }
+    let fused = vehicle.answer(&["topic", "echo", "fused", "--count", "1"]);
+    assert!(fused.get("frame").is_none(), "{fused}");
+    vehicle.end();
+}
+
+#[test]
 fn every_verb_shows_from_elsewhere_what_it_shows_on_board_and_says_what_it_cannot_know() {
     let vehicle = Vehicle::start("rates = { imu = \"all\" }");
 

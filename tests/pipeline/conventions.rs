@@ -1,9 +1,17 @@
 //! Every conversion and every output against `docs/conventions.json`, which is computed by matrices alone.
-use attitude::{Complex, Matrix3, Quaternion, angles::Angles, exports, point, state::Attitude, state::wrapped_rad};
+use std::collections::BTreeMap;
+
+use attitude::{
+    Complex, Matrix3, Quaternion, angles::Angles, frames, frames::Frame, point, state::Attitude, state::wrapped_rad,
+};
 use launch::Launch;
 use messages::{AttitudeOutput, Flags, FusedState};
-use pipeline::Collector;
-use runtime::{Pace, ServiceConfig, Slot, quantities::chart_of};
+use pipeline::{Collector, OutFile};
+use runtime::{
+    Pace, ServiceConfig, Slot,
+    frames::{attitude_in, fused_in},
+    quantities::chart_of,
+};
 use serde::Deserialize;
 
 const SAME: f64 = 1e-12;
@@ -23,9 +31,22 @@ struct Vector {
     inclination_rad: f64,
     matrix_reference_to_body: [[f64; 3]; 3],
     quaternion_wxyz: [f64; 4],
-    ros_xyzw: [f64; 4],
-    ned_frd_wxyz: [f64; 4],
+    rate_rad_s: [f64; 3],
+    frames: BTreeMap<String, Framed>,
     force_at_rest_m_s2: [f64; 3],
+}
+
+/// The same in a frame of others.
+#[derive(Deserialize)]
+struct Framed {
+    quaternion_wxyz: [f64; 4],
+    yaw_rad: f64,
+    pitch_rad: f64,
+    roll_rad: f64,
+    u: f64,
+    v: f64,
+    z_rad: f64,
+    rate_rad_s: [f64; 3],
 }
 
 impl Vector {
@@ -107,11 +128,47 @@ fn quaternion_and_angles_give_w_and_z_in_their_chart() {
 }
 
 #[test]
-fn ros_and_px4_get_their_own_frames_and_orders() {
+fn others_get_their_own_frames() {
     for it in vectors() {
-        let q = it.attitude().quaternion();
-        assert_rotation(&it.name, exports::ros_xyzw(q), it.ros_xyzw);
-        assert_rotation(&it.name, exports::ned_frd_wxyz(q), it.ned_frd_wxyz);
+        assert_eq!(it.frames.len() + 1, Frame::NAMES.len());
+        for (frame_name, want) in &it.frames {
+            let frame = Frame::NAMES.iter().find(|(other, _)| other == frame_name).unwrap().1;
+            let name = format!("{}, {frame_name}", it.name);
+            let state = FusedState { bias_rad_s: it.rate_rad_s, ..fused(&it) };
+            let output = AttitudeOutput { rate_rad_s: it.rate_rad_s, jump: it.quaternion_wxyz, ..published(&it) };
+            let (given, fused) = (attitude_in(frame, output), fused_in(frame, state));
+            assert_rotation(&name, given.quaternion, want.quaternion_wxyz);
+            assert_rotation(&name, frames::ours(frame.earth(), frame.body(), given.quaternion), it.quaternion_wxyz);
+            assert_angle(&name, given.pitch_rad, want.pitch_rad);
+            if !it.near_gimbal {
+                assert_angle(&name, given.yaw_rad, want.yaw_rad);
+                assert_angle(&name, given.roll_rad, want.roll_rad);
+            }
+            let apart =
+                |got: &[f64], want: &[f64]| got.iter().zip(want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(
+                apart(&given.rate_rad_s, &want.rate_rad_s) == 0.0 && fused.bias_rad_s == given.rate_rad_s,
+                "{name}"
+            );
+            assert_eq!(
+                given.jump[1..],
+                frame.body().vector([output.jump[1], output.jump[2], output.jump[3]]),
+                "{name}"
+            );
+            assert!(apart(&fused.w, &[want.u, want.v]) < SAME, "{name}: {:?}", fused.w);
+            assert_angle(&name, fused.z_rad, want.z_rad);
+            assert_eq!((given.course_rad, given.header, fused.chart), (output.course_rad, output.header, state.chart));
+        }
+    }
+}
+
+fn fused(it: &Vector) -> FusedState {
+    let attitude = it.attitude();
+    FusedState {
+        w: [attitude.up.w.re, attitude.up.w.im],
+        z_rad: attitude.z_rad,
+        chart: chart_of(attitude.up.chart),
+        ..bytemuck::Zeroable::zeroed()
     }
 }
 
@@ -130,15 +187,8 @@ fn published(it: &Vector) -> AttitudeOutput {
         readings: false,
         supervisor_pid: 0,
     };
-    let attitude = it.attitude();
-    let state = FusedState {
-        w: [attitude.up.w.re, attitude.up.w.im],
-        z_rad: attitude.z_rad,
-        chart: chart_of(attitude.up.chart),
-        ..bytemuck::Zeroable::zeroed()
-    };
     let mut output = None;
-    course::slot(&config).unwrap().offer(state.into(), &mut |published| output = Some(published));
+    course::slot(&config).unwrap().offer(fused(it).into(), &mut |published| output = Some(published));
     output.unwrap()
 }
 
@@ -162,7 +212,7 @@ fn the_attitude_that_is_published_is_in_our_conventions() {
 fn the_file_that_is_written_has_w_x_y_z() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.csv");
-    let mut collector = Collector::new(Some(&path)).unwrap();
+    let mut collector = Collector::new(Some(&OutFile::new(&path))).unwrap();
     let vectors = vectors();
     for (tick, it) in (0..).zip(&vectors) {
         let mut output = published(it);

@@ -10,6 +10,7 @@ mod determinism;
 mod fault_script;
 mod import;
 mod orchestrated;
+mod output;
 mod replay;
 mod score;
 mod warm_start;

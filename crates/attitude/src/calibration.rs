@@ -78,18 +78,19 @@ impl Default for Mounting {
 }
 
 impl Mounting {
+    /// The names of directions of the body.
+    pub const DIRECTIONS: [&str; 6] = ["right", "left", "forward", "back", "up", "down"];
+    /// The short names, and what they are short for.
+    pub const SHORT_NAMES: [(&str, &str); 3] =
+        [("rfu", "x-right-y-forward"), ("flu", "x-forward-y-left"), ("frd", "x-forward-y-right")];
+
     /// By the directions in which the sensor's x and y axes point in the body: `x-right-y-forward`, `x-forward-y-left`,
     /// `x-down-y-back`.
     ///
     /// The directions are right, left, forward, back, up and down; z completes the right-handed frame. There are 24 names. Three of them
     /// have a short one, by the directions of x, y and z: `rfu` (ours), `flu` (ROS), `frd` (PX4, MAVLink).
     pub fn named(name: &str) -> Result<Self, CalibrationError> {
-        let name = match name {
-            "rfu" => "x-right-y-forward",
-            "flu" => "x-forward-y-left",
-            "frd" => "x-forward-y-right",
-            other => other,
-        };
+        let name = Self::SHORT_NAMES.iter().find(|(short, _)| *short == name).map_or(name, |(_, long)| long);
         let directions = name.strip_prefix("x-").and_then(|rest| rest.split_once("-y-"));
         let axes = directions.and_then(|(x, y)| Some((direction(x)?, direction(y)?)));
         let (x, y) = axes.filter(|(x, y)| x.dot(y) == 0.0).ok_or(CalibrationError::Name)?;

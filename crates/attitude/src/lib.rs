@@ -24,7 +24,7 @@
 //! | [`parameters`] | the numbers by which a stage can be set |
 //! | [`calibration`] | from a sensor's raw axes to exact body axes |
 //! | [`gnss`] | what a satellite receiver tells |
-//! | [`exports`] | the attitude in the conventions of ROS and PX4 |
+//! | [`frames`] | the attitude in the frames of others, as ROS and PX4 |
 //! | [`metrics`] | how far an estimate is from the truth |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | the stages, slot by slot |
 #![no_std]
@@ -34,7 +34,7 @@ pub mod accel;
 pub mod angles;
 pub mod calibration;
 pub mod course;
-pub mod exports;
+pub mod frames;
 pub mod fuser;
 pub mod gnss;
 pub mod gyro;

@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `filling` | what may fill a slot |
 //! | `sensors` | how the sensors are calibrated and mounted |
+//! | `output` | in which frame the attitude leaves the system |
 //! | `gateway` | what goes beyond the board, and to where |
 //! | `endpoint` | how far the gateway's endpoints reach |
 //! | `split` | one system on several hosts |
@@ -25,6 +26,7 @@ mod filling;
 mod gateway;
 mod gateway_section;
 mod model;
+mod output;
 mod problem;
 mod program;
 mod schema;
@@ -42,6 +44,7 @@ pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
     Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
+pub use output::Output;
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
 pub use split::CACHE_TICKS_MAX;

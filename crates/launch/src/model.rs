@@ -6,7 +6,7 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{fault::Fault, gateway::Gateway, program::Program, watch::Watch};
+use crate::{fault::Fault, gateway::Gateway, output::Output, program::Program, watch::Watch};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -28,6 +28,8 @@ pub struct Launch {
     pub restart: Restart,
     /// A script of faults is allowed.
     pub faults: bool,
+    /// In which frame the attitude leaves the system.
+    pub output: Output,
     /// What goes beyond the board, if the gateway is among the services.
     pub gateway: Gateway,
     /// Where samples come from, and what is wrong with a sample.
@@ -257,6 +259,7 @@ impl Default for Launch {
                 on_limit: OnLimit::Stop,
             },
             faults: false,
+            output: Output::default(),
             gateway: Gateway::default(),
             ingest: Ingest {
                 source: Source::Sim,

@@ -6,6 +6,7 @@ use crate::{
     gateway::{Gateway, Tls},
     gateway_section::gateway,
     model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
+    output::output,
     problem::{Problem, quoted},
     program::programs,
     sensors::{calibration, mounting},
@@ -73,6 +74,7 @@ impl Launch {
             section.report(lateness_problem(self, section));
         }
         section.text("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
+        section.section("output", |section| output(section, &mut self.output));
         section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
@@ -266,7 +268,13 @@ fn named(name: &'static str) -> (&'static str, String) {
 mod tests {
     use super::*;
     use crate::{BusSource, Limits, Sim, Stage};
-    use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
+    use attitude::{
+        accel::Accelerometer,
+        course::Course,
+        frames::{Frame, QuaternionOrder},
+        fuser::Fuser,
+        gyro::Gyro,
+    };
     use std::collections::BTreeMap;
 
     fn problems(text: &str) -> String {
@@ -299,6 +307,7 @@ mod tests {
             buffer_s = 60
             lateness_s = 0.01
             state_file = "imu.state"
+            output = { frame = "ned-frd", quaternion = "xyzw" }
             restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
             faults = true
             gyro.stage = "rk4"
@@ -338,6 +347,7 @@ mod tests {
             buffer_s: 60.0,
             lateness_s: 0.01,
             state_file: StateFile::File("imu.state".into()),
+            output: crate::Output { frame: Frame::NedFrd, quaternion: QuaternionOrder::Xyzw },
             restart: Restart {
                 silence_s: 1.0,
                 settled_s: 2.0,

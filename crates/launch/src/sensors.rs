@@ -8,7 +8,7 @@ use attitude::{
 
 use crate::{
     model::{Calibration, IDENTITY},
-    problem::Problem,
+    problem::{Problem, nearest},
     walk::Section,
 };
 
@@ -79,15 +79,34 @@ pub(crate) fn mounting(section: &mut Section<'_, '_>, out: &mut [[f64; 3]; 3]) {
         };
         match mounting {
             Ok(mounting) => *out = rows(mounting.matrix()),
-            Err(error) => refuse_mounting(section, first, error),
+            Err(error) => {
+                let help =
+                    nearest_mounting(&axes).filter(|_| first == "axes").map(|name| format!("did you mean {name:?}?"));
+                refuse_mounting(section, first, error, help);
+            }
         }
     });
 }
 
 const ANGLES: [&str; 3] = ["yaw_deg", "pitch_deg", "roll_deg"];
 
-fn refuse_mounting(section: &mut Section<'_, '_>, key: &str, error: CalibrationError) {
-    refuse(section, key, &format!("ingest.mounting.{key}: {error}"), "this is no rotation", None);
+fn refuse_mounting(section: &mut Section<'_, '_>, key: &str, error: CalibrationError, help: Option<String>) {
+    let title = format!("ingest.mounting.{key}: {error}");
+    let span = section.span(key).unwrap_or_default();
+    section.report(Problem { help, ..Problem::new(span, title, "this is no rotation") });
+}
+
+/// The name meant, where a direction is misspelt.
+fn nearest_mounting(found: &str) -> Option<String> {
+    let pairs =
+        Mounting::DIRECTIONS.iter().flat_map(|x| Mounting::DIRECTIONS.iter().map(move |y| format!("x-{x}-y-{y}")));
+    let pairs: Vec<_> = pairs.collect();
+    if pairs.iter().any(|pair| pair == found) {
+        return None;
+    }
+    let rotations = pairs.iter().map(String::as_str).filter(|name| Mounting::named(name).is_ok());
+    let names: Vec<_> = Mounting::SHORT_NAMES.iter().map(|(name, _)| *name).chain(rotations).collect();
+    nearest(found, &names).map(str::to_owned)
 }
 
 fn refuse(section: &mut Section<'_, '_>, key: &str, title: &str, label: &str, note: Option<String>) {

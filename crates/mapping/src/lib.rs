@@ -7,14 +7,15 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | `mapping` | which column is what, and its unit and frame |
-//! | [`frames`] | axes of others |
+//! | `rotation` | what is a rotation |
 //! | [`text`] | fields of a line, times as text |
 //! | [`names`] | names that are nearly others |
 #![forbid(unsafe_code)]
 
-pub mod frames;
 mod mapping;
 pub mod names;
+mod rotation;
 pub mod text;
 
 pub use mapping::{FIELD, FORCE, Mapping, MappingError, POSITION, RATE, REFERENCE};
+pub use rotation::is_rotation;

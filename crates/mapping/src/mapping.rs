@@ -1,6 +1,8 @@
 //! Which column is what, and its unit and frame, as people say it.
 
-use crate::{frames, names::nearest};
+use attitude::frames::{self, Body, Earth};
+
+use crate::{names::nearest, rotation::is_rotation};
 
 /// What a column can be mapped to: time, rate, force, field, reference, velocity, position.
 const TARGETS: [&str; 21] = [
@@ -53,29 +55,6 @@ const UNITS: [(&str, Unit); 12] = [
     ("ns", Unit::Time(0)),
 ];
 
-const FRAMES: [(&str, Frame); 3] = [("frd", Frame::Frd), ("flu", Frame::Flu), ("rfu", Frame::Rfu)];
-const EARTHS: [(&str, Earth); 2] = [("enu", Earth::Enu), ("ned", Earth::Ned)];
-
-/// Body axes of a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Frame {
-    /// Forward, right, down.
-    Frd,
-    /// Forward, left, up.
-    Flu,
-    /// Right, forward, up: ours.
-    Rfu,
-}
-
-/// What the reference of a file leads to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Earth {
-    /// East, north, up: ours.
-    Enu,
-    /// North, east, down.
-    Ned,
-}
-
 fn own_names() -> Vec<(&'static str, String)> {
     OWN_NAMES.map(|target| (target, target.to_owned())).into()
 }
@@ -89,14 +68,14 @@ pub struct Mapping {
     force: f64,
     field: f64,
     time_digits: usize,
-    frame: Frame,
+    body: Body,
     earth: Option<Earth>,
 }
 
 impl Default for Mapping {
     fn default() -> Self {
         let (rate, force, field) = (1.0, 1.0, 1.0);
-        Self { columns: own_names(), rate, force, field, time_digits: 9, frame: Frame::Rfu, earth: None }
+        Self { columns: own_names(), rate, force, field, time_digits: 9, body: Body::Rfu, earth: None }
     }
 }
 
@@ -151,8 +130,9 @@ pub enum MappingError {
     },
     /// Axes that are none.
     #[error(
-        "found {found:?}, expected one of {}, with a reference after enu- or ned-",
-        FRAMES.map(|(name, _)| name).join(", ")
+        "found {found:?}, expected one of {}, with a reference after one of {}, as ned-frd",
+        Body::NAMES.map(|(name, _)| name).join(", "),
+        Earth::NAMES.map(|(name, _)| name).join(", ")
     )]
     UnknownFrame {
         /// What is there.
@@ -207,8 +187,10 @@ impl Mapping {
         units: Option<&str>,
         frame: Option<&str>,
     ) -> Result<Self, MappingError> {
-        let (frame, earth) = frame.map_or(Ok((Frame::Rfu, None)), axes)?;
-        let mut mapping = Self { columns, frame, earth, ..Self::default() };
+        let unknown = |found: &str| MappingError::UnknownFrame { found: found.into() };
+        let axes = frame.map(|found| frames::named(found).ok_or_else(|| unknown(found)));
+        let (earth, body) = axes.transpose()?.unwrap_or_default();
+        let mut mapping = Self { columns, body, earth, ..Self::default() };
         mapping.set_units(units.unwrap_or_default())?;
         if mapping.has_reference() && earth.is_none() {
             return Err(MappingError::NoEarth);
@@ -275,61 +257,28 @@ impl Mapping {
 
     /// w, x, y, z of unit length in our axes; `None` of what is no rotation.
     pub fn reference(&self, found: [f64; 4]) -> Option<[f64; 4]> {
-        if !frames::is_rotation(found) {
-            return None;
-        }
-        Some(match (self.earth, self.frame) {
-            // Signs and places alone, so exact.
-            (Some(Earth::Ned), Frame::Frd) => frames::of_ned_frd(found),
-            (earth, frame) => {
-                let found = match frame {
-                    Frame::Frd => frames::from_rfu_of_frd(found),
-                    Frame::Flu => frames::of_enu_flu(found),
-                    Frame::Rfu => found,
-                };
-                if earth == Some(Earth::Ned) { frames::to_enu_of_ned(found) } else { found }
-            }
-        })
+        is_rotation(found).then(|| frames::ours(self.earth.unwrap_or_default(), self.body, found))
     }
 
     /// Body rate, rad/s, of the columns of [`RATE`].
     pub fn rate_rad_s(&self, found: [f64; 3]) -> [f64; 3] {
-        self.body(found.map(|part| part * self.rate))
+        self.body.ours(found.map(|part| part * self.rate))
     }
 
     /// Specific force, m/s², of the columns of [`FORCE`].
     pub fn force_m_s2(&self, found: [f64; 3]) -> [f64; 3] {
-        self.body(found.map(|part| part * self.force))
+        self.body.ours(found.map(|part| part * self.force))
     }
 
     /// Magnetic field, µT, of the columns of [`FIELD`].
     pub fn field_ut(&self, found: [f64; 3]) -> [f64; 3] {
-        self.body(found.map(|part| part * self.field))
+        self.body.ours(found.map(|part| part * self.field))
     }
 
     /// Digits after the point that a time of whole nanoseconds has.
     pub fn time_digits(&self) -> usize {
         self.time_digits
     }
-
-    fn body(&self, found: [f64; 3]) -> [f64; 3] {
-        match self.frame {
-            Frame::Frd => frames::of_frd(found),
-            Frame::Flu => frames::of_flu(found),
-            Frame::Rfu => found,
-        }
-    }
-}
-
-/// Body axes, and before them those of the earth.
-fn axes(found: &str) -> Result<(Frame, Option<Earth>), MappingError> {
-    let unknown = || MappingError::UnknownFrame { found: found.into() };
-    let lower = found.trim().to_ascii_lowercase();
-    let (earth, body) = lower.split_once('-').map_or((None, lower.as_str()), |(earth, body)| (Some(earth), body));
-    let known = |earth: &str| EARTHS.iter().find(|(name, _)| *name == earth).map(|(_, earth)| *earth);
-    let earth = earth.map(|earth| known(earth).ok_or_else(unknown)).transpose()?;
-    let frame = FRAMES.iter().find(|(name, _)| *name == body).ok_or_else(unknown)?.1;
-    Ok((frame, earth))
 }
 
 fn columns<S: AsRef<str>>(

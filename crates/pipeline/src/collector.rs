@@ -1,20 +1,16 @@
 //! What becomes of the attitude: its order, its accuracy against the truth, its latency, and the file it is written to.
 
-use std::{
-    collections::VecDeque,
-    io,
-    path::{Path, PathBuf},
-};
+use std::{collections::VecDeque, io, path::PathBuf};
 
 use attitude::{
     Quaternion,
     metrics::{Accuracy, AttitudeError},
 };
 use hdrhistogram::{CreationError, Histogram};
-use messages::{AttitudeOutput, Flags, HASH_START, Reference, Ticked, hash};
+use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
 use runtime::Sequence;
 
-use crate::out::Out;
+use crate::{columns::OutFile, lines::Lines};
 
 /// References kept for attitudes that are still on the way: twice what a topic holds.
 const PENDING_MAX: usize = 2 * launch::TOPIC_MESSAGES_MAX;
@@ -62,14 +58,16 @@ pub struct Collector {
     /// The last tick at which a stage was swapped for another kind, and by how much the attitude jumped there, rad.
     swapped: Option<(u64, f64)>,
     not_recorded: u64,
-    out: Option<Out>,
+    out: Option<Lines>,
+    /// Lines of the file without their fused state, once it has ended.
+    without_fused: u64,
     /// Why nothing more is written to it.
     out_ended: Option<CollectorError>,
 }
 
 impl Collector {
     /// Writes to `out`, if there is one.
-    pub fn new(out: Option<&Path>) -> Result<Self, CollectorError> {
+    pub fn new(out: Option<&OutFile>) -> Result<Self, CollectorError> {
         Ok(Self {
             sequence: Sequence::default(),
             pending: VecDeque::new(),
@@ -81,7 +79,8 @@ impl Collector {
             gap_ns: 0,
             swapped: None,
             not_recorded: 0,
-            out: out.map(Out::create).transpose()?,
+            out: out.map(Lines::create).transpose()?,
+            without_fused: 0,
             out_ended: None,
         })
     }
@@ -123,15 +122,30 @@ impl Collector {
             }
         }
         self.last = Some(*output);
-        if let Some(Err(error)) = self.out.as_mut().map(|out| out.write(output)) {
+        self.write(|out| out.attitude(output));
+    }
+
+    /// Takes the fused state at a tick, for a file that has it.
+    pub fn fused(&mut self, state: &FusedState) {
+        self.write(|out| out.fused(state));
+    }
+
+    fn write(&mut self, write: impl FnOnce(&mut Lines) -> Result<(), CollectorError>) {
+        if let Some(Err(error)) = self.out.as_mut().map(write) {
             (self.out, self.out_ended) = (None, Some(error));
         }
     }
 
     /// The run is at its end: the file has every attitude that was taken, or the error says why not.
     pub fn finish(&mut self) -> Result<(), CollectorError> {
-        let unwritten = self.out.take().and_then(|out| out.finish().err());
-        self.out_ended.take().or(unwritten).map_or(Ok(()), Err)
+        let (without_fused, written) = self.out.take().map_or((0, Ok(())), Lines::finish);
+        self.without_fused = without_fused;
+        self.out_ended.take().map_or(written, Err)
+    }
+
+    /// Lines of the file that lack their fused state: it was not taken while its topic held it.
+    pub fn without_fused(&self) -> u64 {
+        self.out.as_ref().map_or(self.without_fused, Lines::without_fused)
     }
 
     /// Why nothing more is written to the file.

@@ -1,11 +1,9 @@
 //! The file of attitudes.
 //!
-//! Input: attitudes in the order of ticks. Output: `t_s,qw,qx,qy,qz`, one line per tick, every number with all its digits. Time: the source's.
-//! Failure: a file that cannot be made is refused; one that cannot be written any more ends with a whole line. A thread writes: a disk that
+//! Input: lines. Output: the file. Time: none. Failure: a file that cannot be made is refused; one that cannot be written any more ends with a whole line. A thread writes: a disk that
 //! stands still for a while holds up nobody, and what it takes later waits in memory.
 
 use std::{
-    fmt::Write as _,
     fs::{self, File},
     io::{self, Write},
     os::unix::fs::{FileTypeExt, MetadataExt},
@@ -18,8 +16,6 @@ use std::{
     thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
-
-use messages::AttitudeOutput;
 
 use crate::CollectorError;
 
@@ -43,37 +39,30 @@ pub(crate) struct Out {
 
 impl Out {
     /// An empty file, but for the names of its columns.
-    pub(crate) fn create(path: &Path) -> Result<Self, CollectorError> {
+    pub(crate) fn create(path: &Path, head: String) -> Result<Self, CollectorError> {
         let failed = |cause| CollectorError::Create { path: path.into(), cause };
         // To open a pipe is to wait for its reader.
         if fs::metadata(path).is_ok_and(|at_path| at_path.file_type().is_fifo()) {
             return Err(failed(io::Error::other("it is a pipe; name a file")));
         }
-        File::create(path).and_then(|file| Self::new(path, file)).map_err(failed)
+        File::create(path).and_then(|file| Self::new(path, file, head)).map_err(failed)
     }
 
-    fn new(path: &Path, file: File) -> io::Result<Self> {
-        let (batches, lines) = mpsc::sync_channel(BATCHES_MAX);
+    fn new(path: &Path, file: File, lines: String) -> io::Result<Self> {
+        let (batches, taken) = mpsc::sync_channel(BATCHES_MAX);
         let written_bytes = Arc::new(AtomicU64::new(0));
         let written = written_bytes.clone();
-        let writer = thread::Builder::new().name("out".into()).spawn(move || write_all(file, &lines, &written))?;
-        Ok(Self {
-            path: path.into(),
-            lines: "t_s,qw,qx,qy,qz\n".into(),
-            batches: Some(batches),
-            writer: Some(writer),
-            written_bytes,
-        })
+        let writer = thread::Builder::new().name("out".into()).spawn(move || write_all(file, &taken, &written))?;
+        Ok(Self { path: path.into(), lines, batches: Some(batches), writer: Some(writer), written_bytes })
     }
 
-    /// Takes the attitude of a tick. Once that has failed nothing more is taken.
-    pub(crate) fn write(&mut self, output: &AttitudeOutput) -> Result<(), CollectorError> {
-        let t_ns = output.header.t_end_ns;
-        let sign = if t_ns < 0 { "-" } else { "" };
-        let (s, ns) = (t_ns.unsigned_abs() / 1_000_000_000, t_ns.unsigned_abs() % 1_000_000_000);
-        let [w, x, y, z] = output.quaternion;
-        // A text in memory takes whatever is written to it.
-        let _ = writeln!(self.lines, "{sign}{s}.{ns:09},{w},{x},{y},{z}");
+    /// Where a line is added.
+    pub(crate) fn lines(&mut self) -> &mut String {
+        &mut self.lines
+    }
+
+    /// A whole line was added. Once that has failed nothing more is taken.
+    pub(crate) fn line_added(&mut self) -> Result<(), CollectorError> {
         if self.lines.len() < BATCH_BYTES { Ok(()) } else { self.hand_over() }
     }
 
@@ -155,22 +144,24 @@ pub fn is_same_file(one: &Path, other: &Path) -> bool {
 mod tests {
     use std::{io::Read, os::fd::OwnedFd};
 
-    use bytemuck::Zeroable;
-
     use super::*;
 
     /// A disk that takes what a pipe holds, 64 KiB, and the rest when somebody reads.
     fn slow_disk() -> (io::PipeReader, Out) {
         let (reader, writer) = io::pipe().unwrap();
-        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer))).unwrap())
+        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into()).unwrap())
+    }
+
+    fn add(out: &mut Out) -> Result<(), CollectorError> {
+        out.lines().push_str("0.000000000,0,0,0,0\n");
+        out.line_added()
     }
 
     #[test]
     fn a_disk_that_stands_still_for_a_while_holds_up_nobody_and_has_everything_later() {
         let (mut reader, mut out) = slow_disk();
-        let output = AttitudeOutput::zeroed();
         let lines = 100_000;
-        (0..lines).for_each(|_| out.write(&output).unwrap());
+        (0..lines).for_each(|_| add(&mut out).unwrap());
         let all = thread::spawn(move || {
             let mut text = String::new();
             reader.read_to_string(&mut text).map(|_| text)
@@ -183,11 +174,10 @@ mod tests {
     #[test]
     fn a_disk_that_takes_nothing_more_is_given_up() {
         let (_reader, mut out) = slow_disk();
-        let output = AttitudeOutput::zeroed();
-        let ended = (0..).find_map(|_| out.write(&output).err()).unwrap();
+        let ended = (0..).find_map(|_| add(&mut out).err()).unwrap();
         assert!(ended.to_string().contains("taken nothing for 5 s"), "{ended}");
         let (_reader, mut out) = slow_disk();
-        (0..10_000).for_each(|_| out.write(&output).unwrap());
+        (0..10_000).for_each(|_| add(&mut out).unwrap());
         assert!(out.finish().is_err());
     }
 }

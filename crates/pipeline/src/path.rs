@@ -33,13 +33,26 @@ impl Path {
 
     /// Hands every attitude that follows from `sample` to `publish`.
     pub fn offer(&mut self, sample: Sample, publish: &mut dyn FnMut(AttitudeOutput)) -> Result<(), RuntimeError> {
+        self.offer_seen(sample, &mut |_| {}, publish)
+    }
+
+    /// The same, and every fused state on the way to `see`.
+    pub fn offer_seen(
+        &mut self,
+        sample: Sample,
+        see: &mut dyn FnMut(&FusedState),
+        publish: &mut dyn FnMut(AttitudeOutput),
+    ) -> Result<(), RuntimeError> {
         let Self { gyro, accel, fuser, course } = self;
         let Sample { imu, mag, gnss, .. } = sample;
         course.before(imu.header.tick, publish)?;
         if let Some(fix) = gnss {
             course.offer(fix.into(), publish);
         }
-        let mut fused = |state: FusedState| course.offer(state.into(), publish);
+        let mut fused = |state: FusedState| {
+            see(&state);
+            course.offer(state.into(), publish);
+        };
         fuser.before(imu.header.tick, &mut fused)?;
         if let Some(field) = mag {
             fuser.offer(field.into(), &mut fused);

@@ -11,6 +11,7 @@
 //! | [`join`] | several inputs in the order of ticks |
 //! | [`prior`] | what is known of the sensors before the first sample |
 //! | [`quantities`] | what messages mean in the mathematics |
+//! | [`frames`] | messages in the frame of others |
 //! | [`service_config`] | what a service is told at its start, and what follows from it |
 //! | [`stderr_tail`] | what it says on standard error |
 //! | [`service_context`] | a service's place in a running system |
@@ -28,6 +29,7 @@ pub mod checkpoint;
 pub mod clock;
 pub mod comparable;
 mod error;
+pub mod frames;
 pub mod join;
 pub mod prior;
 pub mod quantities;

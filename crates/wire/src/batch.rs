@@ -15,8 +15,8 @@ use crate::{
 /// The fields of every batch.
 const ENVELOPE: u32 = 1;
 const SAMPLES: u32 = 2;
-/// Of an envelope at most: six numbers of 64 bits, its tag and its length.
-const ENVELOPE_BYTES: usize = 70;
+/// Of an envelope at most: six numbers of 64 bits, two names, its tag and its length.
+const ENVELOPE_BYTES: usize = 74;
 
 /// The name of a message's batch in the schema, with its package.
 pub fn batch_name<M: Payload>() -> String {

@@ -10,6 +10,7 @@
 //! | --- | --- |
 //! | [`payload`] | a topic's message as protobuf, and back |
 //! | [`batch`] | samples in an envelope by which a loss is proved |
+//! | `frame` | in which frame samples are |
 //! | [`command`] | what a running system can be asked |
 //! | [`keys`] | where everything is found |
 //! | [`refusal`] | why bytes are no message |
@@ -20,6 +21,7 @@
 pub mod batch;
 pub mod command;
 mod field;
+mod frame;
 pub mod keys;
 pub mod payload;
 pub mod refusal;

@@ -7,7 +7,7 @@ use std::{
 };
 
 use graph::Topic;
-use launch::{Launch, Service};
+use launch::{Launch, Output, Service};
 use link::{Link, LinkError, Liveliness, Outlet};
 use runtime::clock::monotonic_ns;
 use wire::{
@@ -46,6 +46,8 @@ struct Channel {
     key: String,
     message: String,
     outlet: Outlet,
+    /// In which its samples are.
+    output: Output,
     messages: u64,
     samples: u64,
     decimated: u64,
@@ -55,7 +57,10 @@ struct Channel {
 impl Sender {
     pub(crate) fn open(link: &Link, shared: Arc<Shared>, launch: &Launch, start_ns: u64) -> Result<Self, LinkError> {
         let vehicle = shared.vehicle.clone();
-        let channel = |topic: &str, message: String| Channel::open(link, keys::key(&vehicle, topic), message);
+        let channel = |topic: &str, message: String| {
+            let output = if topic == Topic::Attitude.name() { launch.output } else { Output::default() };
+            Channel::open(link, keys::key(&vehicle, topic), message, output)
+        };
         let rates = &launch.gateway.rates;
         let outlets = Topic::ALL
             .iter()
@@ -144,15 +149,24 @@ impl Sender {
 }
 
 impl Channel {
-    fn open(link: &Link, key: String, message: String) -> Result<Self, LinkError> {
+    fn open(link: &Link, key: String, message: String, output: Output) -> Result<Self, LinkError> {
         let outlet = link.outlet(&key, &message)?;
-        Ok(Self { key, message, outlet, messages: 0, samples: 0, decimated: 0, dropped: 0 })
+        Ok(Self { key, message, outlet, output, messages: 0, samples: 0, decimated: 0, dropped: 0 })
     }
 
     fn envelope(&self, start_ns: u64) -> Envelope {
-        let Self { messages, samples, decimated, dropped, .. } = *self;
+        let Self { messages, samples, decimated, dropped, output: Output { frame, quaternion }, .. } = *self;
         let t_sent_ns = monotonic_ns();
-        Envelope { sequence: messages, start_ns, samples_before: samples, decimated, dropped, t_sent_ns }
+        let counts = Envelope {
+            sequence: messages,
+            start_ns,
+            samples_before: samples,
+            decimated,
+            dropped,
+            t_sent_ns,
+            ..Envelope::default()
+        };
+        counts.in_frame(frame, quaternion)
     }
 
     fn send(&mut self, bytes: Vec<u8>, samples: u64, last: &Last) {

@@ -6,7 +6,7 @@ use bus::{BusError, Subscriber};
 use graph::{Presence, Topic};
 use launch::Rate;
 use messages::Ticked;
-use runtime::{ServiceContext, clock::monotonic_ns, service_config::FIRST_EPOCH};
+use runtime::{ServiceContext, clock::monotonic_ns, frames::attitude_in, service_config::FIRST_EPOCH};
 use swap::ReorderBuffer;
 use wire::Payload;
 
@@ -54,21 +54,30 @@ trait Tapping {
 }
 
 fn tap(context: &ServiceContext, topic: Topic, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
+    if topic == Topic::Attitude {
+        let frame = context.config.launch.output.frame;
+        return in_order(context, rate, move |output| attitude_in(frame, output));
+    }
     messages::dispatch!(topic,
         ticked M => match topic.entry().presence {
-            Presence::EveryTick => in_order::<M>(context, rate),
+            Presence::EveryTick => in_order::<M>(context, rate, |message| message),
             Presence::Flagged(_) | Presence::NoTick => in_any_order::<M>(context, rate),
         },
         other M => in_any_order::<M>(context, rate)
     )
 }
 
-/// A topic with every tick: each once, in order, whoever fills the slot; what is missing was overwritten before it was taken.
-fn in_order<M: Ticked + Payload>(context: &ServiceContext, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
+/// A topic with every tick: each once, in order, whoever fills the slot, and as `given` makes it; what is missing was overwritten before it was taken.
+fn in_order<M: Ticked + Payload>(
+    context: &ServiceContext,
+    rate: Rate,
+    given: impl Fn(M) -> M + 'static,
+) -> Result<Box<dyn Tapping>, BusError> {
     let mut reorder_buffer = ReorderBuffer::joining(FIRST_EPOCH, context.config.lateness_ticks() / 2);
     let mut joined = false;
     let order = move |message: M, deliver: &mut dyn FnMut(M, u64)| {
-        reorder_buffer.offer(message, &mut |message, missing| deliver(message, if joined { missing } else { 0 }));
+        reorder_buffer
+            .offer(message, &mut |message, missing| deliver(given(message), if joined { missing } else { 0 }));
         joined |= reorder_buffer.sequence().ticks > 0;
     };
     Ok(Box::new(Tap::new(context, rate, order)?))

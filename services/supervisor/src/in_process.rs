@@ -11,8 +11,8 @@ use ingest::{
     source::{Readings, Truth},
 };
 use launch::Service;
-use messages::Reference;
-use pipeline::{Collector, Path};
+use messages::{FusedState, Reference};
+use pipeline::{Collector, OutFile, Path};
 use runtime::{
     Pace,
     clock::{monotonic_ns, sleep_until_ns},
@@ -95,7 +95,7 @@ impl Samples {
 
 /// Lets the samples flow to their end.
 fn flow(plan: &Plan, ends: &AtomicBool, mut samples: Samples, mut path: Path) -> Result<Report, UpError> {
-    let mut collector = Collector::new(plan.out.as_deref())?;
+    let mut collector = Collector::new(plan.out.as_ref())?;
     let mut view = View::new(plan)?;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
     let mut judge = InputJudge::default();
@@ -125,6 +125,8 @@ fn pump(
 ) -> Result<(), UpError> {
     let start_ns = monotonic_ns();
     let (mut first_ns, mut seen_ns) = (None, 0);
+    let needs_fused = plan.out.as_ref().is_some_and(OutFile::needs_fused);
+    let mut fused = Vec::new();
     runtime::clock::wake_on_time();
     while !ends.load(Ordering::SeqCst) && plan.config.ticks_max.is_none_or(|max| samples.ticks() < max) {
         let Some(mut sample) = samples.next()? else { break };
@@ -141,10 +143,16 @@ fn pump(
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
         view.announce(judge.take(&sample.imu, sample.mag.as_ref()));
-        path.offer(sample, &mut |mut output| {
+        let mut see = |state: &FusedState| {
+            if needs_fused {
+                fused.push(*state);
+            }
+        };
+        path.offer_seen(sample, &mut see, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
             collector.attitude(&output);
         })?;
+        fused.drain(..).for_each(|state| collector.fused(&state));
         if sample.imu.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
             seen_ns = sample.imu.header.t_born_ns;
             view.show(collector, None, Duration::ZERO);

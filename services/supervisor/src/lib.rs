@@ -170,6 +170,14 @@ pub enum UpError {
         /// How many.
         not_recorded: u64,
     },
+    /// Lines of the file of attitudes without what only the fused state tells.
+    #[error(
+        "{without_fused} lines of the file of --out have no u, v, z and bias: the supervisor did not take the fused states of these ticks within buffer_s"
+    )]
+    WithoutFused {
+        /// How many.
+        without_fused: u64,
+    },
 }
 
 impl From<RetakeError> for UpError {

@@ -6,7 +6,7 @@ use std::{
 };
 
 use launch::{Launch, Service, Source};
-use pipeline::is_same_file;
+use pipeline::{Column, OutFile, is_same_file};
 use runtime::{Pace, ServiceConfig};
 
 use crate::{Flight, UpError, warm};
@@ -36,6 +36,8 @@ pub struct Request {
     pub in_process: bool,
     /// Where to write the attitude of each tick.
     pub out: Option<PathBuf>,
+    /// What its lines have after time and quaternion.
+    pub columns: Vec<Column>,
     /// Nothing is taken over from an earlier run.
     pub cold: bool,
     /// What the source gives is published as it came, so that the flight can be replayed.
@@ -55,8 +57,8 @@ pub struct Plan {
     pub has_reference: bool,
     /// The recording that is replayed, as it was named.
     pub recording: Option<PathBuf>,
-    /// Where to write the attitude of each tick.
-    pub out: Option<PathBuf>,
+    /// Where to write the attitude of each tick, and how.
+    pub out: Option<OutFile>,
     /// Where what outlives this run is kept, and what an earlier one has left.
     pub state_file: Option<PathBuf>,
     /// What is there is not used.
@@ -113,7 +115,7 @@ impl Plan {
             stop_after_s: request.duration_s.filter(|_| live),
             has_reference: has_reference && config.launch.gateway.import.is_none(),
             recording: request.replay.clone(),
-            out: request.out.clone(),
+            out: out_file(request, &config.launch),
             state_file: warm::place(&config.launch, !config.lockstep() && !request.in_process),
             cold: request.cold,
             config,
@@ -134,12 +136,18 @@ impl Plan {
             stop_after_s: None,
             has_reference: config.launch.ingest.source != Source::Bus,
             recording: request.replay.clone(),
-            out: request.out.clone(),
+            out: out_file(request, &config.launch),
             state_file: None,
             cold: request.cold,
             config,
         }
     }
+}
+
+/// The file of attitudes, in the frame of the launch file.
+fn out_file(request: &Request, launch: &Launch) -> Option<OutFile> {
+    let (path, columns) = (request.out.clone()?, request.columns.clone());
+    Some(OutFile { path, output: launch.output, columns })
 }
 
 /// A duration in ticks, one at least.

@@ -105,6 +105,8 @@ impl Report {
     /// The report of a run that has come to its end, or to `failure`.
     pub fn new(mut collector: Collector, account: Account, failure: Option<UpError>) -> Self {
         let unwritten = collector.finish().err().map(UpError::from);
+        let without_fused = collector.without_fused();
+        let partial = (without_fused > 0).then_some(UpError::WithoutFused { without_fused });
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();
         // What ingest said last may be older than what came out.
@@ -113,7 +115,7 @@ impl Report {
         let lost = ticks_in - ticks_out;
         let losses = (lost > 0).then_some(UpError::Lost { lost, ticks_in });
         let gaps = (not_recorded > 0).then_some(UpError::NotRecorded { not_recorded });
-        let errors: Vec<_> = [failure, losses, gaps, unwritten].into_iter().flatten().collect();
+        let errors: Vec<_> = [failure, losses, gaps, partial, unwritten].into_iter().flatten().collect();
         let error = errors.iter().map(UpError::to_string).collect::<Vec<_>>().join("\n");
         Self {
             ticks_in,

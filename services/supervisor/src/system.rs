@@ -14,7 +14,7 @@ use std::{
 use bus::{Claim, SharedMemory, SystemName};
 use launch::Service;
 use messages::{Credit, EventKind, SystemEvent};
-use pipeline::Collector;
+use pipeline::{Collector, OutFile};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
 use rustix::process::Signal;
 use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Spawn, Supervision};
@@ -31,7 +31,7 @@ use crate::{
     view::View,
     warm::WarmStart,
 };
-use attached::Attached;
+use attached::{Attached, Reads};
 
 /// How often people see something new.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
@@ -40,7 +40,7 @@ const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Runs the plan as processes, and has them recorded.
 pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
-    let mut collector = Collector::new(plan.out.as_deref())?;
+    let mut collector = Collector::new(plan.out.as_ref())?;
     let mut system = System::start(plan, asked_to_end, recorder)?;
     let failure = system.run(&mut collector).err();
     let mut report = system.report(collector, failure);
@@ -55,6 +55,7 @@ struct System<'r> {
     processes: Processes,
     /// `None` while there is none, and where no new one could be made.
     attached: Option<Attached>,
+    reads: Reads,
     supervision: Supervision,
     started: Instant,
     /// What every service is told.
@@ -95,7 +96,12 @@ impl<'r> System<'r> {
         let claim = system_name.claim()?;
         // All topics of its own are open before a service starts: to wait for one that a service is just making is what a signal would
         // break off.
-        let attached = Attached::open(&system_name, &plan.config, 0, recorder.is_some(), true)?;
+        let reads = Reads {
+            fused: plan.out.as_ref().is_some_and(OutFile::needs_fused),
+            every_topic: recorder.is_some(),
+            input: true,
+        };
+        let attached = Attached::open(&system_name, &plan.config, 0, reads)?;
         let view = View::new(plan)?;
         let (warm, prior) = WarmStart::begin(plan)?;
         if let Some(recorder) = &mut recorder {
@@ -105,6 +111,7 @@ impl<'r> System<'r> {
         let mut system = Self {
             processes: Processes::default(),
             attached: Some(attached),
+            reads,
             supervision: Supervision::new(decisions(plan), Duration::ZERO),
             started: Instant::now(),
             config: ServiceConfig { prior, ..plan.config.clone() },
@@ -331,8 +338,8 @@ impl<'r> System<'r> {
         self.attached = None;
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
-        let (recorded, judged) = (self.recorder.is_some(), !self.judge.is_ended());
-        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, recorded, judged)?);
+        self.reads.input = !self.judge.is_ended();
+        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, self.reads)?);
         Ok(())
     }
 

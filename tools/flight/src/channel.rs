@@ -1,6 +1,6 @@
 //! A topic's message as protobuf, with its times.
 
-use attitude::{Quaternion, exports::ros_xyzw};
+use attitude::frames::{Frame, QuaternionOrder};
 use graph::{Presence, Topic};
 use messages::{AttitudeOutput, GnssFix};
 use wire::{Payload, viewer};
@@ -110,8 +110,7 @@ impl Encoder {
 pub(crate) fn for_viewers(channel: &str, message: &[u8], log_ns: u64) -> Option<Vec<u8>> {
     let xyzw = || {
         let attitude: AttitudeOutput = bytemuck::try_pod_read_unaligned(message).ok()?;
-        let [w, x, y, z] = attitude.quaternion;
-        Some(ros_xyzw(Quaternion::new(w, x, y, z)))
+        Some(QuaternionOrder::Xyzw.ordered(Frame::EnuFlu.quaternion(attitude.quaternion)))
     };
     match channel {
         TF => Some(viewer::frame_transform(log_ns, WORLD, BODY, xyzw()?)),

@@ -16,6 +16,7 @@ use std::{
 };
 
 use graph::Topic;
+use launch::Output;
 use mcap::McapResult;
 use runtime::{ServiceConfig, clock::monotonic_ns};
 use rustix::time::{ClockId, clock_gettime};
@@ -64,6 +65,8 @@ pub struct Heading {
     pub config: String,
     /// Ticks per second of the source's time.
     pub rate_hz: f64,
+    /// In which frame the attitude left the system; the topics of the flight are in its own.
+    pub output: Output,
 }
 
 /// What the reader of the bus is to the source.
@@ -134,11 +137,12 @@ impl Heading {
             // Numbers, strings, lists and maps with names always serialise.
             config: serde_json::to_string_pretty(config).unwrap_or_default(),
             rate_hz: config.rate_hz,
+            output: config.launch.output,
         }
     }
 
     pub(crate) fn entries(&self, clocks: Clocks) -> BTreeMap<String, String> {
-        let Self { version, system, host, launch_file, rate_hz, .. } = self;
+        let Self { version, system, host, launch_file, rate_hz, output, .. } = self;
         let entries = [
             ("version", Some((*version).to_owned())),
             ("system", Some(system.clone())),
@@ -149,6 +153,9 @@ impl Heading {
             ("realtime_less_monotonic_ns", Some(clocks.offset_ns.to_string())),
             ("world", Some("east, north, up where the course is true, else turned about the vertical".to_owned())),
             ("body", Some("forward, left, up".to_owned())),
+            ("topics_frame", Some(Output::default().frame.name().to_owned())),
+            ("output_frame", Some(output.frame.name().to_owned())),
+            ("output_quaternion", Some(output.quaternion.name().to_owned())),
         ];
         entries.into_iter().filter_map(|(name, entry)| Some((name.to_owned(), entry?))).collect()
     }

@@ -17,6 +17,7 @@ fn heading() -> Heading {
         launch_file: None,
         launch: Some("name = \"boat\"\n".into()),
         config: "{}".into(),
+        output: launch::Output::default(),
         rate_hz: 100.0,
     }
 }

@@ -84,6 +84,12 @@ impl Record {
         }
     }
 
+    /// The record with one more word after its fields.
+    pub fn with_word(mut self, name: &'static str, word: &'static str) -> Self {
+        self.fields.push((Field { name, kind: "", offset: 0, about: "" }, Value::Word(word)));
+        self
+    }
+
     /// One object; what is not finite is null, flags are their names.
     pub fn json(&self) -> Json {
         Json::Object(

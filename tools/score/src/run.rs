@@ -13,7 +13,7 @@ use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
 use launch::{Launch, Source};
 use messages::Reference;
-use pipeline::{Collector, is_same_file};
+use pipeline::{Collector, OutFile, is_same_file};
 use runtime::{Pace, RuntimeError, ServiceConfig};
 
 use crate::{
@@ -169,7 +169,11 @@ impl Lane {
             Some(folder) => Some(Figures::new(place(folder, "")?, trial, config)?),
             None => None,
         };
-        Ok(Self { path: pipeline::Path::new(config)?, collector: Collector::new(out.as_deref())?, figures })
+        Ok(Self {
+            path: pipeline::Path::new(config)?,
+            collector: Collector::new(out.map(OutFile::new).as_ref())?,
+            figures,
+        })
     }
 
     fn offer(&mut self, sample: &Sample) -> Result<(), RuntimeError> {

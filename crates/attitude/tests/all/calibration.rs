@@ -3,11 +3,9 @@ use attitude::{
     Matrix3, Quaternion, Vector3,
     angles::Angles,
     calibration::{Calibration, CalibrationError, Mounting},
-    exports,
+    frames::Body,
 };
 use proptest::prelude::*;
-
-const DIRECTIONS: [&str; 6] = ["right", "left", "forward", "back", "up", "down"];
 
 fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
     [-limit..limit, -limit..limit, -limit..limit].prop_map(Vector3::from)
@@ -68,8 +66,8 @@ proptest! {
 #[test]
 fn there_are_24_names_and_each_points_where_it_says() {
     let mut found: Vec<Mounting> = Vec::new();
-    for x in DIRECTIONS {
-        for y in DIRECTIONS {
+    for x in Mounting::DIRECTIONS {
+        for y in Mounting::DIRECTIONS {
             let Ok(mounting) = Mounting::named(&format!("x-{x}-y-{y}")) else { continue };
             assert_eq!(mounting.matrix().determinant(), 1.0);
             assert!(!found.contains(&mounting));
@@ -84,10 +82,10 @@ fn there_are_24_names_and_each_points_where_it_says() {
 
 #[test]
 fn three_mountings_have_a_short_name() {
-    let body = Vector3::new(1.0, 2.0, 3.0);
-    let sensed = [("rfu", body), ("flu", exports::flu(body)), ("frd", exports::frd(body))];
-    for (name, sensor) in sensed {
-        assert_eq!(Mounting::named(name).unwrap().apply(sensor), body, "{name}");
+    let body = [1.0, 2.0, 3.0];
+    assert_eq!(Body::NAMES.map(|(name, _)| name), Mounting::SHORT_NAMES.map(|(name, _)| name));
+    for (name, axes) in Body::NAMES {
+        assert_eq!(Mounting::named(name).unwrap().apply(axes.vector(body).into()), Vector3::from(body), "{name}");
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use bus::{Bus, Publisher, SharedMemory, Subscriber, SystemName};
 use control::ControlSocket;
 use launch::Service;
-use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, Health, Reference, SystemEvent};
+use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, Health, Reference, SystemEvent};
 use pipeline::Collector;
 use runtime::{Input, Reader, ServiceConfig, service_config::BUFFER_BESIDE};
 use supervision::Event;
@@ -20,6 +20,8 @@ pub(super) struct Attached {
     pub(super) socket: ControlSocket,
     pub(super) reaper: StaleNodeReaper,
     attitude: Reader<AttitudeOutput>,
+    /// For a file of attitudes that has what only these tell.
+    fused: Option<Reader<FusedState>>,
     reference: Subscriber<Reference>,
     health: Subscriber<Health>,
     checkpoints: Subscriber<Checkpoint>,
@@ -36,21 +38,34 @@ pub(super) struct Attached {
     bus: Bus,
 }
 
+/// What is read beside what the supervisor needs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reads {
+    /// The fused state of each tick, for the file of attitudes.
+    pub(super) fused: bool,
+    /// Every topic, for a recorder.
+    pub(super) every_topic: bool,
+    /// Samples and fields, to be judged.
+    pub(super) input: bool,
+}
+
 impl Attached {
-    /// The first attitude to come is that of `next_tick`; where the system is `recorded`, every topic is read, and where its
-    /// input is `judged`, that.
+    /// The first attitude to come is that of `next_tick`.
     pub(super) fn open(
         system_name: &SystemName,
         config: &ServiceConfig,
         next_tick: u64,
-        recorded: bool,
-        judged: bool,
+        reads: Reads,
     ) -> Result<Self, UpError> {
         let bus = Bus::join(system_name, "supervisor")?;
         let buffer = config.buffer_ticks();
         let watched = !config.launch.watch.is_empty();
         Ok(Self {
             attitude: Reader::new(bus.subscriber(buffer)?, next_tick, config),
+            fused: match reads.fused {
+                true => Some(Reader::new(bus.subscriber(buffer)?, next_tick, config)),
+                false => None,
+            },
             reference: bus.subscriber(buffer)?,
             health: bus.subscriber(BUFFER_BESIDE)?,
             checkpoints: bus.subscriber(BUFFER_BESIDE)?,
@@ -58,8 +73,8 @@ impl Attached {
             credit: bus.publisher(BUFFER_BESIDE)?,
             control: bus.publisher(BUFFER_BESIDE)?,
             events: bus.publisher(BUFFER_BESIDE)?,
-            recorded: recorded.then(|| Recorded::open(&bus, config)).transpose()?,
-            input: if judged { InputTopics::open(&bus, config)? } else { None },
+            recorded: reads.every_topic.then(|| Recorded::open(&bus, config)).transpose()?,
+            input: if reads.input { InputTopics::open(&bus, config)? } else { None },
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
@@ -80,12 +95,17 @@ impl Attached {
             }
             collector.attitude(&output);
         })?;
+        // Each was published before the attitude that was made of it.
+        if let Some(fused) = &self.fused {
+            fused.drain(self.buffer, &mut |state| collector.fused(&state))?;
+        }
         Ok(taken?)
     }
 
     /// Takes what still waits for ticks before it: they do not come any more.
     pub(super) fn finish(&self, collector: &mut Collector) {
         self.attitude.finish(&mut |output| collector.attitude(&output));
+        self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.fused(&state)));
     }
 
     /// What the services have said, and how far each has published.

@@ -3,8 +3,9 @@
 //! Input: CDR as `sensor_msgs` and `geometry_msgs` define it. Output: samples in our axes and units. Frames: body forward, left, up and
 //! earth east, north, up (REP 103, REP 145). Time: `header.stamp`. Failure: `None` of what is malformed, not finite or said to be absent.
 
+use attitude::frames::{self, Body, Earth};
 use byteorder::{BigEndian, LittleEndian};
-use mapping::frames;
+use mapping::is_rotation;
 use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
@@ -77,12 +78,12 @@ pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
         return None;
     }
     let [x, y, z, w] = imu.orientation;
-    let has_attitude = is_there(&imu.orientation_covariance) && frames::is_rotation([w, x, y, z]);
-    let reference = Reference { quaternion: frames::of_enu_flu([w, x, y, z]), scored: true };
+    let has_attitude = is_there(&imu.orientation_covariance) && is_rotation([w, x, y, z]);
+    let reference = Reference { quaternion: frames::ours(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
     Some(Inertial {
         t_ns,
-        rate_rad_s: frames::of_flu(finite(imu.angular_velocity)?),
-        force_m_s2: frames::of_flu(finite(imu.linear_acceleration)?),
+        rate_rad_s: Body::Flu.ours(finite(imu.angular_velocity)?),
+        force_m_s2: Body::Flu.ours(finite(imu.linear_acceleration)?),
         is_instant: false,
         attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: 0 }),
     })
@@ -91,7 +92,7 @@ pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
 /// `sensor_msgs/msg/MagneticField`.
 pub(super) fn field(data: &[u8]) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decoded(data)?;
-    Some((header.stamp.ns()?, frames::of_flu(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
+    Some((header.stamp.ns()?, Body::Flu.ours(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
 }
 
 /// `geometry_msgs/msg/TwistStamped`: east, north, up, as receivers publish it.

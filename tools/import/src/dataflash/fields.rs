@@ -1,6 +1,7 @@
 //! What the messages of ArduPilot say, in our axes and units.
 
-use mapping::frames;
+use attitude::frames::{self, Body, Earth};
+use mapping::is_rotation;
 use recording::Reference;
 
 use super::messages::Field;
@@ -121,11 +122,11 @@ impl Layout {
         let three = |fields: &[Field; 3]| finite(fields.map(|field| field.number(message)));
         Some(match &self.fields {
             Fields::Inertial { rate, force } => {
-                let [rate_rad_s, force_m_s2] = [frames::of_frd(three(rate)?), frames::of_frd(three(force)?)];
+                let [rate_rad_s, force_m_s2] = [Body::Frd.ours(three(rate)?), Body::Frd.ours(three(force)?)];
                 Said::Inertial { t_ns, rate_rad_s, force_m_s2 }
             }
             Fields::Field(field) => {
-                Said::Field { t_ns, field_ut: frames::of_frd(three(field)?.map(|part| part * UT_PER_MGAUSS)) }
+                Said::Field { t_ns, field_ut: Body::Frd.ours(three(field)?.map(|part| part * UT_PER_MGAUSS)) }
             }
             Fields::Fix { status, speed, course, down, place } => {
                 let [speed_m_s, course_deg, down_m_s] = three(&[*speed, *course, *down])?;
@@ -154,8 +155,8 @@ impl Layout {
 }
 
 fn attitude(t_ns: i64, quaternion: [f64; 4]) -> Option<Said> {
-    let reference = Reference { quaternion: frames::of_ned_frd(quaternion), scored: true };
-    frames::is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, resets: 0 }))
+    let reference = Reference { quaternion: frames::ours(Earth::Ned, Body::Frd, quaternion), scored: true };
+    is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, resets: 0 }))
 }
 
 /// Roll, pitch, yaw, in this order from the last to the first turn, as w, x, y, z.

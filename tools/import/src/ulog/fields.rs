@@ -1,8 +1,9 @@
 //! Where the fields of a topic are, and what they say.
 
+use attitude::frames::{self, Body, Earth};
 use std::path::Path;
 
-use mapping::frames;
+use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
@@ -30,7 +31,7 @@ pub(crate) struct Turned {
 
 impl Turned {
     pub(crate) fn attitude(&self) -> Attitude {
-        let quaternion = frames::of_ned_frd(self.quaternion.map(f64::from));
+        let quaternion = frames::ours(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
         Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, resets: self.resets }
     }
 }
@@ -64,13 +65,13 @@ impl Combined {
 
     /// Time and rate of the gyro; `None` of a time that 64 bits of nanoseconds cannot hold.
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
-        Some((ns(self.time.parse(data), 0)?, frames::of_frd(parse(&self.rate, data).map(f64::from))))
+        Some((ns(self.time.parse(data), 0)?, Body::Frd.ours(parse(&self.rate, data).map(f64::from))))
     }
 
     /// Time and force of the accelerometer, where the log has it.
     pub(super) fn force(&self, data: &[u8]) -> Option<Sample> {
         let relative_us = self.force_time.as_ref().map_or(0, |time| time.parse(data));
-        Some((ns(self.time.parse(data), relative_us)?, frames::of_frd(parse(&self.force, data).map(f64::from))))
+        Some((ns(self.time.parse(data), relative_us)?, Body::Frd.ours(parse(&self.force, data).map(f64::from))))
     }
 
     pub(super) fn field(&self, data: &[u8]) -> Option<Field> {
@@ -115,7 +116,7 @@ impl AttitudeFields {
     pub(super) fn attitude(&self, data: &[u8]) -> Option<Turned> {
         let quaternion = [0, 1, 2, 3].map(|part: usize| self.quaternion[part].parse(data));
         let resets = self.resets.as_ref().map_or(0, |resets| resets.parse(data));
-        let is_rotation = frames::is_rotation(quaternion.map(f64::from));
+        let is_rotation = is_rotation(quaternion.map(f64::from));
         Some(Turned { t_ns: self.time.ns(data)?, quaternion, resets }).filter(|_| is_rotation)
     }
 }
@@ -172,7 +173,7 @@ impl Receiver {
             Position::None => [f64::NAN; 3],
         };
         let t_ns = ns(self.time.parse(data), 0)?;
-        Some(Fixed { t_ns, velocity_m_s: frames::of_frd(ned), latitude_deg, longitude_deg, altitude_m })
+        Some(Fixed { t_ns, velocity_m_s: Earth::Ned.ours(ned), latitude_deg, longitude_deg, altitude_m })
     }
 }
 

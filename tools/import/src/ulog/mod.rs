@@ -8,12 +8,12 @@
 mod fields;
 mod messages;
 
+use attitude::frames::Body;
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-use mapping::frames;
 use px4_ulog::stream_parser::DataMessage;
 
 use crate::{
@@ -293,6 +293,6 @@ impl Field {
     /// In our axes.
     fn field_ut(&self) -> [f64; 3] {
         const UT_PER_GA: f64 = 100.0;
-        frames::of_frd(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
+        Body::Frd.ours(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
     }
 }

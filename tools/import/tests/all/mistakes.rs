@@ -46,7 +46,7 @@ fn a_mapping_that_is_none_is_refused() {
     );
     assert_eq!(
         parsed(&[NAMES], "", "ned"),
-        "reading --frame: found \"ned\", expected one of frd, flu, rfu, with a reference after enu- or ned-"
+        "reading --frame: found \"ned\", expected one of rfu, flu, frd, with a reference after one of enu, nwu, ned, as ned-frd"
     );
 }
 
