@@ -7,8 +7,6 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
-use launch::Output;
-use messages::Layout;
 use observe::{
     flow::{Flow, FlowReport},
     topics::{ELSEWHERE, Topic},
@@ -17,7 +15,7 @@ use observe::{
 use crate::{
     fail,
     out::{print, show},
-    seeing::{LOOK, SeeError, Until, Viewpoint, Watched, duration, frame::Shown},
+    seeing::{LOOK, SeeError, TakeMessage, Until, Viewpoint, Watched, duration, frame::Shown},
     system::System,
 };
 
@@ -164,7 +162,7 @@ fn follow(
     Watch { topic, system, seconds, .. }: &Watch,
     messages: Option<u64>,
     who: &str,
-    take: &mut dyn FnMut(&Layout, &[u8], Option<Output>) -> bool,
+    take: &mut TakeMessage<'_>,
     round: &mut dyn FnMut(&Flow) -> bool,
 ) -> Result<FlowReport, SeeError> {
     let place = Viewpoint::of(system, who)?;

@@ -31,6 +31,9 @@ const REACH_LIMIT: Duration = Duration::from_secs(10);
 /// Parcels taken at a look at most; what comes later comes at the next.
 const PARCELS_MAX: usize = 4096;
 
+/// Takes what became of messages, and one that came with its frame, as far as its sender says it; whether it wants more.
+pub(super) type TakeDelivered<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
+
 /// A vehicle that has been found.
 pub(crate) struct Vehicle {
     name: String,
@@ -99,11 +102,7 @@ pub(super) struct Crossing {
 impl Crossing {
     /// Hands what has come to `take`, each message with its frame, as far as its sender says it, and with what became of the others on the way, as
     /// long as it wants any.
-    pub(super) fn look(
-        &mut self,
-        message_bytes: usize,
-        take: &mut dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool,
-    ) {
+    pub(super) fn look(&mut self, message_bytes: usize, take: &mut TakeDelivered<'_>) {
         for _ in 0..PARCELS_MAX {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
             let Ok((envelope, messages)) = wire::open_topic(self.topic, &arrival.bytes) else {

@@ -28,6 +28,9 @@ pub(crate) const LOOK: Duration = Duration::from_millis(5);
 /// Between two looks whether the system still runs.
 const RUNS_INTERVAL: Duration = Duration::from_millis(200);
 
+/// Takes a message, with its frame where it came with that; whether it wants more.
+pub(crate) type TakeMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> bool + 'a;
+
 /// Why nothing is seen.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SeeError {
@@ -180,10 +183,7 @@ enum Source {
 
 impl Watched {
     /// Takes what has come, and shows each message to `take` as long as it wants any, with its frame where it came with that.
-    pub(crate) fn look(
-        &mut self,
-        take: &mut dyn FnMut(&Layout, &[u8], Option<Output>) -> bool,
-    ) -> Result<(), SeeError> {
+    pub(crate) fn look(&mut self, take: &mut TakeMessage<'_>) -> Result<(), SeeError> {
         let Self { layout, flow, source, .. } = self;
         let arrived_ns = monotonic_ns();
         match source {

@@ -69,7 +69,7 @@ mod tests {
         for (text, said) in [
             ("output.frame = \"ned-fdr\"", "did you mean \"ned-frd\"?"),
             ("output.frame = \"ENU-FLU\"", "did you mean \"enu-flu\"?"),
-            ("output.quaternion = \"xyz\"", "did you mean \"xyzw\"?"),
+            ("output.quaternion = \"xyzx\"", "did you mean \"xyzw\"?"),
             ("output.frames = \"ned-frd\"", "did you mean \"frame\"?"),
             ("ingest.mounting.axes = \"fru\"", "did you mean \"rfu\"?"),
             ("ingest.mounting.axes = \"FRD\"", "did you mean \"frd\"?"),
