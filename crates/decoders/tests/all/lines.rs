@@ -74,6 +74,20 @@ fn columns_without_names_are_those_of_the_settings() {
 }
 
 #[test]
+fn numbers_that_nobody_named_are_a_time_a_rate_a_force_and_perhaps_a_field() {
+    let whole = Settings { begins_whole: true, ..Settings::default() };
+    let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+    let time = Some(DeviceTime::SinceBoot { now_ns: 500_000_000 });
+    let (found, counts) = read(&whole, "0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6,7,8,9\n");
+    assert_eq!(found, [imu(time, rate, force, None); 2]);
+    assert_eq!((counts.frames, counts.refused), (2, 1), "the columns stay what they are");
+    let (found, _) = read(&whole, "x,1,2,3,4,5,6\n0.5 1 2 3 4 5 6 7 8 9\n");
+    assert_eq!(found, [imu(time, rate, force, Some([7.0, 8.0, 9.0]))]);
+    let (found, counts) = read(&Settings::default(), "0.5,1,2,3,4,5,6\n");
+    assert_eq!((found.len(), counts.skipped_bytes), (0, 16), "a line that may have lost its beginning");
+}
+
+#[test]
 fn a_counter_begins_again_where_it_is_said_to() {
     let maps = ["t=us,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az"];
     let settings = Settings { time_bits: Some(32), ..said(&maps, "us", "rfu") };
@@ -83,7 +97,10 @@ fn a_counter_begins_again_where_it_is_said_to() {
     assert_eq!(times, [Some(DeviceTime::Counter { now_ns: 4_294_967_295_000, period_ns }), None]);
     let unix = "t,gx,gy,gz,ax,ay,az\n1700000000.5,0,0,0,0,0,9.8\n-1,0,0,0,0,0,9.8\n";
     let times: Vec<_> = read(&Settings::default(), unix).0.iter().map(|found| found.time).collect();
-    assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), None]);
+    let before = DeviceTime::SinceBoot { now_ns: (-1_000_000_000i64).cast_unsigned() };
+    assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), Some(before)]);
+    let (found, counts) = read(&settings, "us,gx,gy,gz,ax,ay,az\n-1,0,0,0,0,0,9.8\n");
+    assert_eq!((found.len(), counts.refused), (0, 1), "no counter is negative");
 }
 
 #[test]
