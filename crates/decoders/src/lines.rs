@@ -10,10 +10,13 @@
 //! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force; they must be among the columns. Blank or `nan` is handed on as NaN; a line without any of the six has none |
 //! | `mx`, `my`, `mz` | field, in the lines where all three are numbers |
 //! | `ve`, `vn`, `vu` or `vd`, `lat` | a fix, in the lines where the velocity is there and is not the one before it again |
-//! | `t` | the time: from 1970 if it is beyond 2001-09-09, else since the device's start; a counter that begins again if it is said to be |
+//! | `t` | the time: from 1970 if it is beyond 2001-09-09, else since the device's start, before which it is a two's complement; a counter that begins again if it is said to be |
 //! | others | passed over |
 //!
-//! The first line after the beginning may be the end of one, with digits missing: it is taken if it names columns, else passed over.
+//! Lines of 7 or 10 numbers that nobody named are `t,gx,gy,gz,ax,ay,az` and, with three more, `mx,my,mz`.
+//!
+//! The first line after the beginning may be the end of one, with digits missing: it is taken if it names columns, or if streams are
+//! said to begin with a whole one; else it is passed over.
 //! Limits: there is no checksum. A line with anything that is not text, a number that is none, or another count of fields is refused as
 //! a whole; a digit that the line changed into another one is not seen.
 
@@ -36,6 +39,9 @@ const LINE_MAX_BYTES: usize = 4096;
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
 /// A time from here on counts from 1970, ns: 2001-09-09.
 const UNIX_FROM_NS: i64 = 1_000_000_000_000_000_000;
+/// Columns that nobody named, by how many they are.
+const UNNAMED: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
+const UNNAMED_COUNTS: [usize; 2] = [7, 10];
 /// What a recording of ours calls `t`.
 const TIME_OF_A_RECORDING: &str = "t_s";
 
@@ -59,6 +65,8 @@ pub struct Settings {
     pub columns: Option<Vec<String>>,
     /// The time is a whole number of so many bits, 1 to 63, and begins again after the largest: 32 for `micros()` of an Arduino.
     pub time_bits: Option<u8>,
+    /// The first line is whole, as that of a program or a datagram is, and not that of a serial line that is in the middle of one.
+    pub begins_whole: bool,
 }
 
 /// What is wrong with settings.
@@ -98,7 +106,7 @@ impl Lines {
             })
         });
         let places = named.transpose()?;
-        Ok(Self { mapping, period_ns, places, is_begun: false, last_fix: None })
+        Ok(Self { mapping, period_ns, places, is_begun: settings.begins_whole, last_fix: None })
     }
 
     fn line(&mut self, line: &[u8], found: &mut Vec<Measurement>) -> Option<()> {
@@ -118,8 +126,20 @@ impl Lines {
         if self.is_begun && self.row(&row, found).is_some() {
             return Some(());
         }
-        self.places = Some(Places::of(&self.mapping, &fields).ok()?);
-        Some(())
+        if let Ok(places) = Places::of(&self.mapping, &fields) {
+            self.places = Some(places);
+            return Some(());
+        }
+        if !self.is_begun || self.places.is_some() || self.mapping.is_said() {
+            return None;
+        }
+        let unnamed = UNNAMED.get(..fields.len()).filter(|names| UNNAMED_COUNTS.contains(&names.len()))?;
+        self.places = Places::of(&self.mapping, unnamed).ok();
+        let row = self.row(&row, found);
+        if row.is_none() {
+            self.places = None;
+        }
+        row
     }
 
     fn row(&mut self, row: &Row<'_>, found: &mut Vec<Measurement>) -> Option<()> {
@@ -156,15 +176,17 @@ impl Lines {
         Some(())
     }
 
-    /// `Some(None)` of a blank one.
+    /// `Some(None)` of a blank one; `None` of what is no time.
     fn time(&self, text: &str, row: &Row<'_>) -> Option<Option<DeviceTime>> {
         let text = row.pointed(text);
         if text.is_empty() {
             return Some(None);
         }
         let t_ns = time_ns(&text, self.mapping.time_digits())?;
-        let Ok(now_ns) = u64::try_from(t_ns) else { return Some(None) };
+        // A recording may begin before its 0: such a time comes out as it went in.
+        let now_ns = t_ns.cast_unsigned();
         Some(Some(match self.period_ns {
+            Some(_) if t_ns < 0 => return None,
             Some(period_ns) => DeviceTime::Counter { now_ns: now_ns % period_ns, period_ns },
             None if t_ns >= UNIX_FROM_NS => DeviceTime::Unix { now_ns },
             None => DeviceTime::SinceBoot { now_ns },

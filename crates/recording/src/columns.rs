@@ -5,6 +5,7 @@ use crate::{
     input::unquoted,
 };
 use csv::ByteRecord;
+use mapping::names::nearest;
 
 const REQUIRED: [&str; 7] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
@@ -12,9 +13,6 @@ const FIELD: [&str; 3] = ["mx", "my", "mz"];
 const SCORED: &str = "mov";
 /// What some spreadsheets put before the text, in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-/// Jaro-Winkler similarity from which a name is another one misspelt, underscores aside: so are `gxx`, `ts`, `q_w`, but not
-/// `rx`.
-const NEAR: f64 = 0.8;
 
 /// The header of a recording: indices of fields, from 0.
 pub(crate) struct Columns {
@@ -66,15 +64,7 @@ fn name(field: &[u8], all: &'static [&'static str]) -> Result<&'static str, Faul
     if let Some(known) = all.iter().copied().find(|&known| known == name) {
         return Ok(known);
     }
-    let plain = |name: &str| name.to_lowercase().replace('_', "");
-    let found = plain(name);
-    let near = all
-        .iter()
-        .copied()
-        .map(|known| (strsim::jaro_winkler(&found, &plain(known)), known))
-        .filter(|&(similarity, _)| similarity >= NEAR)
-        .max_by(|(a, _), (b, _)| a.total_cmp(b))
-        .map(|(_, known)| known);
+    let near = nearest(name, all.iter().copied());
     Err(Fault::UnknownColumn { found: excerpt(field), near, known: all })
 }
 

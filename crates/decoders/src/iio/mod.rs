@@ -8,12 +8,15 @@
 //! `in_mount_matrix`, or that of each quantity. Time: `in_timestamp`, by the clock of `current_timestamp_clock`: from 1970 of
 //! `realtime` and `tai`, else since the start.
 //!
-//! Limits: rate and force must be channels of one device. Many chips are two, one for each (`lsm6dsm_gyro` and `lsm6dsm_accel`): of
-//! those neither makes a measurement, and [`IioError::NoImu`] says so. Records carry no mark: what begins inside of one cannot be seen.
+//! Many chips are two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`), with two files of records: [`Pair`] takes both.
+//!
+//! Limits: records carry no mark, so what begins inside of one cannot be seen.
 
+mod pair;
 mod records;
 pub mod sysfs;
 
+pub use pair::{GAP_MAX_NS, Pair, WAIT_MAX_NS};
 pub use records::{Channel, Clock, Iio, Layout, Vector};
 
 /// What is wrong with a device's folder.
@@ -57,16 +60,19 @@ pub enum IioError {
         /// Those that are there.
         known: Vec<String>,
     },
-    /// Rate and force are not both there.
-    #[error(
-        "reading {}: found no enabled channels of {missing}, expected in_anglvel and in_accel of one device; of a chip that is two devices, name another driver",
-        path.display()
-    )]
-    NoImu {
-        /// The folder of the device.
-        path: std::path::PathBuf,
+    /// Channels that must be there, and switched on.
+    #[error("reading the channels of a device: found none of {missing}; of a chip that is two devices, name both")]
+    Missing {
         /// What is not there.
         missing: &'static str,
+    },
+    /// Two devices whose time stamps cannot be compared.
+    #[error("pairing two devices: the time stamps are by {gyro:?} and {accel:?}, expected one clock")]
+    Clocks {
+        /// Of the gyro.
+        gyro: Clock,
+        /// Of the accelerometer.
+        accel: Clock,
     },
 }
 

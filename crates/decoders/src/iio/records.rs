@@ -3,6 +3,7 @@
 //! Input: bytes of the character device. Output: one measurement for each record. Time: the record's stamp. Failure: none; a record is
 //! what it is.
 
+use super::IioError;
 use crate::{
     DeviceTime, Measurement, Value,
     framed::{Format, Seen},
@@ -16,9 +17,9 @@ pub struct Layout {
     /// Bytes of a record.
     pub record_bytes: usize,
     /// Of `in_anglvel`, rad/s.
-    pub rate: Vector,
+    pub rate: Option<Vector>,
     /// Of `in_accel`, m/s².
-    pub force: Vector,
+    pub force: Option<Vector>,
     /// Of `in_magn`, gauss.
     pub field: Option<Vector>,
     /// Of `in_timestamp`, ns.
@@ -68,34 +69,66 @@ pub enum Clock {
     Realtime,
 }
 
-/// Records of this layout.
+/// What a record says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub(super) now_ns: Option<u64>,
+    pub(super) rate_rad_s: Option<[f64; 3]>,
+    pub(super) force_m_s2: Option<[f64; 3]>,
+    pub(super) field_ut: Option<[f64; 3]>,
+}
+
+impl Layout {
+    /// Of a whole record.
+    pub(super) fn sample(&self, record: &[u8]) -> Sample {
+        let of = |vector: Option<Vector>| vector.and_then(|vector| vector.of(record));
+        Sample {
+            now_ns: self.time.and_then(|time| u64::try_from(time.of(record)?).ok()),
+            rate_rad_s: of(self.rate),
+            force_m_s2: of(self.force),
+            field_ut: of(self.field).map(|field| field.map(|part| part * UT_PER_GAUSS)),
+        }
+    }
+}
+
+impl Clock {
+    pub(super) fn time(self, now_ns: u64) -> DeviceTime {
+        match self {
+            Self::Monotonic | Self::Boottime => DeviceTime::SinceBoot { now_ns },
+            Self::Realtime => DeviceTime::Unix { now_ns },
+        }
+    }
+}
+
+/// Records of one device with rate and force.
 #[derive(Debug, Clone)]
 pub struct Iio {
     layout: Layout,
 }
 
 impl Iio {
-    /// Of this layout.
-    pub fn new(layout: Layout) -> Self {
-        Self { layout }
+    /// Of this layout, which has both.
+    pub fn new(layout: Layout) -> Result<Self, IioError> {
+        match (layout.rate, layout.force) {
+            (Some(_), Some(_)) => Ok(Self { layout }),
+            (None, _) => Err(IioError::Missing { missing: "in_anglvel" }),
+            (_, None) => Err(IioError::Missing { missing: "in_accel" }),
+        }
     }
 }
 
 impl Format for Iio {
     fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        let Layout { record_bytes, rate, force, field, time, clock } = &self.layout;
-        let Some(record) = bytes.get(..*record_bytes) else { return Seen::More };
-        let (Some(rate_rad_s), Some(force_m_s2)) = (rate.of(record), force.of(record)) else {
-            return Seen::RefusedLine(*record_bytes);
+        let record_bytes = self.layout.record_bytes;
+        let Some(record) = bytes.get(..record_bytes) else { return Seen::More };
+        let Sample { now_ns, rate_rad_s: Some(rate_rad_s), force_m_s2: Some(force_m_s2), field_ut } =
+            self.layout.sample(record)
+        else {
+            return Seen::RefusedLine(record_bytes);
         };
-        let field_ut = field.and_then(|field| field.of(record)).map(|field| field.map(|part| part * UT_PER_GAUSS));
-        let now_ns = time.and_then(|time| u64::try_from(time.of(record)?).ok());
-        let time = now_ns.map(|now_ns| match clock {
-            Clock::Monotonic | Clock::Boottime => DeviceTime::SinceBoot { now_ns },
-            Clock::Realtime => DeviceTime::Unix { now_ns },
-        });
+        let time = now_ns.map(|now_ns| self.layout.clock.time(now_ns));
         found.push(Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut } });
-        Seen::Frame(*record_bytes)
+        Seen::Frame(record_bytes)
     }
 }
 

@@ -92,15 +92,18 @@ pub fn read(device: &Path) -> Result<Layout, IioError> {
         Ok(Some(vector))
     };
     let [rate_name, force_name, field_name] = NAMES;
-    let missing = |missing| IioError::NoImu { path: device.to_owned(), missing };
-    Ok(Layout {
+    let layout = Layout {
         record_bytes,
-        rate: vector(rate_name)?.ok_or_else(|| missing("the rate"))?,
-        force: vector(force_name)?.ok_or_else(|| missing("the force"))?,
+        rate: vector(rate_name)?,
+        force: vector(force_name)?,
         field: vector(field_name)?,
         time: find(TIMESTAMP),
         clock: clock(device)?,
-    })
+    };
+    match layout {
+        Layout { rate: None, force: None, .. } => Err(IioError::Missing { missing: "in_anglvel nor of in_accel" }),
+        layout => Ok(layout),
+    }
 }
 
 fn channels_folder(device: &Path) -> Result<PathBuf, IioError> {

@@ -5,6 +5,7 @@ use decoders::{
     lines::{Lines, LinesError, Settings},
 };
 use mapping::Mapping;
+use recording::{Layout, Reference, Row};
 
 use crate::streams::decoded;
 
@@ -22,16 +23,31 @@ fn imu(time: Option<DeviceTime>, rate_rad_s: [f64; 3], force_m_s2: [f64; 3], fie
 }
 
 #[test]
-fn a_recording_of_ours_is_read_with_its_field_where_there_is_one() {
-    let text = "t_s,gx,gy,gz,ax,ay,az,mx,my,mz,qw,qx,qy,qz,mov\n\
-                0.5,1,2,3,4,5,6,7,8,9,1,0,0,0,1\n\
-                0.505,1,2,3,4,5,6,nan,nan,nan,1,0,0,0,1\n";
-    let (found, counts) = read(&Settings::default(), text);
-    let at = |now_ns| Some(DeviceTime::SinceBoot { now_ns });
-    let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
-    let wanted = [imu(at(500_000_000), rate, force, Some([7.0, 8.0, 9.0])), imu(at(505_000_000), rate, force, None)];
+fn a_recording_of_ours_comes_back_number_for_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a_imu.csv");
+    let mut writer = recording::Writer::create(&path, Layout { field: true, reference: true }).unwrap();
+    let rows: Vec<_> = (0..50u8)
+        .map(|n| Row {
+            t_ns: 1_000_000_007 + i64::from(n) * 4_999_999,
+            rate_rad_s: [0.1 + f64::from(n) / 3.0, -1e-9, 2.0],
+            force_m_s2: [0.3, f64::from(n) / 7.0, 9.80665],
+            field_ut: n.is_multiple_of(5).then_some([20.1, -3.3, 44.0 + f64::from(n)]),
+            reference: Some(Reference { quaternion: [1.0, 0.0, 0.0, 0.0], scored: true }),
+        })
+        .collect();
+    rows.iter().for_each(|row| writer.write(row).unwrap());
+    writer.finish().unwrap();
+    let (found, counts) = read(&Settings::default(), &std::fs::read_to_string(&path).unwrap());
+    let wanted: Vec<_> = rows
+        .iter()
+        .map(|row| {
+            let time = DeviceTime::SinceBoot { now_ns: row.t_ns.unsigned_abs() };
+            imu(Some(time), row.rate_rad_s, row.force_m_s2, row.field_ut)
+        })
+        .collect();
     assert_eq!(found, wanted);
-    assert_eq!(counts, Counts { frames: 3, refused: 0, skipped_bytes: 0 });
+    assert_eq!(counts, Counts { frames: 51, refused: 0, skipped_bytes: 0 });
 }
 
 #[test]
@@ -58,6 +74,20 @@ fn columns_without_names_are_those_of_the_settings() {
 }
 
 #[test]
+fn numbers_that_nobody_named_are_a_time_a_rate_a_force_and_perhaps_a_field() {
+    let whole = Settings { begins_whole: true, ..Settings::default() };
+    let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+    let time = Some(DeviceTime::SinceBoot { now_ns: 500_000_000 });
+    let (found, counts) = read(&whole, "0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6,7,8,9\n");
+    assert_eq!(found, [imu(time, rate, force, None); 2]);
+    assert_eq!((counts.frames, counts.refused), (2, 1), "the columns stay what they are");
+    let (found, _) = read(&whole, "x,1,2,3,4,5,6\n0.5 1 2 3 4 5 6 7 8 9\n");
+    assert_eq!(found, [imu(time, rate, force, Some([7.0, 8.0, 9.0]))]);
+    let (found, counts) = read(&Settings::default(), "0.5,1,2,3,4,5,6\n");
+    assert_eq!((found.len(), counts.skipped_bytes), (0, 16), "a line that may have lost its beginning");
+}
+
+#[test]
 fn a_counter_begins_again_where_it_is_said_to() {
     let maps = ["t=us,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az"];
     let settings = Settings { time_bits: Some(32), ..said(&maps, "us", "rfu") };
@@ -67,7 +97,10 @@ fn a_counter_begins_again_where_it_is_said_to() {
     assert_eq!(times, [Some(DeviceTime::Counter { now_ns: 4_294_967_295_000, period_ns }), None]);
     let unix = "t,gx,gy,gz,ax,ay,az\n1700000000.5,0,0,0,0,0,9.8\n-1,0,0,0,0,0,9.8\n";
     let times: Vec<_> = read(&Settings::default(), unix).0.iter().map(|found| found.time).collect();
-    assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), None]);
+    let before = DeviceTime::SinceBoot { now_ns: (-1_000_000_000i64).cast_unsigned() };
+    assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), Some(before)]);
+    let (found, counts) = read(&settings, "us,gx,gy,gz,ax,ay,az\n-1,0,0,0,0,0,9.8\n");
+    assert_eq!((found.len(), counts.refused), (0, 1), "no counter is negative");
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub(crate) fn all(count: u32) -> Vec<Stream> {
         stream("mavlink", || Box::new(Framed::new(Mavlink::new(Settings::default()))), mavlink_frames, 16, true),
         stream("ubx", || Box::new(Framed::new(Ubx)), nav_pvt, 16, true),
         stream("nmea", || Box::new(Framed::new(Nmea::default())), sentence, 8, true),
-        stream("iio", || Box::new(Framed::new(Iio::new(layout()))), record, 0, false),
+        stream("iio", || Box::new(Framed::new(Iio::new(layout()).unwrap())), record, 0, false),
     ]
 }
 
@@ -241,8 +241,8 @@ fn layout() -> Layout {
     };
     Layout {
         record_bytes: 24,
-        rate: vector(0, 0.001),
-        force: vector(6, 0.01),
+        rate: Some(vector(0, 0.001)),
+        force: Some(vector(6, 0.01)),
         field: None,
         time: Some(channel(16, 8, 64)),
         clock: Clock::Monotonic,
