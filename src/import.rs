@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use import::{Format, ImportError, Mapping, MappingError, Options, Summary, convert};
+use import::{Format, ImportError, Mapping, MappingError, Options, Summary, convert, mcap_file::to_mcap};
 use indicatif::{ProgressBar, ProgressStyle};
 use tempfile::TempDir;
 
@@ -22,8 +22,9 @@ pub(crate) struct Import {
     /// A ULog, a log of ArduPilot, an MCAP file, a bag of ROS 2, or CSV files that are joined by time.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// The recording to write, gzip where its name ends in .gz; fixes go beside it where it is called NAME_imu.csv.gz.
-    #[arg(short, long, value_name = "FILE.csv.gz")]
+    /// The recording to write: MCAP where its name ends in .mcap, else CSV, gzip where it ends in .gz; the fixes of a CSV go beside it
+    /// where it is called NAME_imu.csv.gz.
+    #[arg(short, long, value_name = "FILE.csv.gz|FILE.mcap")]
     out: PathBuf,
     #[command(flatten)]
     reading: Reading,
@@ -56,11 +57,30 @@ impl Reading {
 }
 
 pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
-    let summary = reading.options().map_err(ImportError::from).and_then(|options| with_a_bar(&files, &options, &out));
-    match summary {
-        Ok(summary) => print(&told(&summary, &out)),
+    let options = reading.options().map_err(ImportError::from);
+    let said = options.and_then(|options| match out.extension() {
+        Some(extension) if extension == "mcap" => as_mcap(&files, &options, &out),
+        _ => with_a_bar(&files, &options, &out).map(|summary| told(&summary, &out)),
+    });
+    match said {
+        Ok(said) => print(&said),
         Err(error) => fail(&error, error.exit_code()),
     }
+}
+
+/// Imports, or takes a recording of ours as it is, and writes it as MCAP; what came of it, for people.
+fn as_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, ImportError> {
+    if let [file] = files
+        && options.mapping.is_none()
+        && Format::of(file)? == Format::Recording
+    {
+        let survey = recording::survey(file)?;
+        to_mcap(file, out)?;
+        return Ok(format!("{}: {} samples at {:.1} Hz", out.display(), survey.rows, survey.rate_hz));
+    }
+    let (readable, summary) = Readable::imported(files, options)?;
+    to_mcap(&readable.path, out)?;
+    Ok(told(&summary, out))
 }
 
 /// A recording that is read where another system's was named; it goes when this is dropped.
@@ -78,18 +98,19 @@ impl Readable {
         if !is_named && Format::of(path).map_or(true, is_readable) {
             return Ok(Self { path: path.into(), _folder: None });
         }
-        let (readable, summary) = Self::imported(path, &options)?;
+        let (readable, summary) = Self::imported(&[path.into()], &options)?;
         supervisor::announce(told(&summary, path));
         Ok(readable)
     }
 
-    /// What is imported of the log of another system, and what came of it.
-    pub(crate) fn imported(path: &Path, options: &Options) -> Result<(Self, Summary), ImportError> {
+    /// What is imported of the log of another system, or of tables that belong together, and what came of it.
+    pub(crate) fn imported(files: &[PathBuf], options: &Options) -> Result<(Self, Summary), ImportError> {
         let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
         let folder = folder.map_err(|cause| ImportError::Folder { cause })?;
-        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let first = files.first().and_then(|path| path.file_stem());
+        let name = first.unwrap_or_default().to_string_lossy();
         let imported = folder.path().join(format!("{name}_imu.csv"));
-        let summary = with_a_bar(&[path.into()], options, &imported)?;
+        let summary = with_a_bar(files, options, &imported)?;
         Ok((Self { path: imported, _folder: Some(folder) }, summary))
     }
 }

@@ -91,7 +91,7 @@ fn of_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
 
 /// A log of another system, as it would be imported.
 fn of_another(file: &Path) -> Result<RecordingInfo, ImportError> {
-    let (_, summary) = Readable::imported(file, &Options::default())?;
+    let (_, summary) = Readable::imported(&[file.to_owned()], &Options::default())?;
     Ok(RecordingInfo {
         file: file.to_owned(),
         format: summary.format.to_string(),

@@ -48,6 +48,39 @@ fn a_flight_of_px4_is_scored_replayed_and_imported_alike() {
 }
 
 #[test]
+fn a_recording_goes_to_mcap_and_comes_back_number_for_number() {
+    let Some(data) = data() else { return };
+    let system = System::new("");
+    let imported = |file: &str, out: &str| {
+        let out = system.path(out);
+        let output = plumb(&["import", file, "-o", out.to_str().unwrap()]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        out.to_str().unwrap().to_owned()
+    };
+    // −0 is 0 in protobuf.
+    let rows = |file: &str| fs::read_to_string(file).unwrap().replace(",-0,", ",0,");
+    let log = data.join("logs/px4_sample.ulg");
+    let flight = data.join("flights/apm_plane_log2_imu.csv.gz");
+    let direct = imported(log.to_str().unwrap(), "direct_imu.csv");
+    let through = imported(&imported(log.to_str().unwrap(), "log.mcap"), "through_imu.csv");
+    assert!(rows(&direct) == rows(&through) && rows(&direct).len() > 1_000_000);
+    assert_eq!(inclination_deg(&[&direct]), inclination_deg(&[system.path("log.mcap").to_str().unwrap()]));
+    // A recording of ours with fixes beside it.
+    let back = imported(&imported(flight.to_str().unwrap(), "flight.mcap"), "back_imu.csv");
+    assert!(fs::read_to_string(&back).unwrap().lines().count() > 10_000);
+    let numbers = |text: String| -> Vec<f64> {
+        text.lines()
+            .skip(1)
+            .flat_map(|row| row.split(',').map(|number| number.parse().unwrap()).collect::<Vec<_>>())
+            .collect()
+    };
+    let [told, came] = [data.join("flights/apm_plane_log2_gnss.csv"), system.path("back_gnss.csv")]
+        .map(|path| numbers(fs::read_to_string(path).unwrap()));
+    assert_eq!(told.len(), came.len());
+    assert!(told.iter().zip(&came).all(|(told, came)| (told - came).abs() < 1e-9), "radians and degrees round");
+}
+
+#[test]
 fn columns_of_another_name_unit_and_frame_are_mapped() {
     let system = System::new("");
     let (file, out) = (system.path("phone.csv"), system.path("ours.csv"));

@@ -23,6 +23,14 @@ pub enum ImportError {
         /// What the system said.
         cause: io::Error,
     },
+    /// The MCAP file cannot be written.
+    #[error("writing {}: {cause}", path.display())]
+    Mcap {
+        /// The file.
+        path: PathBuf,
+        /// What was said about it.
+        cause: String,
+    },
     /// The file cannot be opened or read.
     #[error("opening {}: {cause}; {remedy}", path.display())]
     Open {
@@ -253,7 +261,7 @@ impl ImportError {
             | Self::NoBag { .. }
             | Self::NoField { .. }
             | Self::NoRows { .. } => 3,
-            Self::Recording(_) | Self::Folder { .. } => 1,
+            Self::Recording(_) | Self::Folder { .. } | Self::Mcap { .. } => 1,
         }
     }
 }

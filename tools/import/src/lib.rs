@@ -17,6 +17,7 @@
 //! | `mapped` | the columns of CSV files, joined by time |
 //! | `text` | one CSV file of whatever kind |
 //! | `aligned` | force at the times of the rate |
+//! | [`mcap_file`] | a recording of ours as an MCAP file |
 //! | `rows` | field and reference at the times of the rows |
 #![forbid(unsafe_code)]
 
@@ -27,6 +28,7 @@ mod dataflash;
 mod error;
 pub mod format;
 mod mapped;
+pub mod mcap_file;
 mod rows;
 mod source;
 pub mod summary;
