@@ -38,6 +38,13 @@ impl Bus {
         Ok(Publisher { port, word: self.word(M::TOPIC), carries: PhantomData })
     }
 
+    /// Publishes `M` on a topic that somebody has opened, and how many messages it holds for each reader.
+    pub fn publisher_of_open<M: Message>(&self) -> Result<(Publisher<M>, usize), BusError> {
+        let topic = Topic::open::<M>(&self.node)?;
+        let publisher = Publisher { port: topic.publisher()?, word: self.word(M::TOPIC), carries: PhantomData };
+        Ok((publisher, topic.buffer()))
+    }
+
     /// Reads `M`, from the next message that is published.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
         self.reader(buffer, 0)
