@@ -12,7 +12,10 @@ fn main() -> Result<(), driver::DriverError> {
     loop {
         // In place of these: what the device says, rad/s and m/s², in its own axes, and when it measured.
         let (rate_rad_s, force_m_s2) = ([0.0, 0.0, 0.1], [0.0, 0.0, 9.81]);
-        sensor.send(began.elapsed().as_nanos() as i64, rate_rad_s, force_m_s2, None)?;
+        if let Err(error) = sensor.send(began.elapsed().as_nanos() as i64, rate_rad_s, force_m_s2, None) {
+            eprintln!("{error}");
+            sleep(Duration::from_secs(1));
+        }
         sleep(Duration::from_millis(1));
     }
 }

@@ -50,7 +50,7 @@ const LEFT_OUT: [(&str, &str); 21] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 9] = [
+const NO_EXAMPLES: [(&str, &str); 10] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
@@ -59,6 +59,7 @@ const NO_EXAMPLES: [(&str, &str); 9] = [
     ("flight.ulg: ULog", "what a terminal shows"),
     ("RMSE, degrees", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
+    ("let mut sensor", "a part of examples/driver.rs, which is built with the tests"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
 ];
 

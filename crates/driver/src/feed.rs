@@ -28,8 +28,7 @@ impl<M: Message> Feed<M> {
     pub(crate) fn send(&mut self, message: &M) -> Result<(), DriverError> {
         if self.looked.elapsed() >= LOOK_INTERVAL {
             self.looked = Instant::now();
-            self.joined.take_if(|(_, bus)| !bus.is_running());
-            if self.joined.is_none() {
+            if !self.joined.as_ref().is_some_and(|(_, bus)| bus.is_running()) {
                 self.join()?;
             }
         }
@@ -45,8 +44,19 @@ impl<M: Message> Feed<M> {
         self.holds
     }
 
+    /// Joins the system that has the name now, in place of the one that had it.
     fn join(&mut self) -> Result<(), DriverError> {
-        let bus = Bus::join(&self.system, "driver").map_err(DriverError::Bus)?;
+        let bus = match Bus::join(&self.system, "driver") {
+            Ok(bus) => bus,
+            // It runs on with what it has open, and so does this.
+            Err(BusError::FilesRemoved { .. }) if self.joined.is_some() => return Ok(()),
+            Err(error) => {
+                self.joined = None;
+                return Err(DriverError::Bus(error));
+            }
+        };
+        // Closed first: its topics have the names of the new ones.
+        self.joined = None;
         let (publisher, holds) = bus.publisher_of_open::<M>().map_err(|error| match error {
             BusError::Unopened { topic } => DriverError::NotTaken { system: self.system.name().into(), topic },
             error => DriverError::Bus(error),

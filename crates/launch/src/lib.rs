@@ -8,6 +8,8 @@
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
 //! | `filling` | what may fill a slot |
+//! | `live` | sources that are read while they send |
+//! | `source_uri` | a source in one line |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `gateway` | what goes beyond the board, and to where |
 //! | `endpoint` | how far the gateway's endpoints reach |
@@ -24,11 +26,13 @@ mod fault;
 mod filling;
 mod gateway;
 mod gateway_section;
+mod live;
 mod model;
 mod problem;
 mod program;
 mod schema;
 mod sensors;
+mod source_uri;
 mod split;
 mod walk;
 mod watch;
@@ -38,11 +42,13 @@ pub use graph::Service;
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
 pub use gateway::{Gateway, Import, Rate, Tls};
+pub use live::{Clock, Format, Serial, Stream, Udp};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
     Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
+pub use source_uri::{replayed, with_source};
 pub use split::CACHE_TICKS_MAX;
 pub use watch::{Measure, Watch};
