@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{Run, Running, System, attitudes, signal, until};
+use crate::common::{Run, Running, System, assert_sound, attitudes, inclination_deg, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -127,13 +127,16 @@ fn the_end_can_be_asked_for_in_ticks() {
 #[test]
 fn drivers_that_are_killed_or_frozen_are_started_again_and_go_on() {
     let system = System::new(&launch(""));
-    let mut running = piped(&system, &["--source", "stdin"], Stdio::piped());
+    let out = system.path("out.csv");
+    let mut running = piped(&system, &["--source", "stdin", "--out", out.to_str().unwrap()], Stdio::piped());
     let mut input = running.stdin();
+    // Who goes on in the midst of it has to know the columns.
+    writeln!(input, "gx,gy,gz,ax,ay,az,t_s").unwrap();
     let mut t = 0;
     let mut feed = |until_ticks: f64| {
         until("ticks", || {
             t += 1;
-            writeln!(input, "{},0,0,0.1,0,0,9.8", f64::from(t) / 200.0).unwrap();
+            writeln!(input, "0,0,0.1,0,0,9.8,{}", f64::from(t) / 200.0).unwrap();
             sleep(Duration::from_millis(1));
             status(&system, "course").is_some_and(|course| course["ticks"].as_f64().unwrap() >= until_ticks)
         });
@@ -149,6 +152,9 @@ fn drivers_that_are_killed_or_frozen_are_started_again_and_go_on() {
     let run = running.wait();
     assert_eq!(run.code, Some(0), "{}", run.people);
     assert_eq!((run.number("/lost"), restarts(&run)), (0.0, 2));
+    let told = attitudes(&out);
+    assert_sound(&told);
+    assert!(told.iter().all(|(_, q)| inclination_deg(*q, [1.0, 0.0, 0.0, 0.0]) < 0.1), "it stands level");
 }
 
 #[test]

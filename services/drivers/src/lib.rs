@@ -11,9 +11,11 @@
 //! | `line` | a port that is opened again when it goes away |
 //! | `format` | the decoder of a format |
 //! | `csv` | our own lines |
+//! | `beginning` | the header of a text, for a process that goes on in the midst of it |
 //! | `outlet` | measurements as readings and fixes, with their times, to ingest |
 #![forbid(unsafe_code)]
 
+mod beginning;
 mod csv;
 mod format;
 mod line;
@@ -27,6 +29,7 @@ use launch::{Service, Source};
 use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
+use beginning::Beginning;
 use line::{Line, Taken};
 use outlet::Outlet;
 
@@ -56,10 +59,16 @@ pub fn run() -> Result<(), DriversError> {
     let stream = *ingest.stream().ok_or(DriversError::NoPort)?;
     let mut decoder = format::decoder(&stream.format);
     let mut outlet = Outlet::open(&context, &stream)?;
-    let mut line = Line::new(&ingest, context.config.launch.name.clone());
+    let mut line = Line::new(&ingest, context.config.launch.name.clone(), context.config.resume.is_some());
     // The last line of a datagram, or of all, may lack its end.
     let line_end: &[u8] = if stream.format.is_text() { b"\n" } else { b"" };
     let mut found = Vec::new();
+    let mut beginning = Beginning::open(&context)?;
+    // What an earlier process has sent of it is not sent again.
+    decoder.push(beginning.text(), &mut found);
+    found.clear();
+    // The first line is the rest of one.
+    let mut is_cut = false;
     let mut state = State::READY;
     while !context.ends() {
         let refused = decoder.counts().refused;
@@ -76,11 +85,20 @@ pub fn run() -> Result<(), DriversError> {
             continue;
         }
         match line.take(WAIT) {
-            Taken::Bytes(bytes) => {
+            Taken::Bytes { bytes, begin_anywhere } => {
                 state = State::RUNNING;
+                // Half a line may look like a whole one, with half a number.
+                is_cut |= begin_anywhere && stream.format.is_text();
+                let end: &[u8] = if ingest.source == Source::Udp { line_end } else { b"" };
                 decoder.push(bytes, &mut found);
-                if ingest.source == Source::Udp {
-                    decoder.push(line_end, &mut found);
+                decoder.push(end, &mut found);
+                if stream.format.is_text() {
+                    beginning.see(bytes, false)?;
+                    beginning.see(end, !found.is_empty())?;
+                }
+                if is_cut && !found.is_empty() {
+                    found.remove(0);
+                    is_cut = false;
                 }
             }
             Taken::Nothing => {}

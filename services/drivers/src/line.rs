@@ -28,12 +28,20 @@ pub(crate) struct Line {
     again: Instant,
     /// Why it is not there, as the supervisor was told.
     told: Option<String>,
+    /// An earlier process has read of the same input.
+    goes_on: bool,
+    begins_anywhere: bool,
 }
 
 /// What was taken of it.
 pub(crate) enum Taken<'a> {
     /// Bytes.
-    Bytes(&'a [u8]),
+    Bytes {
+        /// What came.
+        bytes: &'a [u8],
+        /// They are the first since the port was opened, and may begin in the midst of a message.
+        begin_anywhere: bool,
+    },
     /// None within the limit.
     Nothing,
     /// Nothing comes any more.
@@ -41,9 +49,18 @@ pub(crate) enum Taken<'a> {
 }
 
 impl Line {
-    pub(crate) fn new(ingest: &Ingest, system: String) -> Self {
-        let (bytes, now) = (vec![0; BYTES], Instant::now());
-        Self { ingest: ingest.clone(), system, port: None, bytes, pause: PAUSE, again: now, told: None }
+    pub(crate) fn new(ingest: &Ingest, system: String, goes_on: bool) -> Self {
+        Self {
+            ingest: ingest.clone(),
+            system,
+            port: None,
+            bytes: vec![0; BYTES],
+            pause: PAUSE,
+            again: Instant::now(),
+            told: None,
+            goes_on,
+            begins_anywhere: false,
+        }
     }
 
     /// Takes what is there, or comes within the limit. A port that is not there is sought for again when its pause has passed.
@@ -57,6 +74,11 @@ impl Line {
             match Port::open(&self.ingest) {
                 Ok(port) => {
                     self.port = Some(port);
+                    self.begins_anywhere = match self.ingest.source {
+                        Source::Serial => true,
+                        Source::Stdin => self.goes_on,
+                        _ => false,
+                    };
                     if self.told.is_some() {
                         self.tell(format!("{} is open", place(&self.ingest)));
                     }
@@ -68,7 +90,8 @@ impl Line {
         match port.read(&mut self.bytes, limit) {
             Ok(Given::Bytes(count)) => {
                 (self.pause, self.told) = (PAUSE, None);
-                Taken::Bytes(self.bytes.get(..count).unwrap_or_default())
+                let bytes = self.bytes.get(..count).unwrap_or_default();
+                Taken::Bytes { bytes, begin_anywhere: std::mem::take(&mut self.begins_anywhere) }
             }
             Ok(Given::Nothing) => Taken::Nothing,
             Ok(Given::End) if self.ingest.source == Source::Stdin => Taken::End,
