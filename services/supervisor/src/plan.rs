@@ -79,7 +79,8 @@ impl Plan {
         }
         if launch.gateway.is_split() {
             let obstacle = match launch.ingest.source {
-                source if source.waits() => Some("a replay or standard input waits for its slowest reader"),
+                Source::Replay => Some("a replay waits for its slowest reader"),
+                Source::Stdin => Some("standard input waits for its slowest reader"),
                 _ if request.pace.is_some_and(|pace| pace != Pace::Speed(1.0)) => {
                     Some("at another speed the source waits for its slowest reader")
                 }
