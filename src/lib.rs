@@ -142,6 +142,7 @@ pub fn main() -> ExitCode {
                 Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
                 Service::Course => course::run().map_err(|error| Box::new(error) as _),
                 Service::Gateway => gateway::run().map_err(|error| Box::new(error) as _),
+                Service::Drivers => drivers::run().map_err(|error| Box::new(error) as _),
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
         }

@@ -206,13 +206,16 @@ fn lives(pid: u32) -> bool {
 pub(crate) struct FlightRecorder {
     folder: PathBuf,
     launch_file: Option<PathBuf>,
+    /// The source in one line that takes the place of the launch file's.
+    source: Option<String>,
     recorder: Option<Recorder>,
 }
 
 impl FlightRecorder {
     /// Each start makes one file in `folder`.
-    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>) -> Self {
-        Self { folder: folder.to_owned(), launch_file: launch_file.map(Path::to_owned), recorder: None }
+    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>) -> Self {
+        let (launch_file, source) = (launch_file.map(Path::to_owned), source.map(str::to_owned));
+        Self { folder: folder.to_owned(), launch_file, source, recorder: None }
     }
 }
 
@@ -230,7 +233,12 @@ impl supervisor::Recorder for FlightRecorder {
         };
         let heading = Heading {
             launch_file: self.launch_file.clone(),
-            launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok(),
+            launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
+                match &self.source {
+                    Some(line) => launch::with_source(&text, line),
+                    None => Some(text),
+                }
+            }),
             ..Heading::new(env!("CARGO_PKG_VERSION"), config)
         };
         self.recorder = Some(Recorder::begin(&path, &heading, Topic::ALL, mode).map_err(refused)?);

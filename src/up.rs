@@ -20,6 +20,10 @@ use crate::{
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
+    /// A source in place of the launch file's, as `sim:s1?seed=2`, `stdin?rate_hz=100`, `udp:0.0.0.0:14560` or `serial:/dev/ttyUSB0?baud=115200`;
+    /// what follows `?` are keys of its section in the launch file.
+    #[arg(long, value_name = "SOURCE", conflicts_with = "replay")]
+    source: Option<String>,
     /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source; or a flight of
     /// `--record`, which is flown again in one process, with its own launch file where none is named.
     #[arg(long, value_name = "FILE")]
@@ -56,8 +60,22 @@ pub(crate) struct Up {
 }
 
 pub(crate) fn run(up: Up) -> ExitCode {
-    let Up { launch, replay, speed, duration_s, in_process, out, columns, record, cold, readings, json, reading } = up;
-    let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref()));
+    let Up {
+        launch,
+        source,
+        replay,
+        speed,
+        duration_s,
+        in_process,
+        out,
+        columns,
+        record,
+        cold,
+        readings,
+        json,
+        reading,
+    } = up;
+    let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref()));
     // A flight that is recorded can be flown again.
     let readings = readings || recorder.is_some();
     let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
@@ -67,8 +85,10 @@ pub(crate) fn run(up: Up) -> ExitCode {
         }
         all
     });
+    let replay = replay.or_else(|| source.as_deref().and_then(launch::replayed).map(PathBuf::from));
+    let imported = None;
     let request =
-        Request { launch, replay, imported: None, pace: speed, duration_s, in_process, out, columns, cold, readings };
+        Request { launch, source, replay, imported, pace: speed, duration_s, in_process, out, columns, cold, readings };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {

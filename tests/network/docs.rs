@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 21] = [
+const LEFT_OUT: [(&str, &str); 23] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -37,6 +37,8 @@ const LEFT_OUT: [(&str, &str); 21] = [
         "plumb swap --remote alpha fuser vqf",
         "needs a vehicle elsewhere and an operator's keys; `certificates` has both here",
     ),
+    ("plumb up --source 'serial:", "needs a device; `drivers` makes one"),
+    ("plumb up --source 'udp:", "waits for datagrams; `drivers` sends some"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
     ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),
@@ -50,7 +52,7 @@ const LEFT_OUT: [(&str, &str); 21] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 9] = [
+const NO_EXAMPLES: [(&str, &str); 10] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
@@ -59,6 +61,7 @@ const NO_EXAMPLES: [(&str, &str); 9] = [
     ("flight.ulg: ULog", "what a terminal shows"),
     ("RMSE, degrees", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
+    ("let mut sensor", "a part of examples/driver.rs, which is built with the tests"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
 ];
 
@@ -254,7 +257,8 @@ impl Scratch {
 
     fn run(&mut self, place: &str, line: &str) {
         let command = line.split(" #").next().unwrap_or_default().trim();
-        if command.starts_with("plumb up") && !command.contains("--replay") {
+        let ends = ["--replay", "--for", "--source stdin"].iter().any(|words| command.contains(words));
+        if command.starts_with("plumb up") && !ends {
             return self.start(command);
         }
         if ASKING.iter().any(|asking| command.starts_with(asking)) && self.running.is_empty() {

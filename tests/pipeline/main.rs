@@ -7,6 +7,7 @@ mod common;
 mod bad_input;
 mod conventions;
 mod determinism;
+mod drivers;
 mod fault_script;
 mod import;
 mod orchestrated;

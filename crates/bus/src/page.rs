@@ -25,6 +25,9 @@ pub(crate) struct Word {
     pub(crate) waiting: AtomicU32,
     /// The tick after the newest one on the topic.
     pub(crate) next_tick: AtomicU64,
+    /// Messages sent by a publisher that waits for its one reader, and taken by that.
+    pub(crate) sent: AtomicU64,
+    pub(crate) taken: AtomicU64,
 }
 
 #[repr(C)]
@@ -69,7 +72,9 @@ impl Page {
     pub(crate) fn begin_run(&self) {
         let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
         self.layout().run.store(now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64, SeqCst);
-        self.layout().words.iter().for_each(|word| word.next_tick.store(0, SeqCst));
+        for Word { next_tick, sent, taken, .. } in &self.layout().words {
+            [next_tick, sent, taken].into_iter().for_each(|count| count.store(0, SeqCst));
+        }
     }
 
     /// The topics go on from the ticks that they had on an earlier page, whose run is over.

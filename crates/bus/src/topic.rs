@@ -38,6 +38,13 @@ impl Bus {
         Ok(Publisher { port, word: self.word(M::TOPIC), carries: PhantomData })
     }
 
+    /// Publishes `M` on a topic that somebody has opened, and how many messages it holds for each reader.
+    pub fn publisher_of_open<M: Message>(&self) -> Result<(Publisher<M>, usize), BusError> {
+        let topic = Topic::open::<M>(&self.node)?;
+        let publisher = Publisher { port: topic.publisher()?, word: self.word(M::TOPIC), carries: PhantomData };
+        Ok((publisher, topic.buffer()))
+    }
+
     /// Reads `M`, from the next message that is published.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
         self.reader(buffer, 0)
@@ -116,6 +123,21 @@ impl<M: Message> Publisher<M> {
         self.port.deliver_history()
     }
 
+    /// Counts messages as sent, for a publisher that waits for its one reader: see [`untaken`](Self::untaken).
+    pub fn note_sent(&self, count: u64) {
+        self.word.note_sent(count);
+    }
+
+    /// Messages counted as sent that the reader has not counted as taken.
+    pub fn untaken(&self) -> u64 {
+        self.word.untaken()
+    }
+
+    /// A publisher begins in the place of one that died: what that had sent is not waited for.
+    pub fn note_all_taken(&self) {
+        self.word.note_all_taken();
+    }
+
     /// Wakes the readers, once after all that was sent.
     pub fn wake(&self) {
         self.word.wake();
@@ -154,6 +176,16 @@ impl<M: Message> Subscriber<M> {
         // There may be more: the next wait is none.
         self.seen.set(self.seen.get().wrapping_sub(1));
         Ok(())
+    }
+
+    /// Counts messages as taken, for a publisher that waits for this reader.
+    pub fn note_taken(&self, count: u64) {
+        self.word.note_taken(count);
+    }
+
+    /// A reader begins in the place of one that died: what was sent before is not waited for.
+    pub fn note_all_taken(&self) {
+        self.word.note_all_taken();
     }
 
     /// The tick after the newest one that was ever about to be published.

@@ -56,6 +56,26 @@ impl TopicWord {
         self.word().next_tick.load(SeqCst)
     }
 
+    /// Notes so many messages sent.
+    pub(crate) fn note_sent(&self, count: u64) {
+        self.word().sent.fetch_add(count, SeqCst);
+    }
+
+    /// Notes so many messages taken.
+    pub(crate) fn note_taken(&self, count: u64) {
+        self.word().taken.fetch_add(count, SeqCst);
+    }
+
+    /// Nothing that was sent so far is waited for.
+    pub(crate) fn note_all_taken(&self) {
+        self.word().taken.store(self.word().sent.load(SeqCst), SeqCst);
+    }
+
+    /// Messages sent that have not been taken.
+    pub(crate) fn untaken(&self) -> u64 {
+        self.word().sent.load(SeqCst).saturating_sub(self.word().taken.load(SeqCst))
+    }
+
     /// What the word is now: to be asked before reading.
     pub(crate) fn look(&self) -> u32 {
         self.word().wakes.load(SeqCst)

@@ -46,11 +46,11 @@ impl Graph {
     /// elsewhere, or publishes for them.
     pub fn readers(self, service: Service) -> impl Iterator<Item = Service> {
         let publishes = move |topic: &Entry| {
-            topic.is_carried() && (service.is_beside() || topic.publisher == Participant::One(service))
+            topic.is_carried() && (service.carries_ticks() || topic.publisher == Participant::One(service))
         };
         let reads = move |reader: &Service| {
             *reader != service
-                && self.0.iter().any(|topic| publishes(topic) && (reader.is_beside() || topic.is_read_by(*reader)))
+                && self.0.iter().any(|topic| publishes(topic) && (reader.carries_ticks() || topic.is_read_by(*reader)))
         };
         Service::ALL.into_iter().filter(reads)
     }
@@ -71,7 +71,7 @@ impl Entry {
     pub fn publishing_service(&self) -> Option<Service> {
         match self.publisher {
             Participant::One(service) => Some(service),
-            Participant::Outside
+            Participant::Feeders
             | Participant::Slots
             | Participant::Services
             | Participant::Candidates

@@ -18,6 +18,8 @@ pub enum Service {
     Course,
     /// Carries messages beyond the board.
     Gateway,
+    /// Reads the devices of a live source.
+    Drivers,
 }
 
 impl Service {
@@ -26,10 +28,23 @@ impl Service {
     /// Those of the path that a stage fills.
     pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
     /// Every service: those of the path, and those beside it.
-    pub const ALL: [Self; 6] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway];
+    pub const ALL: [Self; 7] =
+        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers];
+    /// Those that a launch file lists. The drivers run where its source needs them.
+    pub const LISTED: [Self; 6] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway];
 
-    /// Nothing on the data path waits for it, and its end is no failure of the system.
-    pub const fn is_beside(self) -> bool {
+    /// It is not of the data path: it makes no ticks of its own, and its end is no failure of the system.
+    pub fn is_beside(self) -> bool {
+        !Self::PATH.contains(&self)
+    }
+
+    /// In a split system it brings ticks from one host to another.
+    pub const fn carries_ticks(self) -> bool {
+        matches!(self, Self::Gateway)
+    }
+
+    /// Nothing on board waits for it: on a machine with too much to do it is the one to wait.
+    pub const fn can_wait(self) -> bool {
         matches!(self, Self::Gateway)
     }
 
@@ -47,6 +62,7 @@ impl Service {
             Self::Fuser => "fuser",
             Self::Course => "course",
             Self::Gateway => "gateway",
+            Self::Drivers => "drivers",
         }
     }
 
@@ -70,8 +86,8 @@ impl fmt::Display for Service {
 /// Who publishes or reads a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Participant {
-    /// A program that is no part of the system: a driver of a sensor, an injector.
-    Outside,
+    /// Whoever has the sensors: the service `drivers`, or a program that is no part of the system.
+    Feeders,
     /// A service.
     One(Service),
     /// Every slot.
@@ -91,7 +107,8 @@ impl Participant {
             Self::One(one) => one == service,
             Self::Slots => service.is_slot(),
             Self::Services => true,
-            Self::Outside | Self::Candidates | Self::Supervisor => false,
+            Self::Feeders => service == Service::Drivers,
+            Self::Candidates | Self::Supervisor => false,
         }
     }
 
@@ -99,7 +116,7 @@ impl Participant {
     pub const fn is_many(self) -> bool {
         match self {
             Self::Slots | Self::Services | Self::Candidates => true,
-            Self::Outside | Self::One(_) | Self::Supervisor => false,
+            Self::Feeders | Self::One(_) | Self::Supervisor => false,
         }
     }
 }
@@ -107,7 +124,7 @@ impl Participant {
 impl fmt::Display for Participant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Self::Outside => "a program of its own",
+            Self::Feeders => "drivers, or a program of its own",
             Self::One(service) => service.name(),
             Self::Slots => "every slot",
             Self::Services => "every service",
@@ -129,7 +146,7 @@ pub mod participant {
     }
 
     participants! {
-        outside = Participant::Outside;
+        feeders = Participant::Feeders;
         ingest = Participant::One(Service::Ingest);
         gyro = Participant::One(Service::Gyro);
         accel = Participant::One(Service::Accel);

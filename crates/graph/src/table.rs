@@ -16,8 +16,8 @@ macro_rules! topics {
     ($($callback:ident)::+ { $($argument:tt)* } $($more:tt)*) => {
         $($callback)::+! {
             { $($argument)* }
-            Sensor = "sensor": SensorReading, no_tick, Path, outside => [ingest];
-            Receiver = "receiver": ReceiverReading, no_tick, Path, outside => [ingest];
+            Sensor = "sensor": SensorReading, no_tick, Path, feeders => [ingest];
+            Receiver = "receiver": ReceiverReading, no_tick, Path, feeders => [ingest];
             Imu = "imu": ImuSample, every_tick, Path, ingest => [gyro, accel];
             Mag = "mag": MagSample, flagged(FIELD), Path, ingest => [fuser];
             Gnss = "gnss": GnssFix, flagged(FIX), Path, ingest => [fuser, course];
@@ -31,7 +31,7 @@ macro_rules! topics {
             Checkpoint = "checkpoint": Checkpoint, no_tick, Control, services => [supervisor];
             Difference = "difference": Difference, no_tick, Control, candidates => [supervisor];
             Control = "control": Control, no_tick, Control, supervisor => [slots];
-            Health = "health": Health, no_tick, Control, services => [supervisor, gateway];
+            Health = "health": Health, no_tick, Control, services => [supervisor, gateway, ingest];
             Event = "event": SystemEvent, no_tick, Control, supervisor => [];
             $($more)*
         }

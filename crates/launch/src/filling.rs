@@ -79,7 +79,7 @@ pub(crate) fn filling(
 /// Plumbline's stages for a slot, then the user's own.
 fn stages(slot: Service, programs: &BTreeMap<String, Program>) -> Vec<&str> {
     let built_in: &[&str] = match slot {
-        Service::Ingest | Service::Gateway => &[],
+        Service::Ingest | Service::Gateway | Service::Drivers => &[],
         Service::Gyro => &Gyro::NAMES,
         Service::Accel => &Accelerometer::NAMES,
         Service::Fuser => &Fuser::NAMES,
@@ -91,7 +91,7 @@ fn stages(slot: Service, programs: &BTreeMap<String, Program>) -> Vec<&str> {
 
 fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
     match slot {
-        Service::Ingest | Service::Gateway => None,
+        Service::Ingest | Service::Gateway | Service::Drivers => None,
         Service::Gyro => Some(Gyro::named(stage)?.parameters()),
         Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
         Service::Fuser => Some(Fuser::named(stage)?.parameters()),

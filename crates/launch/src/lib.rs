@@ -8,6 +8,8 @@
 //! | `model` | what a launch file says, and the defaults |
 //! | `schema` | which keys there are, and what each may be |
 //! | `filling` | what may fill a slot |
+//! | `live` | sources that are read while they send |
+//! | `source_uri` | a source in one line |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `output` | in which frame the attitude leaves the system |
 //! | `gateway` | what goes beyond the board, and to where |
@@ -25,12 +27,14 @@ mod fault;
 mod filling;
 mod gateway;
 mod gateway_section;
+mod live;
 mod model;
 mod output;
 mod problem;
 mod program;
 mod schema;
 mod sensors;
+mod source_uri;
 mod split;
 mod walk;
 mod watch;
@@ -40,6 +44,7 @@ pub use graph::Service;
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
 pub use gateway::{Gateway, Import, Rate, Tls};
+pub use live::{Clock, Format, Serial, Stream, Udp};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
     Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
@@ -47,5 +52,6 @@ pub use model::{
 pub use output::Output;
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
+pub use source_uri::{replayed, with_source};
 pub use split::CACHE_TICKS_MAX;
 pub use watch::{Measure, Watch};

@@ -6,7 +6,14 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{fault::Fault, gateway::Gateway, output::Output, program::Program, watch::Watch};
+use crate::{
+    fault::Fault,
+    gateway::Gateway,
+    live::{Clock, Serial, Stream, Udp},
+    output::Output,
+    program::Program,
+    watch::Watch,
+};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -99,7 +106,7 @@ pub struct Stage {
 /// Where samples come from, and what is wrong with a sample.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ingest {
-    /// Which of the three below is used.
+    /// Which of the sources below is used.
     pub source: Source,
     /// The simulated sensors.
     pub sim: Sim,
@@ -107,6 +114,12 @@ pub struct Ingest {
     pub replay: Replay,
     /// The samples another process publishes.
     pub bus: BusSource,
+    /// What comes on standard input.
+    pub stdin: Stream,
+    /// What comes in datagrams.
+    pub udp: Udp,
+    /// What comes over a serial line.
+    pub serial: Serial,
     /// What is flagged.
     pub limits: Limits,
     /// What the sensors' readings are in the sensors' axes.
@@ -229,6 +242,12 @@ pub enum Source {
     Replay,
     /// Another process, over the bus.
     Bus,
+    /// Standard input of the supervisor.
+    Stdin,
+    /// Datagrams.
+    Udp,
+    /// A serial line.
+    Serial,
 }
 
 /// What a rate sample says about its interval.
@@ -239,6 +258,11 @@ pub enum GyroSamples {
     Means,
     /// The value at the interval's end.
     Instants,
+}
+
+impl GyroSamples {
+    /// Both with their names.
+    pub(crate) const ALL: [(&str, Self); 2] = [("means", Self::Means), ("instants", Self::Instants)];
 }
 
 impl Default for Launch {
@@ -266,6 +290,9 @@ impl Default for Launch {
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
                 replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
+                stdin: Stream::of(Clock::Device),
+                udp: Udp { listen: "127.0.0.1:14560".into(), stream: Stream::of(Clock::Host) },
+                serial: Serial { port: PathBuf::new(), baud: 115_200, stream: Stream::of(Clock::Host) },
                 limits: Limits {
                     rate_max_deg_s: 2000.0,
                     force_max_g: 16.0,
@@ -291,7 +318,7 @@ impl Launch {
     /// What fills a slot; `None` for a service that has no stage.
     pub fn slot(&self, service: Service) -> Option<&Stage> {
         match service {
-            Service::Ingest | Service::Gateway => None,
+            Service::Ingest | Service::Gateway | Service::Drivers => None,
             Service::Gyro => Some(&self.gyro),
             Service::Accel => Some(&self.accel),
             Service::Fuser => Some(&self.fuser),
@@ -302,7 +329,7 @@ impl Launch {
     /// What fills a slot, to be swapped.
     pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
         match service {
-            Service::Ingest | Service::Gateway => None,
+            Service::Ingest | Service::Gateway | Service::Drivers => None,
             Service::Gyro => Some(&mut self.gyro),
             Service::Accel => Some(&mut self.accel),
             Service::Fuser => Some(&mut self.fuser),

@@ -5,6 +5,7 @@ use crate::{
     filling::filling,
     gateway::{Gateway, Tls},
     gateway_section::gateway,
+    live::{RATES_HZ, live},
     model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
     output::output,
     problem::{Problem, quoted},
@@ -82,6 +83,7 @@ impl Launch {
             ingest(section, &mut self.ingest);
             fault::script(section, allowed, &mut self.ingest.faults);
         });
+        self.add_drivers();
         if all_known && !self.gateway.is_split() {
             whole(section, &self.services);
             gateway_starts(section);
@@ -96,7 +98,7 @@ impl Launch {
         for slot in Service::SLOTS {
             let Self { stages, gyro, accel, fuser, course, .. } = &mut *self;
             let out = match slot {
-                Service::Ingest | Service::Gateway => continue,
+                Service::Ingest | Service::Gateway | Service::Drivers => continue,
                 Service::Gyro => gyro,
                 Service::Accel => accel,
                 Service::Fuser => fuser,
@@ -111,7 +113,7 @@ impl Launch {
 
 /// Whether every name was known.
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
-    let allowed = Service::ALL.map(|service| (service.name(), service));
+    let allowed = Service::LISTED.map(|service| (service.name(), service));
     let Some(listed) = section.choices("services", &allowed) else { return true };
     let all_known = listed.iter().all(Option::is_some);
     let listed: Vec<_> = listed.into_iter().flatten().collect();
@@ -143,7 +145,7 @@ fn whole(section: &mut Section<'_, '_>, services: &[Service]) {
 /// What is said of the gateway is for one that is started. Who lists the services without it has left it out.
 fn gateway_starts(section: &mut Section<'_, '_>) {
     if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
-        let started = Service::ALL.map(Service::name);
+        let started = Service::LISTED.map(Service::name);
         section.report(Problem {
             help: Some(format!("at the top of the file: services = [{}]", quoted(&started))),
             note: Some("a list of services without \"gateway\" leaves it out".into()),
@@ -168,12 +170,8 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
 }
 
 /// A recording's rate is not known here; its buffers are cut to the limit.
-fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
-    let rate_hz = match launch.ingest.source {
-        Source::Sim => launch.ingest.sim.rate_hz,
-        Source::Bus => launch.ingest.bus.rate_hz,
-        Source::Replay => return None,
-    };
+pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
+    let rate_hz = launch.ingest.declared_rate_hz()?;
     let most_s = TOPIC_MESSAGES_MAX as f64 / rate_hz;
     (launch.buffer_s > most_s).then(|| {
         let title = format!("buffer_s = {} at {rate_hz} Hz is more than a topic can hold", launch.buffer_s);
@@ -193,15 +191,11 @@ fn restart(section: &mut Section<'_, '_>, out: &mut Restart) {
     section.choice("on_limit", policies, &mut out.on_limit);
 }
 
-fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
-    let sources = [("sim", Source::Sim), ("replay", Source::Replay), ("bus", Source::Bus)];
-    let gyro_samples = [("means", GyroSamples::Means), ("instants", GyroSamples::Instants)];
-    let rates_hz = 1.0..=10_000.0;
-
-    section.choice("source", sources, &mut out.source);
+pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
+    section.choice("source", Source::NAMES, &mut out.source);
     section.section("sim", |section| {
         section.choice("scenario", Motion::NAMES.map(named), &mut out.sim.scenario);
-        section.number("rate_hz", rates_hz.clone(), &mut out.sim.rate_hz);
+        section.number("rate_hz", RATES_HZ, &mut out.sim.rate_hz);
         section.natural("seed", &mut out.sim.seed);
         section.number("gyro_bias_deg_s", 0.0..=100.0, &mut out.sim.gyro_bias_deg_s);
         section.number("accel_noise_g", 0.0..=10.0, &mut out.sim.accel_noise_g);
@@ -210,14 +204,11 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     section.section("replay", |section| {
         file_taken = section.text("file", "a path", |path| Some(path.into()), &mut out.replay.file);
         file_span = section.span("file");
-        section.choice("gyro_samples", gyro_samples, &mut out.replay.gyro_samples);
+        section.choice("gyro_samples", GyroSamples::ALL, &mut out.replay.gyro_samples);
         section.flag("mag", &mut out.replay.mag);
         section.text("gnss", r#""auto", "off" or a path"#, gnss, &mut out.replay.gnss);
     });
-    section.section("bus", |section| {
-        section.number("rate_hz", rates_hz, &mut out.bus.rate_hz);
-        section.choice("gyro_samples", gyro_samples, &mut out.bus.gyro_samples);
-    });
+    live(section, out);
     section.section("limits", |section| {
         section.number("rate_max_deg_s", 1.0..=100_000.0, &mut out.limits.rate_max_deg_s);
         section.number("force_max_g", 0.1..=10_000.0, &mut out.limits.force_max_g);
@@ -238,6 +229,13 @@ fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.report(Problem {
             help: Some(r#"name a recording: file = "flight.csv.gz" in [ingest.replay]"#.into()),
             ..Problem::new(span, "ingest.replay.file: a replay needs a file, none is named", "no file to replay")
+        });
+    }
+    if out.source == Source::Serial && out.serial.port.as_os_str().is_empty() && !section.has_problems() {
+        let span = section.span("source").unwrap_or_default();
+        section.report(Problem {
+            help: Some(r#"name the device file: port = "/dev/ttyUSB0" in [ingest.serial]"#.into()),
+            ..Problem::new(span, "ingest.serial.port: a serial line needs a port, none is named", "no port to read")
         });
     }
 }

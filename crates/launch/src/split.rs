@@ -3,7 +3,7 @@
 use graph::{Presence, Service, Topic};
 
 use crate::{
-    Launch, Source,
+    Launch,
     gateway::{Gateway, Import},
     model::system_name,
     problem::{Problem, quoted},
@@ -16,7 +16,7 @@ pub const CACHE_TICKS_MAX: usize = 262_144;
 impl Launch {
     /// The service runs here and takes each tick: those before it say again what it still needs when they are started again.
     pub fn follows(&self, service: Service) -> bool {
-        self.services.contains(&service) && (!service.is_beside() || self.gateway.is_split())
+        self.services.contains(&service) && (!service.is_beside() || service.carries_ticks() && self.gateway.is_split())
     }
 
     /// The service that ticks come from: the gateway where they are imported.
@@ -77,9 +77,9 @@ pub(crate) fn problems(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
     if !gateway.export.is_empty() && gateway.import.is_some() {
         report("gateway: topics are both exported and imported".into(), "a host does one of the two");
     }
-    if ingest.source == Source::Replay {
-        let title = "gateway: a replay waits for its slowest reader and cannot be split over hosts";
-        report(title.into(), "only \"sim\" and \"bus\" can be");
+    if ingest.source.waits() {
+        let title = "gateway: a replay or standard input waits for its slowest reader and cannot be split over hosts";
+        report(title.into(), "only \"sim\", \"bus\", \"udp\" and \"serial\" can be");
     }
     for topic in gateway.export.iter().filter(|topic| !maker(topic).is_some_and(runs_here)) {
         report(format!("gateway.export: nobody here publishes {topic:?}"), "its service is missing");
@@ -99,8 +99,7 @@ pub(crate) fn problems(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
             }
         }
     }
-    let cache_ticks =
-        gateway.cache_s * if ingest.source == Source::Bus { ingest.bus.rate_hz } else { ingest.sim.rate_hz };
+    let cache_ticks = gateway.cache_s * ingest.declared_rate_hz().unwrap_or(0.0);
     if cache_ticks > CACHE_TICKS_MAX as f64 {
         let title = format!("gateway.cache_s = {} is {cache_ticks:.0} ticks", gateway.cache_s);
         report(title, &format!("{CACHE_TICKS_MAX} at most"));
@@ -156,7 +155,7 @@ mod tests {
                 BASE,
                 "gateway.import",
                 "ingest.source = \"replay\"\ningest.replay.file = \"a\"\ngateway.import",
-                "a replay waits",
+                "a replay or standard input waits",
             ),
             (BOARD, "\"accel\", \"gateway\"", "\"gateway\"", "nobody here publishes \"accel\""),
             (

@@ -256,6 +256,11 @@ impl<'t> Section<'t, '_> {
         self.table.get(key).map(Spanned::span)
     }
 
+    /// Something is wrong with what was read so far, here or elsewhere.
+    pub(crate) fn has_problems(&self) -> bool {
+        !self.problems.is_empty()
+    }
+
     /// Adds a problem between several values.
     pub(crate) fn report(&mut self, problem: Problem) {
         self.problems.push(problem);

@@ -112,7 +112,7 @@ mod tests {
         ($($callback:ident)::+ { $($argument:tt)* }) => {
             $($callback)::+! { { $($argument)* }
                 Pressure = "pressure": PressureSample, flagged(GAP), Path, ingest => [fuser];
-                Brake = "brake": BrakeState, no_tick, Control, outside => [ingest];
+                Brake = "brake": BrakeState, no_tick, Control, feeders => [ingest];
             }
         };
     }

@@ -366,7 +366,7 @@ payload! {
         next_tick: u64,
         /// [`Checkpoint::sum`].
         checksum: u64,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway.
+        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
         /// The incarnation of the sender.
         incarnation: u32,
@@ -448,7 +448,7 @@ payload! {
 
 payload! {
     /// What a service says of itself.
-    Health = "plumbline.Health.1" {
+    Health = "plumbline.Health.2" {
         /// Ticks published since the start.
         ticks: u64,
         /// Ticks that never came.
@@ -465,7 +465,7 @@ payload! {
         late_wakes: u64,
         /// Every flag seen since the start.
         flags: Flags,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway.
+        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
         /// What it does.
         state: State,
@@ -481,6 +481,12 @@ payload! {
         published_from: u64,
         /// Outputs that were not finite.
         flawed: u64,
+        /// Of the drivers, where they fit the device's clock: CLOCK_MONOTONIC less the device's, ns.
+        clock_offset_ns: i64,
+        /// Likewise: standard deviation of the times of arrival about the fit, ns.
+        clock_jitter_ns: u64,
+        /// Likewise: times the device's clock began again, was set, or did not go forward.
+        clock_steps: u64,
     }
 }
 
@@ -560,7 +566,7 @@ payload! {
         adopted_tick: u64,
         /// What has happened.
         kind: EventKind,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway.
+        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
         /// The process's incarnation.
         incarnation: u32,
@@ -669,7 +675,7 @@ const _: () = {
     assert!(size_of::<AccelPoint>() == 128);
     assert!(size_of::<FusedState>() == 184);
     assert!(size_of::<AttitudeOutput>() == 224);
-    assert!(size_of::<Health>() == 104);
+    assert!(size_of::<Health>() == 128);
 };
 
 #[cfg(test)]
@@ -693,6 +699,7 @@ mod tests {
             "duplicated",
             "refused",
             "late_wakes",
+            "clock_steps",
             "flags",
             "service",
             "state",

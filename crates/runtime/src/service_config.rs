@@ -82,10 +82,10 @@ impl ServiceConfig {
             let publishers = if entry.publisher.is_many() { self.launch.services.len() } else { 1 };
             (messages::size(topic) + MESSAGE_OVERHEAD_BYTES) * self.buffer(entry) * publishers
         };
-        let from_outside = self.launch.ingest.source == Source::Bus;
+        let from_feeders = !self.launch.ingest.source.can_be_read_again();
         let is_there = |topic: &Topic| match topic {
             Topic::Reading => self.readings,
-            topic => from_outside || topic.entry().publisher != Participant::Outside,
+            topic => from_feeders || topic.entry().publisher != Participant::Feeders,
         };
         let bytes: usize = Topic::ALL.iter().copied().filter(is_there).map(bytes).sum();
         (bytes * 3 / 2) as u64
@@ -93,7 +93,7 @@ impl ServiceConfig {
 
     /// The source waits for the slowest reader: nothing is dropped, whatever the speed.
     pub fn lockstep(&self) -> bool {
-        self.launch.ingest.source == Source::Replay || self.pace != Pace::Speed(1.0)
+        self.launch.ingest.source.waits() || self.pace != Pace::Speed(1.0)
     }
 
     /// How far the source may be ahead of the last reader, ticks: in lockstep no more than what a reader of two
@@ -119,6 +119,9 @@ impl ServiceConfig {
             Source::Sim => self.launch.ingest.sim.gyro_samples(),
             Source::Replay => self.launch.ingest.replay.gyro_samples,
             Source::Bus => self.launch.ingest.bus.gyro_samples,
+            Source::Stdin => self.launch.ingest.stdin.gyro_samples,
+            Source::Udp => self.launch.ingest.udp.stream.gyro_samples,
+            Source::Serial => self.launch.ingest.serial.stream.gyro_samples,
         }
     }
 }

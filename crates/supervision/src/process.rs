@@ -10,7 +10,7 @@ use crate::{
     restart_policy::{FIRST_HEALTH_LIMIT, RestartPolicy},
 };
 
-/// A service beside the data path that says nothing for so long is killed: it may have to wait for the machine.
+/// A service that can wait and says nothing for so long is killed: it may have to wait for the machine.
 const SILENCE_BESIDE: Duration = Duration::from_secs(5);
 
 /// The services of a system, in the order of [`Service::ALL`].
@@ -290,12 +290,12 @@ impl ProcessEntry {
     pub(crate) fn kill_silent(&mut self, service: Service, rule: &Restart, now: Duration, actions: &mut Vec<Action>) {
         // Until a candidate has begun to work, its swap has a deadline for it.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.health.is_some());
-        let first_limit = if service.is_beside() { FIRST_HEALTH_LIMIT } else { self.policy.first_health_limit(rule) };
+        let first_limit = if service.can_wait() { FIRST_HEALTH_LIMIT } else { self.policy.first_health_limit(rule) };
         for process in self.process.iter_mut().chain(candidate) {
             let (limit, what) = match &process.health {
                 Some(_) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
-                    (if service.is_beside() { limit.max(SILENCE_BESIDE) } else { limit }, "said nothing")
+                    (if service.can_wait() { limit.max(SILENCE_BESIDE) } else { limit }, "said nothing")
                 }
                 None => (first_limit, "not opened its topics"),
             };

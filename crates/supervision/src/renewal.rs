@@ -5,7 +5,7 @@
 
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
-use launch::{Service, Source};
+use launch::Service;
 use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, ProcessEntry, Supervision};
@@ -84,7 +84,8 @@ impl Supervision {
         // The time that it took is nobody's silence.
         self.table.stood_still(self.now);
         let launch = &self.config.launch;
-        self.checkpoints.set_begins_anew(launch.origin() == Service::Ingest && launch.ingest.source != Source::Bus);
+        self.checkpoints
+            .set_begins_anew(launch.origin() == Service::Ingest && launch.ingest.source.can_be_read_again());
         for service in launch.services.clone() {
             if !self.table.entry(service).away {
                 let resume = self.checkpoints.resume(service, 0);

@@ -84,7 +84,7 @@ payloads! {
     Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation };
     Health {
         ticks, lost, duplicated, repeated, next_tick, refused, late_wakes, flags, service, state, incarnation, pid, epoch, missed,
-        published_from, flawed
+        published_from, flawed, clock_offset_ns, clock_jitter_ns, clock_steps
     };
 }
 

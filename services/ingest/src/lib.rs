@@ -6,6 +6,7 @@
 
 mod channel;
 pub mod conditioner;
+mod feed;
 pub mod retaken;
 mod script;
 pub mod source;
@@ -14,10 +15,9 @@ mod taken;
 use std::time::Duration;
 
 use bus::{BusError, Publisher, Subscriber};
-use launch::{Service, Source};
+use launch::Service;
 use messages::{
-    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, ReceiverReading, Reference,
-    SensorReading, State,
+    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, Reference, SensorReading, State,
 };
 use runtime::{
     Pace, RuntimeError, ServiceConfig, ServiceContext,
@@ -26,7 +26,8 @@ use runtime::{
 };
 
 use conditioner::{Conditioner, Sample};
-use source::{Reading, Readings, SourceError, Truth, fix_of};
+use feed::Feed;
+use source::{Reading, Readings, SourceError, Truth};
 use taken::TakenReadings;
 
 /// Samples sent at most before the readers are woken.
@@ -60,8 +61,8 @@ pub fn conditioner(config: &ServiceConfig) -> Result<Conditioner, SourceError> {
 pub fn run() -> Result<(), IngestError> {
     let mut ingest = Ingest::join()?;
     match ingest.context.config.launch.ingest.source {
-        Source::Bus => ingest.relay()?,
-        Source::Sim | Source::Replay => ingest.pace()?,
+        source if source.can_be_read_again() => ingest.pace()?,
+        _ => ingest.relay()?,
     }
     ingest.finish()
 }
@@ -100,7 +101,7 @@ impl Ingest {
         if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {
             (first_tick, start_ns) = (next_tick, since_ns);
             again_until = context.config.again_until(first_tick, context.bus.next_tick(ImuSample::TOPIC));
-            if context.config.launch.ingest.source == Source::Bus {
+            if !context.config.launch.ingest.source.can_be_read_again() {
                 first_tick = context.bus.next_tick(ImuSample::TOPIC);
                 conditioner.continue_at(first_tick, offset_ns);
             }
@@ -204,15 +205,14 @@ impl Ingest {
         now_ns
     }
 
-    /// Publishes the readings of the topic `sensor` as they come.
+    /// Publishes the readings of the topic `sensor` as they come; of the drivers until they are at the end of what they read.
     fn relay(&mut self) -> Result<(), IngestError> {
-        let sensor: Subscriber<SensorReading> = self.context.subscriber()?;
-        let receiver: Subscriber<ReceiverReading> = self.context.subscriber()?;
+        let mut feed = Feed::open(&self.context)?;
         self.publish_health(State::READY)?;
         while !self.context.ends() {
             self.drain_credit()?;
             self.deliver_history()?;
-            if self.end_tick.is_some() {
+            if self.end_tick.is_some() || self.published_ticks >= self.ticks_max() {
                 break;
             }
             self.publish_health(if self.published_ticks > 0 { State::RUNNING } else { State::READY })?;
@@ -220,10 +220,11 @@ impl Ingest {
                 self.context.wait::<Credit>(&self.credit);
                 continue;
             }
-            let (mut published, mut fix) = (Ok(()), None);
-            receiver.drain(BATCH, |reading| fix = Some(fix_of(reading)))?;
-            sensor.drain(BATCH, |reading| {
-                let reading = Reading { fix: fix.take(), ..reading.into() };
+            let has_ended = feed.has_ended()?;
+            let room = self.allowed_ticks.min(self.ticks_max()) - self.published_ticks;
+            let (mut published, mut taken) = (Ok(()), 0);
+            feed.drain(room.min(BATCH as u64) as usize, |reading| {
+                taken += 1;
                 if published.is_ok() {
                     published = self.take(&reading).and_then(|sample| match sample {
                         Some(sample) => self.publish(sample),
@@ -233,7 +234,10 @@ impl Ingest {
             })?;
             published?;
             self.imu.wake();
-            self.context.wait::<SensorReading>(&sensor);
+            if has_ended && taken == 0 {
+                break;
+            }
+            self.context.wait::<SensorReading>(&feed.sensor);
         }
         Ok(())
     }

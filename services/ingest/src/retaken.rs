@@ -3,7 +3,6 @@
 //! Input: messages of the topic `reading` in the order of their recording. Output: the samples of the flight. Time: the readings' own. Failure: a
 //! reading that is not there ends it: what would follow is another flight.
 
-use launch::Source;
 use messages::TakenReading;
 use runtime::ServiceConfig;
 
@@ -36,7 +35,7 @@ pub struct LostReadings {
 impl Retaken {
     /// For a flight of this configuration.
     pub fn new(config: &ServiceConfig) -> Result<Self, SourceError> {
-        let from_bus = config.launch.ingest.source == Source::Bus;
+        let from_bus = !config.launch.ingest.source.can_be_read_again();
         Ok(Self { conditioner: crate::conditioner(config)?, config: config.clone(), from_bus, last: None, refused: 0 })
     }
 

@@ -1,4 +1,4 @@
-//! Where readings come from: a simulation or a recording. (The third source, the bus, is read where the bus is.)
+//! Where readings come from: a simulation or a recording. (What comes over the bus is read where the bus is.)
 
 use std::path::{Path, PathBuf};
 
@@ -135,7 +135,7 @@ impl Readings {
                 let Replay { file, gnss, mag, .. } = &launch.ingest.replay;
                 Ok(Self::Replay(Box::new(Recorded::open(file, fixes_of(file, gnss).as_deref(), *mag)?)))
             }
-            Source::Bus => Err(SourceError::NoBus),
+            Source::Bus | Source::Stdin | Source::Udp | Source::Serial => Err(SourceError::NoBus),
         }
     }
 }

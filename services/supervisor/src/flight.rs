@@ -35,7 +35,7 @@ impl std::fmt::Debug for Flight {
 }
 
 /// The sources in the order of their numbers in the event that begins a run.
-const SOURCES: [Source; 3] = [Source::Sim, Source::Replay, Source::Bus];
+const SOURCES: [Source; 6] = [Source::Sim, Source::Replay, Source::Bus, Source::Stdin, Source::Udp, Source::Serial];
 const RATE: &str = "rate_hz";
 const SOURCE: &str = "source";
 

@@ -121,11 +121,14 @@ pub enum UpError {
     #[error(transparent)]
     Failed(#[from] Failure),
     /// What was asked for needs all slots on this host.
-    #[error("splitting the system over hosts: {why}; run it live, from \"sim\" or \"bus\"")]
+    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\", \"udp\" or \"serial\"")]
     Split {
         /// Why it cannot be.
         why: &'static str,
     },
+    /// A terminal would be read as a sensor.
+    #[error("reading standard input: it is a terminal; give it a program or a file: PROGRAM | plumb up --source stdin")]
+    Terminal,
     /// The attitude would be written over the recording.
     #[error("writing {path}: that is the recording itself; give --out another name")]
     OutIsReplay {
@@ -194,7 +197,7 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } | Self::NoBus => 2,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::NoBus => 2,
             _ => 1,
         }
     }

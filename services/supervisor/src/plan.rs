@@ -1,7 +1,8 @@
 //! What is to run, checked before anything starts.
 
 use std::{
-    fs, io,
+    fs,
+    io::{self, IsTerminal},
     path::{Path, PathBuf},
 };
 
@@ -24,6 +25,8 @@ const ROUNDING: f64 = 1e-6;
 pub struct Request {
     /// The launch file.
     pub launch: Option<PathBuf>,
+    /// A source in one line that takes the place of the launch file's.
+    pub source: Option<String>,
     /// A recording that takes the place of the launch file's source.
     pub replay: Option<PathBuf>,
     /// What was imported of it, where it is the log of another system.
@@ -69,6 +72,9 @@ impl Plan {
     /// The plan for a request.
     pub fn new(request: &Request) -> Result<Self, UpError> {
         let mut launch = launch(request.launch.as_deref())?;
+        if let Some(line) = &request.source {
+            launch.set_source(line).map_err(launch::LaunchError::from)?;
+        }
         if let Some(file) = &request.replay {
             launch.ingest.source = Source::Replay;
             launch.ingest.replay.file.clone_from(request.imported.as_ref().unwrap_or(file));
@@ -76,6 +82,7 @@ impl Plan {
         if launch.gateway.is_split() {
             let obstacle = match launch.ingest.source {
                 Source::Replay => Some("a replay waits for its slowest reader"),
+                Source::Stdin => Some("standard input waits for its slowest reader"),
                 _ if request.pace.is_some_and(|pace| pace != Pace::Speed(1.0)) => {
                     Some("at another speed the source waits for its slowest reader")
                 }
@@ -89,6 +96,9 @@ impl Plan {
         let (rate_hz, rows, has_reference) = match launch.ingest.source {
             Source::Sim => (launch.ingest.sim.rate_hz, None, true),
             Source::Bus => (launch.ingest.bus.rate_hz, None, false),
+            Source::Stdin => (launch.ingest.stdin.rate_hz, None, false),
+            Source::Udp => (launch.ingest.udp.stream.rate_hz, None, false),
+            Source::Serial => (launch.ingest.serial.stream.rate_hz, None, false),
             Source::Replay => {
                 let file = &launch.ingest.replay.file;
                 let is_read = |out: &&PathBuf| {
@@ -101,7 +111,10 @@ impl Plan {
                 (survey.rate_hz, Some(survey.rows), survey.has_reference)
             }
         };
-        let live = launch.ingest.source == Source::Bus;
+        if launch.ingest.source == Source::Stdin && io::stdin().is_terminal() {
+            return Err(UpError::Terminal);
+        }
+        let live = !launch.ingest.source.can_be_read_again() && !launch.ingest.source.waits();
         let wanted = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
         let ticks_max = wanted.filter(|_| !live);
         let config = ServiceConfig {
@@ -134,7 +147,7 @@ impl Plan {
         Self {
             ticks: ticks_max,
             stop_after_s: None,
-            has_reference: config.launch.ingest.source != Source::Bus,
+            has_reference: config.launch.ingest.source.can_be_read_again(),
             recording: request.replay.clone(),
             out: out_file(request, &config.launch),
             state_file: None,
@@ -180,7 +193,7 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
     }
     let config = alone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let filled = match slot {
-        Service::Ingest | Service::Gateway => return Ok(()),
+        Service::Ingest | Service::Gateway | Service::Drivers => return Ok(()),
         Service::Gyro => gyro::slot(&config).map(|_| ()),
         Service::Accel => accel::slot(&config).map(|_| ()),
         Service::Fuser => fuser::slot(&config).map(|_| ()),

@@ -8,7 +8,7 @@ use std::{
     fs,
     io::{self, Write},
     os::{
-        fd::OwnedFd,
+        fd::{AsFd, OwnedFd},
         unix::process::{CommandExt, ExitStatusExt},
     },
     process::{Child, Command, ExitStatus, Stdio},
@@ -16,7 +16,7 @@ use std::{
 };
 
 use bus::{MORE_MEMORY, SharedMemory};
-use launch::Service;
+use launch::{Service, Source};
 use runtime::{ServiceConfig, clock::cpu_ns, stderr_tail::StderrTail};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
@@ -136,7 +136,7 @@ impl Process {
         let mut child = Command::new(std::env::current_exe()?)
             .args(["service", service.name()])
             .stdin(Stdio::piped())
-            .stdout(Stdio::null())
+            .stdout(output(service, config)?)
             .stderr(Stdio::piped())
             // Ctrl-C is for the supervisor, which ends the services.
             .process_group(0)
@@ -161,6 +161,17 @@ impl Process {
             // A process that has just ended does not need the signal.
             let _ = kill_process(pid, signal);
         }
+    }
+}
+
+/// What a service has in the place of its standard output, on which none of them says anything: the drivers have there what comes on the
+/// supervisor's standard input, where that is the source; their own brings the configuration.
+fn output(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
+    match service {
+        Service::Drivers if config.launch.ingest.source == Source::Stdin => {
+            Ok(io::stdin().as_fd().try_clone_to_owned()?.into())
+        }
+        _ => Ok(Stdio::null()),
     }
 }
 

@@ -302,7 +302,7 @@ impl<'r> System<'r> {
             *slot = stage;
         }
         let class = match role {
-            _ if service.is_beside() => SchedulingClass::Beside,
+            _ if service.can_wait() => SchedulingClass::Beside,
             Role::Owner { .. } => SchedulingClass::Path,
             Role::Candidate => SchedulingClass::Starting,
         };

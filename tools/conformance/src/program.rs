@@ -28,7 +28,9 @@ pub fn program(name: &str, program: &Program, on_begin: &mut dyn FnMut(&str)) ->
         Service::Accel => judged::<AccelSlot>(name, program, on_begin),
         Service::Course => judged::<CourseSlot>(name, program, on_begin),
         // A launch file has programs for these slots only.
-        Service::Fuser | Service::Ingest | Service::Gateway => judged::<FuserSlot>(name, program, on_begin),
+        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers => {
+            judged::<FuserSlot>(name, program, on_begin)
+        }
     }
 }
 

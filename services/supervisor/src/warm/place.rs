@@ -13,9 +13,11 @@ pub(crate) fn place(launch: &Launch, live: bool) -> Option<PathBuf> {
         return None;
     }
     match (&launch.state_file, launch.ingest.source) {
-        (StateFile::Off, _) | (_, Source::Replay) | (StateFile::Auto, Source::Sim) => None,
+        (StateFile::Off, _) | (_, Source::Replay | Source::Stdin) | (StateFile::Auto, Source::Sim) => None,
         (StateFile::File(path), _) => Some(path.clone()),
-        (StateFile::Auto, Source::Bus) => folder(|name| env::var_os(name)).map(|folder| folder.join(file(launch))),
+        (StateFile::Auto, Source::Bus | Source::Udp | Source::Serial) => {
+            folder(|name| env::var_os(name)).map(|folder| folder.join(file(launch)))
+        }
     }
 }
 

@@ -182,6 +182,9 @@ fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &Servic
         let found = format!("{topic}: {} messages while it was looked at", report.messages);
         let remedy = match (service, config.launch.ingest.source) {
             (Service::Ingest, Source::Bus) => "is the sensor's driver running? it publishes on the topic `sensor`",
+            (Service::Ingest, source) if source.is_driven() => {
+                "does the device send? what the drivers say of it is on the terminal of `plumb up`"
+            }
             (Service::Ingest, _) => "is the source at its end? see `plumb ps`",
             _ => "see the services before it",
         };

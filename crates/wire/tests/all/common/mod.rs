@@ -96,7 +96,7 @@ impl Dice {
     }
 
     pub fn service(&mut self) -> u32 {
-        self.below(6) as u32
+        self.below(7) as u32
     }
 
     pub fn signed(&mut self) -> i64 {
@@ -147,7 +147,7 @@ drawn! {
     Health {
         ticks: word, lost: word, duplicated: word, repeated: word, next_tick: word, refused: word, late_wakes: word,
         flags: flags, service: service, state: state, incarnation: half, pid: half, epoch: half, missed: half,
-        published_from: word, flawed: word
+        published_from: word, flawed: word, clock_offset_ns: signed, clock_jitter_ns: word, clock_steps: word
     }
 }
 

@@ -1,0 +1,198 @@
+//! A source in one line, as `plumb up --source` takes it: `KIND:PLACE?key=value&key=value`.
+//!
+//! The line is the section of its kind in other words: `serial:/dev/ttyUSB0?baud=9600` is `source = "serial"` with
+//! `[ingest.serial] port = "/dev/ttyUSB0"`, `baud = 9600`, and is read and checked as that. What it does not say stays as it was.
+
+use toml::{Table, Value, de::DeTable};
+
+use crate::{
+    Launch, Source,
+    problem::{Problem, Problems},
+    schema::{buffer_problem, ingest},
+    walk,
+};
+
+/// The key that the place of each kind stands for.
+const PLACES: [(&str, Option<&str>); 6] = [
+    ("sim", Some("scenario")),
+    ("replay", Some("file")),
+    ("bus", None),
+    ("stdin", None),
+    ("udp", Some("listen")),
+    ("serial", Some("port")),
+];
+
+impl Launch {
+    /// Takes the source of the line in place of its own. A relative path is one from the working folder.
+    pub fn set_source(&mut self, line: &str) -> Result<(), Problems> {
+        let text = section_of(line);
+        let (table, syntax) = DeTable::parse_recoverable(&text);
+        let mut list: Vec<_> = syntax.iter().map(|error| Problem::syntax(error, &text)).collect();
+        let mut launch = self.clone();
+        if list.is_empty() {
+            walk::root(table.get_ref(), &mut list, |section| {
+                section.section("ingest", |section| ingest(section, &mut launch.ingest));
+                list_buffer(&launch, section);
+            });
+        }
+        if !list.is_empty() {
+            return Err(Problems { file_name: format!("--source {line}"), text: text.clone(), list });
+        }
+        launch.add_drivers();
+        *self = launch;
+        Ok(())
+    }
+}
+
+/// The recording that such a line has replayed.
+pub fn replayed(line: &str) -> Option<&str> {
+    let (place, _) = halves(line.strip_prefix("replay:")?);
+    Some(place)
+}
+
+/// The text of a launch file with such a line in it, so that it says what ran; its comments are gone. None where one of them is not valid.
+pub fn with_source(text: &str, line: &str) -> Option<String> {
+    let mut launch: Table = text.parse().ok()?;
+    lay_over(&mut launch, section_of(line).parse().ok()?);
+    Some(launch.to_string())
+}
+
+fn lay_over(below: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
+            (_, value) => drop(below.insert(key, value)),
+        }
+    }
+}
+
+fn list_buffer(launch: &Launch, section: &mut walk::Section<'_, '_>) {
+    if let Some(problem) = buffer_problem(launch, section) {
+        section.report(problem);
+    }
+}
+
+/// The line as the section of a launch file.
+fn section_of(line: &str) -> String {
+    let (kind_and_place, keys) = halves(line);
+    let (kind, place) = kind_and_place.split_once(':').unwrap_or((kind_and_place, ""));
+    let text = |value: &str| Value::from(value).to_string();
+    let mut section = format!("[ingest]\nsource = {}\n", text(kind));
+    let Some((_, key)) = PLACES.iter().find(|(name, _)| *name == kind) else { return section };
+    section += &format!("[ingest.{kind}]\n");
+    if !place.is_empty() {
+        section += &format!("{} = {}\n", key.unwrap_or("place"), text(place));
+    }
+    for pair in keys.split('&').filter(|pair| !pair.is_empty()) {
+        let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
+        let is_bare = value.parse::<f64>().is_ok_and(f64::is_finite) || matches!(value, "true" | "false");
+        section += &format!("{} = {}\n", text(key), if is_bare { value.into() } else { text(value) });
+    }
+    section
+}
+
+fn halves(line: &str) -> (&str, &str) {
+    line.split_once('?').unwrap_or((line, ""))
+}
+
+impl Source {
+    /// Every source with its name.
+    pub(crate) const NAMES: [(&str, Self); 6] = [
+        ("sim", Self::Sim),
+        ("replay", Self::Replay),
+        ("bus", Self::Bus),
+        ("stdin", Self::Stdin),
+        ("udp", Self::Udp),
+        ("serial", Self::Serial),
+    ];
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Clock, GyroSamples, Service};
+
+    fn with(line: &str) -> Launch {
+        let mut launch = Launch::default();
+        launch.set_source(line).unwrap();
+        launch
+    }
+
+    #[test]
+    fn a_line_says_what_the_section_says() {
+        for (line, text) in [
+            (
+                "sim:s3?seed=2&rate_hz=200",
+                "ingest = { source = \"sim\", sim = { scenario = \"s3\", seed = 2, rate_hz = 200 } }",
+            ),
+            (
+                "replay:a b.csv?mag=false",
+                "ingest = { source = \"replay\", replay = { file = \"a b.csv\", mag = false } }",
+            ),
+            ("bus?rate_hz=100", "ingest = { source = \"bus\", bus.rate_hz = 100 }"),
+            ("stdin", "ingest.source = \"stdin\""),
+            (
+                "udp:[::1]:9?clock=device",
+                "ingest = { source = \"udp\", udp = { listen = \"[::1]:9\", clock = \"device\" } }",
+            ),
+            (
+                "serial:/dev/ttyUSB0?format=csv&baud=115200&gyro_samples=instants",
+                "ingest = { source = \"serial\", serial = { port = \"/dev/ttyUSB0\", gyro_samples = \"instants\" } }",
+            ),
+        ] {
+            assert_eq!(with(line), Launch::parse("launch.toml", text).unwrap(), "{line}");
+        }
+        assert_eq!((replayed("replay:a.csv?mag=false"), replayed("stdin")), (Some("a.csv"), None));
+    }
+
+    #[test]
+    fn a_launch_file_with_a_line_in_it_says_what_runs_with_both() {
+        let text = "name = \"a\" # mine\n[ingest]\nsource = \"sim\"\nudp.rate_hz = 50\n[ingest.limits]\ngap_s = 0.5\n";
+        for line in ["udp:[::1]:9?gyro_samples=instants", "sim:s3?seed=2", "stdin"] {
+            let mut launch = Launch::parse("launch.toml", text).unwrap();
+            launch.set_source(line).unwrap();
+            assert_eq!(Launch::parse("launch.toml", &with_source(text, line).unwrap()).unwrap(), launch, "{line}");
+        }
+    }
+
+    #[test]
+    fn the_drivers_run_exactly_where_the_source_is_theirs() {
+        let mut launch = with("stdin");
+        assert_eq!(launch.services.last(), Some(&Service::Drivers));
+        launch.set_source("bus").unwrap();
+        assert_eq!(launch.services, Service::PATH);
+        let refused = Launch::parse("launch.toml", "services = [\"drivers\"]").unwrap_err().to_string();
+        assert!(refused.contains("unknown value \"drivers\""), "{refused}");
+    }
+
+    #[test]
+    fn what_a_line_does_not_say_stays_as_it_was() {
+        let text = "ingest.udp = { listen = \"0.0.0.0:7\", clock = \"device\", gyro_samples = \"instants\" }";
+        let mut launch = Launch::parse("launch.toml", text).unwrap();
+        launch.set_source("udp?rate_hz=50").unwrap();
+        let udp = &launch.ingest.udp;
+        assert_eq!((udp.listen.as_str(), udp.stream.clock, udp.stream.rate_hz), ("0.0.0.0:7", Clock::Device, 50.0));
+        assert_eq!(udp.stream.gyro_samples, GyroSamples::Instants);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_line_is_said_as_of_a_launch_file_and_nothing_is_changed() {
+        for (line, said) in [
+            ("serail:/dev/a", "did you mean \"serial\"?"),
+            ("serial:/dev/a?bauds=9600", "did you mean \"baud\"?"),
+            ("serial:/dev/a?baud=fast", "expected an integer, found a string"),
+            ("serial", "ingest.serial.port: a serial line needs a port"),
+            ("udp:nowhere", "an address and a port"),
+            ("stdin:/dev/a", "unknown key \"place\""),
+            ("sim:s9", "unknown value \"s9\""),
+            ("bus?rate_hz=0", "expected 1 to 10000"),
+            ("stdin?rate_hz=1&rate_hz=2", "duplicate key"),
+            ("replay", "a replay needs a file"),
+        ] {
+            let mut launch = Launch::default();
+            let problems = launch.set_source(line).unwrap_err().to_string();
+            assert!(problems.contains(said) && problems.contains(line), "{said}: {problems}");
+            assert_eq!(launch, Launch::default());
+        }
+    }
+}
