@@ -12,7 +12,7 @@ use flate2::{Compression, write::GzEncoder};
 use rustix::process::{Pid, Signal, kill_process_group};
 
 /// What the report for scripts says, whatever became of the run.
-const REPORT: [&str; 10] = [
+const REPORT: [&str; 11] = [
     "cpu_s_per_s",
     "duplicated",
     "error",
@@ -23,6 +23,7 @@ const REPORT: [&str; 10] = [
     "services",
     "ticks_in",
     "ticks_out",
+    "warnings",
 ];
 const RECORDING: &str = "t_s,gx,gy,gz,ax,ay,az\n0.00,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n0.02,0,0,0,0,0,9.8\n";
 /// A system is given so long to end before the test is taken as failed.
