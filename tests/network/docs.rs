@@ -77,6 +77,8 @@ const MAY_FAIL: &str = "plumb doctor";
 
 /// A log of PX4, as examples name it: one of the recordings, where those are.
 const LOG: &str = "flight.ulg";
+/// What an example makes of it.
+const MADE_OF_LOG: &str = "flights/*.mcap";
 
 /// A block of a Markdown file.
 struct Block {
@@ -345,7 +347,7 @@ fn every_line_of_a_shell_runs() {
         }
         for block in blocks.iter().filter(|block| block.language() == Some(Language::Shell)) {
             let has_log = scratch.log.is_some();
-            let lacks_log = |line: &str| !has_log && line.contains(LOG);
+            let lacks_log = |line: &str| !has_log && (line.contains(LOG) || line.contains(MADE_OF_LOG));
             let is_left_out =
                 |line: &&str| lacks_log(line) || LEFT_OUT.iter().any(|(begins, _)| line.starts_with(begins));
             for line in block.text.lines().filter(|line| !line.is_empty() && !is_left_out(line)) {
