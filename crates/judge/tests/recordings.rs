@@ -37,7 +37,7 @@ fn readings(path: &std::path::Path) -> Vec<Reading> {
         force_m_s2: row.force_m_s2,
         field_ut: row.field_ut,
         fix: None,
-        reference: None,
+        reference: row.reference,
     })
     .collect()
 }
@@ -206,6 +206,86 @@ fn each_mistake_is_named() {
             }
             if named.is_none() || found.len() > 1 {
                 failures.push(format!("{file}: {made}: {found:#?}"));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// The force without gravity, as phones call it linear or user acceleration.
+fn without_gravity(reading: Reading) -> Reading {
+    let Some(truth) = reading.reference else { return reading };
+    let [w, x, y, z] = truth.quaternion;
+    // The third row of the rotation: up in the sensor's axes.
+    let up = [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
+    let force_m_s2 = std::array::from_fn(|axis| reading.force_m_s2[axis] - 9.81 * up[axis]);
+    Reading { force_m_s2, ..reading }
+}
+
+/// The mistake, the recordings on which it shows, how it is made of their readings, and what is found.
+type Made = (&'static str, &'static [&'static str], fn(Vec<Reading>) -> Vec<Reading>, Mistake);
+
+const ALL: &[&str] = &["02_", "04_", "07_", "11_", "15_", "24_", "27_", "29_", "33_", "36_"];
+
+const MADE: [Made; 6] = [
+    ("gravity removed", ALL, |all| all.into_iter().map(without_gravity).collect(), Mistake::GravityRemoved),
+    (
+        "readings that came twice",
+        ALL,
+        |all| all.into_iter().enumerate().flat_map(|(at, it)| vec![it; 1 + usize::from(at % 10 == 0)]).collect(),
+        Mistake::Stamps,
+    ),
+    (
+        "readings out of order",
+        ALL,
+        |mut all| {
+            (10..all.len()).step_by(20).for_each(|at| all.swap(at - 1, at));
+            all
+        },
+        Mistake::Stamps,
+    ),
+    (
+        "a gyro with too small a range",
+        &["07_"],
+        |all| {
+            let clipped = |x: f64| x.clamp(-2.5, 2.5);
+            all.into_iter().map(|it| Reading { rate_rad_s: it.rate_rad_s.map(clipped), ..it }).collect()
+        },
+        Mistake::RateClipped,
+    ),
+    (
+        "an accelerometer with too small a range",
+        &["15_"],
+        |all| {
+            let clipped = |x: f64| x.clamp(-16.0, 16.0);
+            all.into_iter().map(|it| Reading { force_m_s2: it.force_m_s2.map(clipped), ..it }).collect()
+        },
+        Mistake::ForceClipped,
+    ),
+    (
+        "forces in g",
+        ALL,
+        |all| all.into_iter().map(|it| Reading { force_m_s2: each(it.force_m_s2, 1.0 / 9.80665), ..it }).collect(),
+        Mistake::ForceUnit,
+    ),
+];
+
+#[test]
+fn mistakes_that_need_no_rotation_are_named_on_every_recording_and_soon() {
+    let mut failures = Vec::new();
+    for path in recordings() {
+        let file = path.file_name().unwrap().to_string_lossy().into_owned();
+        let all = readings(&path);
+        let rate_hz = 1e9 / (all[1].t_ns - all[0].t_ns) as f64;
+        for (made, files, make, mistake) in MADE {
+            if !files.iter().any(|start| file.starts_with(start)) {
+                continue;
+            }
+            let found = judged(make(all.clone()), rate_hz);
+            let named = found.iter().find(|(_, finding)| finding.mistake == mistake);
+            match named {
+                Some((at_s, _)) => println!("{file:.12} {made}: at {at_s:.0} s"),
+                None => failures.push(format!("{file}: {made}: {found:#?}")),
             }
         }
     }
