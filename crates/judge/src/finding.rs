@@ -121,6 +121,15 @@ pub(crate) fn rates_beyond(clipped: u64, senseless: u64) -> Finding {
     Finding { mistake: Mistake::RateUnit, found, candidates }
 }
 
+/// In so many windows of this length the gyro spins and the force stays.
+pub(crate) fn spinning(windows: u32, window_s: f64) -> Finding {
+    let found = format!(
+        "{windows} times within {window_s} s the gyro told of a turn ten times as far as the force turned, and farther than 57°"
+    );
+    let candidates = vec![candidate("rates in °/s", in_unit("gyro", DEGREE_RAD, "deg/s"))];
+    Finding { mistake: Mistake::RateUnit, found, candidates }
+}
+
 pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Finding {
     let import =
         |unit: &str| format!("`--units {unit}` of `plumb import`; a driver on the bus gives t_sensor_ns in ns");

@@ -7,6 +7,7 @@
 //! | --- | --- |
 //! | [`finding`] | what is said, and the remedies |
 //! | `sizes` | magnitudes of force, field and interval: their units |
+//! | `spinning` | whether the gyro tells of turns that gravity does not show |
 //! | `turning` | whether the gyro turns gravity as the accelerometer sees it |
 //! | `uprightness` | where gravity points |
 //! | `axes` | axes that stand still or end at their range |
@@ -15,6 +16,7 @@
 mod axes;
 pub mod finding;
 mod sizes;
+mod spinning;
 mod turning;
 mod uprightness;
 
@@ -23,6 +25,7 @@ use messages::{Flags, ImuSample, MagSample};
 use axes::Axes;
 pub use finding::{Candidate, Finding, Mistake};
 use sizes::Sizes;
+use spinning::Spinning;
 use turning::Turning;
 use uprightness::Uprightness;
 
@@ -50,6 +53,7 @@ const STAMPS_MIN: u64 = 3;
 pub struct Judge {
     sizes: Sizes,
     turning: Turning,
+    spinning: Spinning,
     uprightness: Uprightness,
     rate: Axes,
     force: Axes,
@@ -71,6 +75,7 @@ impl Default for Judge {
         Self {
             sizes: Sizes::default(),
             turning: Turning::default(),
+            spinning: Spinning::default(),
             uprightness: Uprightness::default(),
             rate: Axes::new("rate", "gyro", 2.0),
             force: Axes::new("force", "accelerometer", 15.0),
@@ -98,7 +103,7 @@ impl Judge {
             return Vec::new();
         }
         if tick > self.next_tick {
-            self.turning.interrupt();
+            self.interrupt();
         }
         self.next_tick = tick + 1;
         self.gather(imu, mag);
@@ -150,21 +155,28 @@ impl Judge {
             None => self.sizes.field_refused(flags.any(Flags::FIELD_INVALID)),
         }
         if !is_sensible(imu.rate_rad_s) || !is_sensible(imu.force_m_s2) {
-            return self.turning.interrupt();
+            return self.interrupt();
         }
         if !flags.any(Flags::RATE_INVALID) {
             self.rate.take(imu.rate_rad_s);
         }
         if flags.any(Flags::FORCE_INVALID) {
-            return self.turning.interrupt();
+            return self.interrupt();
         }
         self.force.take(imu.force_m_s2);
         self.sizes.force(imu.force_m_s2);
         if flags.any(Flags::RATE_INVALID | Flags::GAP | Flags::CLOCK_LEAP | Flags::FORCE_STUCK) {
-            return self.turning.interrupt();
+            return self.interrupt();
         }
         self.uprightness.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
         self.turning.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
+        self.spinning.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
+    }
+
+    /// What came before does not go on.
+    fn interrupt(&mut self) {
+        self.turning.interrupt();
+        self.spinning.interrupt();
     }
 
     fn look(&mut self) -> Vec<Finding> {
@@ -183,6 +195,9 @@ impl Judge {
         found.extend(self.sizes.field_finding());
         if !time_is_wrong && force_is_whole {
             found.extend(self.turning.finding());
+            if found.iter().all(|finding| !finding.mistake.is_of_turning()) {
+                found.extend(self.spinning.finding());
+            }
             if found.iter().all(|finding| !finding.mistake.is_of_turning())
                 && self.rates_clipped >= CLIPPED_MIN
                 && self.rates_senseless >= SENSELESS_MIN

@@ -227,7 +227,7 @@ type Made = (&'static str, &'static [&'static str], fn(Vec<Reading>) -> Vec<Read
 
 const ALL: &[&str] = &["02_", "04_", "07_", "11_", "15_", "24_", "27_", "29_", "33_", "36_"];
 
-const MADE: [Made; 6] = [
+const MADE: [Made; 7] = [
     ("gravity removed", ALL, |all| all.into_iter().map(without_gravity).collect(), Mistake::GravityRemoved),
     (
         "readings that came twice",
@@ -261,6 +261,12 @@ const MADE: [Made; 6] = [
             all.into_iter().map(|it| Reading { force_m_s2: it.force_m_s2.map(clipped), ..it }).collect()
         },
         Mistake::ForceClipped,
+    ),
+    (
+        "rates in °/s",
+        ALL,
+        |all| all.into_iter().map(|it| Reading { rate_rad_s: it.rate_rad_s.map(f64::to_degrees), ..it }).collect(),
+        Mistake::RateUnit,
     ),
     (
         "forces in g",
