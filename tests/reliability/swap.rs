@@ -12,9 +12,15 @@ fn ps(system: &System) -> Vec<Value> {
 
 /// What fills the slot.
 fn stage_in(system: &System, slot: &str) -> String {
-    let services = ps(system);
-    let one = services.iter().find(|one| one["service"] == slot).unwrap();
-    one["stage"].as_str().unwrap().to_owned()
+    let mut stage = None;
+    // Where the machine stood still it does not answer at once.
+    until("the system to answer", || {
+        let services = ps(system);
+        let one = services.iter().find(|one| one["service"] == slot);
+        stage = one.and_then(|one| one["stage"].as_str().map(str::to_owned));
+        stage.is_some()
+    });
+    stage.unwrap()
 }
 
 /// The system runs and answers.
