@@ -12,6 +12,8 @@ use std::{
         unix::process::{CommandExt, ExitStatusExt},
     },
     process::{Child, Command, ExitStatus, Stdio},
+    sync::mpsc::{self, SyncSender, TrySendError},
+    thread,
     time::{Duration, Instant},
 };
 
@@ -20,7 +22,7 @@ use launch::{Service, Source};
 use runtime::{ServiceConfig, clock::cpu_ns, stderr_tail::StderrTail};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
-    process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
+    process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, waitid},
 };
 
 use crate::scheduling::{self, SchedulingClass};
@@ -30,10 +32,15 @@ const USER_HZ: f64 = 100.0;
 /// From the first request to end until a process is killed.
 const GRACE: Duration = Duration::from_millis(800);
 
-/// The processes that have not been reaped, by incarnation.
+/// Dead processes that may wait to be reaped beside the supervisor.
+const DEAD_MAX: usize = 64;
+
+/// The processes that have not ended, by incarnation.
 #[derive(Debug, Default)]
 pub(crate) struct Processes {
     all: BTreeMap<u32, Process>,
+    /// To whom the dead go: to take one out of the kernel's table can last for seconds while somebody looks into its folder of `/proc`.
+    dead: Option<SyncSender<Child>>,
 }
 
 /// A process that has ended.
@@ -73,13 +80,33 @@ impl Processes {
     /// Those that have ended since the last time; the others are listened to, so that none has to wait for a reader.
     pub(crate) fn reap(&mut self) -> Vec<Exit> {
         let mut exits = Vec::new();
-        self.all.retain(|incarnation, process| {
+        let ended = self.all.extract_if(.., |incarnation, process| {
             process.stderr.listen();
-            let Some(status) = process.child.try_wait().ok().flatten() else { return true };
+            let Some(status) = process.ended() else { return false };
             exits.push(Exit { incarnation: *incarnation, how: how(status), stderr: process.stderr.text() });
-            false
+            true
         });
+        let dead: Vec<_> = ended.map(|(_, process)| process.child).collect();
+        dead.into_iter().for_each(|child| self.bury(child));
         exits
+    }
+
+    /// Has a process that has ended reaped by a thread of its own; by this one where there is none, or it has too many.
+    fn bury(&mut self, child: Child) {
+        let dead = match self.dead.take() {
+            Some(dead) => Some(dead),
+            None => reaper(),
+        };
+        let left = match &dead {
+            Some(dead) => match dead.try_send(child) {
+                Ok(()) => None,
+                Err(TrySendError::Full(child) | TrySendError::Disconnected(child)) => Some(child),
+            },
+            None => Some(child),
+        };
+        // It has ended, so this does not wait for it.
+        left.into_iter().for_each(|mut child| drop(child.wait()));
+        self.dead = dead;
     }
 
     pub(crate) fn signal(&self, incarnation: u32, signal: Signal) {
@@ -156,12 +183,27 @@ impl Process {
         }
     }
 
+    /// How it has ended, if it has; it stays in the kernel's table.
+    fn ended(&self) -> Option<ExitStatus> {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let status = waitid(WaitId::Pid(Pid::from_raw(self.pid as i32)?), options).ok()??;
+        let raw = status.exit_status().map(|code| code << 8).or(status.terminating_signal())?;
+        Some(ExitStatus::from_raw(raw))
+    }
+
     fn signal(&self, signal: Signal) {
         if let Some(pid) = Pid::from_raw(self.pid as i32) {
             // A process that has just ended does not need the signal.
             let _ = kill_process(pid, signal);
         }
     }
+}
+
+/// A thread that reaps what it is sent; it ends with the sender.
+fn reaper() -> Option<SyncSender<Child>> {
+    let (dead, sent) = mpsc::sync_channel::<Child>(DEAD_MAX);
+    let work = move || sent.into_iter().for_each(|mut child| drop(child.wait()));
+    thread::Builder::new().name("dead".into()).spawn(work).ok().map(|_| dead)
 }
 
 /// What a service has in the place of its standard output, on which none of them says anything: the drivers have there what comes on the
