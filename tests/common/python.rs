@@ -7,7 +7,7 @@ use std::{
 
 /// A Python that imports `modules`, from the environment `name`, which is made with `packages` where it is not there; says why where it
 /// cannot be.
-pub fn python(name: &str, modules: &str, packages: &[&str]) -> Option<PathBuf> {
+pub(crate) fn python(name: &str, modules: &str, packages: &[&str]) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = folder.join("bin/python");
     let check = Command::new(&python).args(["-c", &format!("import {modules}")]).stderr(Stdio::null()).status();

@@ -30,8 +30,8 @@ use crate::{BusError, machine_limits::why};
 pub const OBSERVERS: usize = 4;
 /// The owner, a candidate and a tool that feeds samples, and as many killed ones that are not yet cleaned up.
 const PUBLISHERS: usize = 6;
-/// Five services of the path, the gateway, a candidate, their killed processes until they are cleaned up; each observer twice for the same
-/// reason.
+/// Two services, of each the owner, a candidate and a killed process that is not yet cleaned up; the gateway twice for that reason; the supervisor for
+/// what it needs, for a recorder and for the judge; and each observer twice.
 const SUBSCRIBERS: usize = 12 + 2 * OBSERVERS;
 /// The same of a topic on which every service or every candidate speaks.
 const EVERYBODY: usize = 24;

@@ -6,6 +6,7 @@
 //! | module | what it judges |
 //! | --- | --- |
 //! | [`finding`] | what is said, and the remedies |
+//! | `fields` | fields on their way to their samples |
 //! | `sizes` | magnitudes of force, field and interval: their units |
 //! | `spinning` | whether the gyro tells of turns that gravity does not show |
 //! | `turning` | whether the gyro turns gravity as the accelerometer sees it |
@@ -14,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod axes;
+mod fields;
 pub mod finding;
 mod sizes;
 mod spinning;
@@ -23,6 +25,7 @@ mod uprightness;
 use messages::{Flags, ImuSample, MagSample};
 
 use axes::Axes;
+pub use fields::Fields;
 pub use finding::{Candidate, Finding, Mistake};
 use sizes::Sizes;
 use spinning::Spinning;

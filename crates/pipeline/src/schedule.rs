@@ -106,18 +106,14 @@ impl Schedule {
         if event.filling == SystemEvent::NOBODY {
             return self.doubt(event.tick, &format!("nobody had the slot `{slot}`"));
         }
-        let own = self.slots.entry(slot as u32).or_default();
-        let turns = own.turns.len();
-        own.turns.retain(|turn| turn.from_tick < event.tick);
-        let takes_back = own.turns.len() < turns;
-        own.turns.push(Turn { from_tick: event.tick, filling: event.filling });
-        if takes_back {
-            self.doubt(
-                event.tick,
-                &format!("a swap of the slot `{slot}` was taken back after its first tick was told"),
-            );
+        let last_tick = self.of(slot).and_then(|own| own.turns.last()).map(|turn| turn.from_tick);
+        if last_tick.is_some_and(|last_tick| last_tick >= event.tick) {
+            let why = format!("a swap of the slot `{slot}` was taken back after its first tick was told");
+            self.doubt(event.tick, &why);
         }
         let own = self.slots.entry(slot as u32).or_default();
+        own.turns.retain(|turn| turn.from_tick < event.tick);
+        own.turns.push(Turn { from_tick: event.tick, filling: event.filling });
         if event.filling == 0 {
             return;
         }

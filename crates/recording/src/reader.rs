@@ -54,7 +54,7 @@ impl Iterator for Reader {
     }
 }
 
-pub(crate) fn row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Position, Fault)> {
+fn row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Position, Fault)> {
     Ok(Row {
         t_ns: fields.parsed(columns.time, time::EXPECTED, time::parse_ns)?,
         rate_rad_s: fields.numbers(columns.rate)?,

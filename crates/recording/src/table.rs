@@ -92,14 +92,14 @@ fn remedy(cause: io::ErrorKind) -> &'static str {
 
 /// One line, taken apart.
 pub(crate) struct Fields<'a> {
-    pub(crate) record: &'a ByteRecord,
-    pub(crate) names: &'a [&'static str],
-    pub(crate) line: u64,
+    record: &'a ByteRecord,
+    names: &'a [&'static str],
+    line: u64,
 }
 
 impl Fields<'_> {
     /// Refuses a line that is not as long as the header, or no text.
-    pub(crate) fn check(&self) -> Result<(), (Position, Fault)> {
+    fn check(&self) -> Result<(), (Position, Fault)> {
         let (found, expected) = (self.record.len(), self.names.len());
         if found != expected {
             return Err((self.place(found.min(expected)), Fault::RowLength { found, expected }));

@@ -10,13 +10,11 @@
 //! | `port` | the ways in: standard input, datagrams, a serial line |
 //! | `line` | a port that is opened again when it goes away |
 //! | `format` | the decoder of a format |
-//! | `csv` | our own lines |
 //! | `beginning` | the header of a text, for a process that goes on in the midst of it |
 //! | `outlet` | measurements as readings and fixes, with their times, to ingest |
 #![forbid(unsafe_code)]
 
 mod beginning;
-mod csv;
 mod format;
 mod line;
 mod outlet;
@@ -25,6 +23,7 @@ mod port;
 use std::{thread, time::Duration};
 
 use bus::BusError;
+use decoders::lines::LinesError;
 use launch::{Service, Source};
 use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
@@ -47,6 +46,9 @@ pub enum DriversError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The format has settings that are none.
+    #[error(transparent)]
+    Lines(#[from] LinesError),
     /// The source has no port.
     #[error("reading a device: the source of this launch file has no port")]
     NoPort,
@@ -57,7 +59,7 @@ pub fn run() -> Result<(), DriversError> {
     let mut context = ServiceContext::join(Service::Drivers)?;
     let ingest = context.config.launch.ingest.clone();
     let stream = *ingest.stream().ok_or(DriversError::NoPort)?;
-    let mut decoder = format::decoder(&stream.format);
+    let mut decoder = format::decoder(&stream.format)?;
     let mut outlet = Outlet::open(&context, &stream)?;
     let mut line = Line::new(&ingest, context.config.launch.name.clone(), context.config.resume.is_some());
     // The last line of a datagram, or of all, may lack its end.

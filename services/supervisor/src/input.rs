@@ -3,10 +3,8 @@
 //! Input: samples as ingest gives them. Output: warnings. Time: the samples' own. Failure: none; what cannot be read is not judged, and nobody
 //! waits for it.
 
-use std::collections::VecDeque;
-
 use bus::{Bus, BusError, Subscriber};
-use judge::{Finding, Judge};
+use judge::{Fields, Finding, Judge};
 use launch::Service;
 use messages::{ImuSample, MagSample};
 use runtime::ServiceConfig;
@@ -51,8 +49,7 @@ impl InputJudge {
 pub(crate) struct InputTopics {
     imu: Subscriber<ImuSample>,
     mag: Subscriber<MagSample>,
-    /// Those whose sample has not come.
-    fields: VecDeque<MagSample>,
+    fields: Fields,
     buffer: usize,
 }
 
@@ -64,7 +61,7 @@ impl InputTopics {
         }
         let buffer = config.buffer_ticks();
         let (imu, mag) = (bus.subscriber(buffer)?, bus.subscriber(buffer)?);
-        Ok(Some(Self { imu, mag, fields: VecDeque::new(), buffer }))
+        Ok(Some(Self { imu, mag, fields: Fields::default(), buffer }))
     }
 
     /// Hands over what has come; gives lines for people.
@@ -73,16 +70,11 @@ impl InputTopics {
         let mut samples = Vec::new();
         // A field is published before its sample, so those of these samples are there.
         let _ = imu.drain(*buffer, |sample| samples.push(sample));
-        let _ = mag.drain(*buffer, |field| fields.push_back(field));
+        let _ = mag.drain(*buffer, |field| fields.push(field));
         let mut lines = Vec::new();
         for sample in samples {
-            let tick = sample.header.tick;
-            while fields.pop_front_if(|field| field.header.tick < tick).is_some() {}
-            let field = fields.pop_front_if(|field| field.header.tick == tick);
-            lines.extend(judge.take(&sample, field.as_ref()));
+            lines.extend(judge.take(&sample, fields.of(sample.header.tick).as_ref()));
         }
-        let late = fields.len().saturating_sub(*buffer);
-        fields.drain(..late);
         lines
     }
 }

@@ -87,26 +87,21 @@ impl Processes {
             true
         });
         let dead: Vec<_> = ended.map(|(_, process)| process.child).collect();
-        dead.into_iter().for_each(|child| self.bury(child));
+        dead.into_iter().for_each(|child| self.reap_beside(child));
         exits
     }
 
     /// Has a process that has ended reaped by a thread of its own; by this one where there is none, or it has too many.
-    fn bury(&mut self, child: Child) {
-        let dead = match self.dead.take() {
-            Some(dead) => Some(dead),
-            None => reaper(),
+    fn reap_beside(&mut self, child: Child) {
+        self.dead = self.dead.take().or_else(reaping_thread);
+        let sent = match &self.dead {
+            Some(dead) => dead.try_send(child),
+            None => Err(TrySendError::Disconnected(child)),
         };
-        let left = match &dead {
-            Some(dead) => match dead.try_send(child) {
-                Ok(()) => None,
-                Err(TrySendError::Full(child) | TrySendError::Disconnected(child)) => Some(child),
-            },
-            None => Some(child),
-        };
-        // It has ended, so this does not wait for it.
-        left.into_iter().for_each(|mut child| drop(child.wait()));
-        self.dead = dead;
+        if let Err(TrySendError::Full(mut child) | TrySendError::Disconnected(mut child)) = sent {
+            // It has ended, so this is no wait for it.
+            let _ = child.wait();
+        }
     }
 
     pub(crate) fn signal(&self, incarnation: u32, signal: Signal) {
@@ -200,10 +195,10 @@ impl Process {
 }
 
 /// A thread that reaps what it is sent; it ends with the sender.
-fn reaper() -> Option<SyncSender<Child>> {
+fn reaping_thread() -> Option<SyncSender<Child>> {
     let (dead, sent) = mpsc::sync_channel::<Child>(DEAD_MAX);
     let work = move || sent.into_iter().for_each(|mut child| drop(child.wait()));
-    thread::Builder::new().name("dead".into()).spawn(work).ok().map(|_| dead)
+    thread::Builder::new().name("reaping".into()).spawn(work).ok().map(|_| dead)
 }
 
 /// What a service has in the place of its standard output, on which none of them says anything: the drivers have there what comes on the

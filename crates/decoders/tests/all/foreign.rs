@@ -3,7 +3,7 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::Command,
     sync::LazyLock,
 };
 
@@ -14,33 +14,13 @@ use decoders::{
     ubx::Ubx,
 };
 
-use crate::streams::decoded;
+use crate::{python::python, streams::decoded};
 
 const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
 
 /// Made once; says why where there is none.
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("devices-venv");
-    let python = folder.join("bin/python");
-    let check =
-        Command::new(&python).args(["-c", "import pymavlink, pyubx2, pynmeagps"]).stderr(Stdio::null()).status();
-    if check.is_ok_and(|status| status.success()) {
-        return Some(python);
-    }
-    let run = |command: &mut Command| {
-        let output = command.output().map_err(|cause| cause.to_string())?;
-        if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
-    };
-    let made = run(Command::new("python3").args(["-m", "venv"]).arg(&folder))
-        .and_then(|()| run(Command::new(&python).args(["-m", "pip", "install", "--quiet"]).args(PACKAGES)));
-    match made {
-        Ok(()) => Some(python),
-        Err(cause) => {
-            eprintln!("skipped: no Python with {}: {cause}", PACKAGES.join(", "));
-            None
-        }
-    }
-});
+static PYTHON: LazyLock<Option<PathBuf>> =
+    LazyLock::new(|| python("devices-venv", "pymavlink, pyubx2, pynmeagps", &PACKAGES));
 
 /// The bytes of `kind`, and what is to come of them.
 fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Measurement>)> {

@@ -6,6 +6,8 @@ mod damage;
 mod foreign;
 mod iio;
 mod lines;
+#[path = "../../../../tests/common/python.rs"]
+mod python;
 mod receivers;
 mod sensors;
 mod streams;

@@ -6,7 +6,7 @@ use import::{Format, Note};
 
 use crate::{
     common::{Bytes, Folder},
-    python::{PYTHON, lines},
+    readers::{PYTHON, lines},
 };
 
 /// A DataFlash log, message by message.

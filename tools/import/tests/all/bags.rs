@@ -6,7 +6,7 @@ use import::{Format, Note, Options, convert};
 
 use crate::{
     common::{Folder, Imported},
-    python::{PYTHON, lines},
+    readers::{PYTHON, lines},
 };
 
 const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];

@@ -6,7 +6,7 @@ use import::Format;
 
 use crate::{
     common::{Folder, Imported, log},
-    python::{PYTHON, lines},
+    readers::{PYTHON, lines},
 };
 
 /// The samples of each topic: time in µs, and fields.

@@ -12,5 +12,7 @@ mod logs;
 mod mistakes;
 mod mutated;
 mod pipeline;
+#[path = "../../../../tests/common/python.rs"]
 mod python;
+mod readers;
 mod tables;

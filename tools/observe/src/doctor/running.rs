@@ -1,13 +1,13 @@
 //! Services, rates and flags of a running system.
 
-use std::{collections::VecDeque, time::Duration};
+use std::time::Duration;
 
 use bus::{BusError, Observer};
 use control::{RecordStatus, ServiceStatus};
 use graph::Topic;
-use judge::{Finding, Judge};
+use judge::{Fields, Finding, Judge};
 use launch::{Service, Source};
-use messages::{AttitudeOutput, Flags, ImuSample, MagSample, Ticked};
+use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 
 use super::{Check, Outcome, still::Still};
@@ -26,7 +26,7 @@ pub struct Seen {
     flows: Vec<(Service, Flow)>,
     still: Still,
     judge: Judge,
-    fields: VecDeque<MagSample>,
+    fields: Fields,
     findings: Vec<Finding>,
     attitudes: u64,
     flags: [u64; 64],
@@ -44,7 +44,7 @@ impl Seen {
             flows: Vec::new(),
             still: Still::default(),
             judge: Judge::default(),
-            fields: VecDeque::new(),
+            fields: Fields::default(),
             findings: Vec::new(),
             attitudes: 0,
             flags: [0; 64],
@@ -52,7 +52,9 @@ impl Seen {
         while !ends() {
             std::thread::sleep(LOOK);
             // Before their samples, which do not wait: of a field that comes meanwhile nothing is said.
-            field.drain(&mut |bytes| seen.fields.extend(bytemuck::try_pod_read_unaligned::<MagSample>(bytes)))?;
+            field.drain(&mut |bytes| {
+                bytemuck::try_pod_read_unaligned(bytes).into_iter().for_each(|field| seen.fields.push(field));
+            })?;
             for (service, tap, flow) in &mut taps {
                 tap.drain(&mut |bytes| {
                     flow.take(bytes, monotonic_ns());
@@ -71,9 +73,7 @@ impl Seen {
             Service::Ingest => {
                 let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) else { return };
                 self.still.take(&sample);
-                let tick = sample.header.tick;
-                while self.fields.pop_front_if(|field| field.header.tick < tick).is_some() {}
-                let field = self.fields.pop_front_if(|field| field.header.tick == tick);
+                let field = self.fields.of(sample.header.tick);
                 self.findings.extend(self.judge.take(&sample, field.as_ref()));
             }
             Service::Course => {
