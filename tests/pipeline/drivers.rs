@@ -209,7 +209,7 @@ fn a_port_that_is_taken_is_told_with_the_remedy_and_opened_once_it_is_free() {
 /// The two ends of a line: where the device writes, and the device file that the drivers read.
 pub(crate) fn pseudo_terminal() -> (File, PathBuf) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&device).unwrap();
     unlockpt(&device).unwrap();
     let name = ptsname(&device, Vec::new()).unwrap().into_string().unwrap();
