@@ -54,6 +54,23 @@ impl Reading {
         let mapping = (!maps.is_empty()).then(|| Mapping::parse(maps, units.as_deref(), frame.as_deref()));
         Ok(Options { mapping: mapping.transpose()?, topics: topics.clone() })
     }
+
+    /// Something was said of what is read.
+    pub(crate) fn is_said(&self) -> bool {
+        let Self { maps, units, frame, topics } = self;
+        !maps.is_empty() || units.is_some() || frame.is_some() || !topics.is_empty()
+    }
+
+    /// The line of a source that sends such lines: what is said here, as keys of its section.
+    pub(crate) fn source(&self, line: &str) -> String {
+        let map = (!self.maps.is_empty()).then(|| self.maps.join(","));
+        let keys = [("map", map), ("units", self.units.clone()), ("frame", self.frame.clone())];
+        let said = keys.into_iter().filter_map(|(key, value)| Some((key, value?)));
+        said.fold(line.to_owned(), |line, (key, value)| {
+            let sign = if line.contains('?') { '&' } else { '?' };
+            format!("{line}{sign}{key}={value}")
+        })
+    }
 }
 
 pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {

@@ -284,6 +284,9 @@ fn what_is_wrong_with_a_source_is_said_before_anything_starts() {
         (["--source", "serail:/dev/ttyUSB0"], 3, "did you mean \"serial\"?"),
         (["--source", "stdin?format=xml"], 3, "allowed: \"csv\", \"protobuf\""),
         (["--source", "serial"], 3, "name it: port = "),
+        (["--receiver", "tpc:gnss:1"], 3, "\"tcp:HOST:PORT\""),
+        (["--receiver", "tcp:gnss:1"], 2, "name a device, too"),
+        (["--map", "gx=wx"], 2, "name one of them"),
     ] {
         let run = System::new("").run(&arguments);
         assert_eq!(run.code, Some(code), "{}", run.people);

@@ -219,11 +219,11 @@ fn receivers_as_pyubx2_and_pynmeagps_speak_for_them_stand_beside_any_source() {
     for format in ["ubx", "nmea"] {
         let (imu, gnss) = (free_udp_port(), free_tcp_port());
         let Some(_device) = Device::start(format, gnss, true) else { return };
-        let receiver = format!("[ingest.receiver]\nendpoint = \"tcp:127.0.0.1:{gnss}\"\nformat = \"{format}\"\n");
-        let system = System::new(&receiver);
+        let receiver = format!("tcp:127.0.0.1:{gnss}?format={format}");
+        let system = System::new("");
         let out = system.path("out.csv");
         let line = format!("udp:127.0.0.1:{imu}?rate_hz=200");
-        let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+        let running = system.start(&["--source", &line, "--receiver", &receiver, "--out", out.to_str().unwrap()]);
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let doing = Doing::start(Duration::from_millis(5), move |n| {
             let _ = socket.send_to(format!("{},0,0,0.1,0,0,9.8", n as f64 / 200.0).as_bytes(), ("127.0.0.1", imu));
@@ -269,9 +269,9 @@ fn lines_of_another_program_over_a_connection_have_their_names_units_and_axes() 
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let system = System::new("");
     let out = system.path("out.csv");
-    let map = "map=t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz&units=deg/s,g,ms&frame=frd";
-    let line = format!("tcp:{}?rate_hz=200&{map}", listener.local_addr().unwrap());
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+    let line = format!("tcp:{}?rate_hz=200", listener.local_addr().unwrap());
+    let map = ["--map", "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz", "--units", "deg/s,g,ms", "--frame", "frd"];
+    let running = system.start(&[&["--source", &line, "--out", out.to_str().unwrap()][..], &map].concat());
     // A connection that is lost is made again.
     for round in 1..=2 {
         let (mut stream, _) = listener.accept().unwrap();

@@ -55,6 +55,6 @@ pub use model::{
 pub use output::Output;
 pub use problem::{LaunchError, Problems, nearest};
 pub use program::Program;
-pub use source_uri::{replayed, with_source};
+pub use source_uri::{replayed, with_lines};
 pub use split::CACHE_TICKS_MAX;
 pub use watch::{Measure, Watch};

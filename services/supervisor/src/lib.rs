@@ -121,7 +121,7 @@ pub enum UpError {
     #[error(transparent)]
     Failed(#[from] Failure),
     /// What was asked for needs all slots on this host.
-    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\", \"udp\" or \"serial\"")]
+    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\" or a device")]
     Split {
         /// Why it cannot be.
         why: &'static str,
@@ -129,6 +129,11 @@ pub enum UpError {
     /// A terminal would be read as a sensor.
     #[error("reading standard input: it is a terminal; give it a program or a file: PROGRAM | plumb up --source stdin")]
     Terminal,
+    /// A receiver beside what has fixes of its own.
+    #[error(
+        "--receiver: a simulation and a recording bring their own fixes; name a device, too, as --source serial:/dev/ttyUSB0"
+    )]
+    Receiver,
     /// The attitude would be written over the recording.
     #[error("writing {path}: that is the recording itself; give --out another name")]
     OutIsReplay {
@@ -197,7 +202,7 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::NoBus => 2,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::Receiver | Self::NoBus => 2,
             _ => 1,
         }
     }

@@ -27,6 +27,8 @@ pub struct Request {
     pub launch: Option<PathBuf>,
     /// A source in one line that takes the place of the launch file's.
     pub source: Option<String>,
+    /// A receiver in one line that takes the place of the launch file's.
+    pub receiver: Option<String>,
     /// A recording that takes the place of the launch file's source.
     pub replay: Option<PathBuf>,
     /// What was imported of it, where it is the log of another system.
@@ -74,6 +76,12 @@ impl Plan {
         let mut launch = launch(request.launch.as_deref())?;
         if let Some(line) = &request.source {
             launch.set_source(line).map_err(launch::LaunchError::from)?;
+        }
+        if let Some(line) = &request.receiver {
+            launch.set_receiver(line).map_err(launch::LaunchError::from)?;
+            if launch.ingest.source.can_be_read_again() {
+                return Err(UpError::Receiver);
+            }
         }
         if let Some(file) = &request.replay {
             launch.ingest.source = Source::Replay;
