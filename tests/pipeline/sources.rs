@@ -15,12 +15,15 @@ use std::{
 };
 
 use prost::Message as _;
-use rustix::fs::{CWD, Mode, mkfifoat};
+use rustix::{
+    fs::{CWD, Mode, mkfifoat},
+    process::Signal,
+};
 use serde_json::Value;
 use wire::v1;
 
 use crate::{
-    common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, until},
+    common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until},
     drivers::pseudo_terminal,
 };
 
@@ -128,6 +131,25 @@ fn end_level(running: Running, out: &Path) -> Run {
     run
 }
 
+/// Kills the process that reads the device, and waits for the next one.
+fn kill_drivers(system: &System, running: &Running) {
+    signal(running.service("drivers"), Signal::KILL);
+    let restarts =
+        || system.ps().into_iter().find(|one| one["service"] == "drivers").map(|one| one["restarts"].as_u64());
+    until("a restart", || restarts().flatten() == Some(1));
+}
+
+/// The only flight in the folder gives the attitudes that it gave.
+fn assert_flown_again(flights: &Path, out: &Path) {
+    let flight = fs::read_dir(flights).unwrap().next().unwrap().unwrap().path();
+    let again = out.with_file_name("again.csv");
+    let mut command = plumb(&["up", "--speed", "max", "--json"]);
+    command.arg("--replay").arg(flight).arg("--out").arg(&again).current_dir(flights);
+    let run = Run::of(command.output().unwrap());
+    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert!(fs::read(out).unwrap() == fs::read(&again).unwrap(), "the same bytes: {}", run.people);
+}
+
 /// What the doctor found wrong with the source, with the remedies.
 fn source_troubles(system: &System) -> Vec<String> {
     let output = plumb(&["doctor", "--seconds", "0.2", "--json", "--system", &system.name]).output().unwrap();
@@ -204,14 +226,19 @@ fn a_witmotion_on_a_serial_line_needs_one_command() {
 fn an_autopilot_as_pymavlink_speaks_for_it_gives_its_imu_and_its_receiver() {
     let port = free_udp_port();
     let Some(_device) = Device::start("mavlink", port, false) else { return };
-    let system = System::new("[ingest]\nmounting.axes = \"frd\"\n");
+    let system = System::new("");
     let out = system.path("out.csv");
     let line = format!("mavlink:udpin:127.0.0.1:{port}?rate_hz=200");
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+    let flights = system.path("flights");
+    let recorded = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let running = system.start(&[&["--source", &line][..], &recorded].concat());
     await_ticks(&system, 300);
     assert_fix(&await_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
     assert_eq!(source_troubles(&system), Vec::<String>::new());
+    kill_drivers(&system, &running);
+    await_ticks(&system, 600);
     end_level(running, &out);
+    assert_flown_again(&flights, &out);
 }
 
 #[test]
@@ -364,6 +391,8 @@ fn a_device_of_industrial_io_is_switched_on_and_read() {
         records.write_all(&record).is_ok()
     });
     await_ticks(&system, 300);
+    kill_drivers(&system, &running);
+    await_ticks(&system, 600);
     let said = |name: &str| fs::read_to_string(root.join("iio:device0").join(name)).unwrap();
     assert_eq!(["buffer/enable", "sampling_frequency", "current_timestamp_clock"].map(said), ["1", "200", "monotonic"]);
     let run = end_level(running, &out);

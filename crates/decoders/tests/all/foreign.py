@@ -17,6 +17,11 @@ def said(kind, clock, ns, *numbers):
     print(kind, clock, ns, *(repr(float(number)) for number in numbers))
 
 
+def turned(frd):
+    forward, right, down = frd
+    return [right, forward, -down]
+
+
 def mavlink(file, version):
     from pymavlink.dialects.v10 import ardupilotmega as one
     from pymavlink.dialects.v20 import ardupilotmega as two
@@ -39,7 +44,7 @@ def mavlink(file, version):
         updated = [0x1FF, 0x03F, 0x1C0, 0x007, 0xFFFF][n % 5]
         link.heartbeat_send(2, 3, 0, 0, 4)
         link.highres_imu_send(us, *force, *rate, *field, 1013.25, 0.0, 100.0, 20.0, updated)
-        microtesla = [100 * part for part in field]
+        rate, force, microtesla = turned(rate), turned(force), turned([100 * part for part in field])
         if updated & 0x3F == 0x3F:
             said("imu", clock, us * 1000, *rate, *force, *(microtesla if updated & 0x1C0 == 0x1C0 else [NAN] * 3))
         elif updated & 0x1C0 == 0x1C0:
@@ -70,8 +75,9 @@ def scaled(file):
         if n % 3 == 0:
             field = [0, 0, 0]
         link.scaled_imu2_send(n * 20, *force, *rate, *field)
-        microtesla = [part * 0.1 for part in field] if any(field) else [NAN] * 3
-        said("imu", "boot", n * 20_000_000, *(part / 1000 for part in rate), *(part / 1000 * GRAVITY for part in force), *microtesla)
+        microtesla = turned([part * 0.1 for part in field]) if any(field) else [NAN] * 3
+        rate, force = turned([part / 1000 for part in rate]), turned([part / 1000 * GRAVITY for part in force])
+        said("imu", "boot", n * 20_000_000, *rate, *force, *microtesla)
         vx, vy, vz = (dice.randrange(-3000, 3000) for _ in range(3))
         link.global_position_int_send(n * 20, 481000000, 115000000, 500000, 0, vx, vy, vz, 0)
         said("fix", "boot", n * 20_000_000, vy / 100, vx / 100, -vz / 100, NAN, math.radians(48.1), math.radians(11.5), 500.0)
