@@ -21,6 +21,7 @@ use rustix::{
 };
 use serde_json::Value;
 use wire::v1;
+use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 
 use crate::{
     common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until},
@@ -189,37 +190,81 @@ fn assert_fix(fix: &Value, velocity_m_s: [f64; 3], has_altitude: bool) {
     assert!(!has_altitude || near(&fix["altitude_m"], 520.0), "{fix}");
 }
 
-/// A cycle of a WitMotion that lies level and turns by 10 °/s.
-fn witmotion_cycle() -> Vec<u8> {
+/// What the `n`th reading of a device says that lies level and turns by 10 °/s.
+fn witmotion_cycle(_: u64) -> Vec<u8> {
     let frame = |kind: u8, numbers: [i16; 4]| {
         let mut bytes = vec![0x55, kind];
         numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-        bytes.push(bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)));
+        bytes.push(sum(&bytes));
         bytes
     };
     let rate = (10.0 / 2000.0 * 32_768.0) as i16;
     [frame(0x51, [0, 0, 2048, 0]), frame(0x52, [0, 0, rate, 0]), frame(0x53, [1, 2, 3, 4])].concat()
 }
 
+fn xsens_message(n: u64) -> Vec<u8> {
+    let three =
+        |id: u16, numbers: [f32; 3]| [&id.to_be_bytes()[..], &[12], &numbers.map(f32::to_be_bytes).concat()].concat();
+    let time = [&[0x10, 0x60, 4][..], &(50 * n as u32).to_be_bytes()].concat();
+    let data = [time, three(0x8020, [0.0, 0.0, 10f32.to_radians()]), three(0x4020, [0.0, 0.0, 9.81])].concat();
+    let mut bytes = vec![0; 4 + data.len() + 1];
+    let mut frame = Frame::new_unchecked(&mut bytes[..]);
+    frame.set_preamble();
+    frame.set_bus_id(BusId::MASTER);
+    frame.set_message_id(MessageId(0x36));
+    frame.set_payload_length(PayloadLength::new_standard(data.len() as u8).unwrap());
+    frame.payload_mut().unwrap().copy_from_slice(&data);
+    let sum = frame.compute_checksum_byte().unwrap();
+    frame.set_checksum(sum).unwrap();
+    bytes
+}
+
+fn rvc_frame(n: u64) -> Vec<u8> {
+    // Each 10 ms 0.1° further.
+    let yaw = ((10 * n as i64 + 18_000).rem_euclid(36_000) - 18_000) as i16;
+    let numbers = [yaw, 0, 0, 0, 0, 1000].map(i16::to_le_bytes).concat();
+    let covered = [&[n as u8][..], &numbers, &[0; 3]].concat();
+    [&[0xaa, 0xaa][..], &covered, &[sum(&covered)]].concat()
+}
+
+fn sum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
 #[test]
-fn a_witmotion_on_a_serial_line_needs_one_command() {
-    let system = System::new("");
-    let out = system.path("out.csv");
-    let (mut device, file) = pseudo_terminal();
-    let line = format!("serial:{}?format=witmotion&baud=115200&rate_hz=200", file.display());
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
-    let doing = Doing::start(Duration::from_millis(5), move |_| device.write_all(&witmotion_cycle()).is_ok());
-    await_ticks(&system, 600);
-    assert_eq!(source_troubles(&system), Vec::<String>::new());
-    running.interrupt();
-    drop(doing);
-    let run = end_level(running, &out);
-    assert_eq!(run.number("/lost"), 0.0);
-    // It has no time of its own: what comes together is spread evenly.
-    let times: Vec<_> = attitudes(&out).into_iter().map(|(t_s, _)| t_s).collect();
-    let half = &times[times.len() / 2..];
-    let longest = half.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    assert!(longest < 0.05, "an interval of {longest} s");
+fn sensors_on_a_serial_line_need_one_command() {
+    type Sends = fn(u64) -> Vec<u8>;
+    let sensors: [(&str, u32, Sends); 3] =
+        [("witmotion", 200, witmotion_cycle), ("xsens", 200, xsens_message), ("rvc", 100, rvc_frame)];
+    for (format, rate_hz, sent) in sensors {
+        let system = System::new("");
+        let out = system.path("out.csv");
+        let (mut device, file) = pseudo_terminal();
+        let line = format!("serial:{}?format={format}&baud=115200&rate_hz={rate_hz}", file.display());
+        let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+        let pause = Duration::from_secs(1) / rate_hz;
+        let doing = Doing::start(pause, move |n| device.write_all(&sent(n)).is_ok());
+        await_ticks(&system, 300);
+        assert_eq!(source_troubles(&system), Vec::<String>::new(), "{format}");
+        running.interrupt();
+        drop(doing);
+        let run = end_level(running, &out);
+        assert_eq!(run.number("/lost"), 0.0, "{format}");
+        // Those with no time of their own are counted, and what comes together is spread evenly.
+        let told = attitudes(&out);
+        let half = &told[told.len() / 2..];
+        let longest = half.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
+        assert!(longest < 0.05, "{format}: an interval of {longest} s");
+        let [(first_s, first), (last_s, last)] = [half[0], half[half.len() - 1]];
+        let rate_deg_s = heading_deg(first, last) / (last_s - first_s);
+        assert!((rate_deg_s - 10.0).abs() < 0.2, "{format}: it turns by {rate_deg_s} °/s");
+    }
+}
+
+/// How far it has turned about the vertical, less than half a turn.
+fn heading_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
+    let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    (yaw(to) - yaw(from)).sin_cos().0.atan2((yaw(to) - yaw(from)).cos()).to_degrees()
 }
 
 #[test]
