@@ -238,9 +238,10 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.child {
+        if let Some(child) = self.child.take() {
             signal(child.id(), Signal::TERM);
-            child.wait().unwrap();
+            // What it says is taken, or it could wait for that for ever.
+            child.wait_with_output().unwrap();
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 26] = [
+const LEFT_OUT: [(&str, &str); 25] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -41,7 +41,6 @@ const LEFT_OUT: [(&str, &str); 26] = [
     ("plumb up --source 'mavlink:", "waits for an autopilot; `sources` has one of pymavlink"),
     ("plumb up --source 'iio:", "needs devices; `sources` makes one of each"),
     ("python3 my_imu.py |", "needs the reader's program; `sources` sends such lines"),
-    ("plumb up --source 'udp:", "waits for datagrams; `drivers` sends some"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
     ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),

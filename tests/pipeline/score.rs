@@ -59,6 +59,34 @@ fn assert_refused(folder: &Path, arguments: &[&str], code: i32, said: &[&str]) {
 }
 
 #[test]
+fn a_reference_in_a_file_of_its_own_counts_as_one_in_the_recording() {
+    let whole = at_rest(3.0, 4.0);
+    let columns = |wanted: &[usize]| {
+        let picked = |line: &str| {
+            let fields: Vec<_> = line.split(',').collect();
+            wanted.iter().map(|column| fields[*column]).collect::<Vec<_>>().join(",") + "\n"
+        };
+        whole.lines().map(picked).collect::<String>()
+    };
+    let files = [
+        ("whole.csv", whole.clone()),
+        ("imu.csv", columns(&[0, 1, 2, 3, 4, 5, 6])),
+        ("truth.csv", columns(&[0, 7, 8, 9, 10, 11])),
+    ];
+    let folder = folder_with(&files);
+    let [of_whole, apart, without] =
+        [&["whole.csv"][..], &["imu.csv", "--reference", "truth.csv"], &["imu.csv"]].map(|arguments| {
+            let scores = scores(folder.path(), &[arguments, &["--mag", "off"]].concat());
+            scores.pointer("/fusers/0/mean").cloned().unwrap_or_else(|| panic!("no mean in {scores}"))
+        });
+    assert_eq!(of_whole, apart);
+    assert_ne!(of_whole, without);
+    let refused = ["imu.csv", "whole.csv", "--reference", "truth.csv"];
+    assert_refused(folder.path(), &refused, 2, &["--reference is that of one recording"]);
+    assert_refused(folder.path(), &["imu.csv", "--reference", "imu.csv"], 3, &["imu.csv", "gx"]);
+}
+
+#[test]
 fn the_errors_are_those_of_the_reference_where_it_counts() {
     let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0)), ("tilted.csv", at_rest(0.0, 10.0))]);
     let scores = scores(folder.path(), &["turned.csv", "tilted.csv"]);
