@@ -77,7 +77,7 @@ fn a_reference_in_a_file_of_its_own_counts_as_one_in_the_recording() {
     let [of_whole, apart, without] =
         [&["whole.csv"][..], &["imu.csv", "--reference", "truth.csv"], &["imu.csv"]].map(|arguments| {
             let scores = scores(folder.path(), &[arguments, &["--mag", "off"]].concat());
-            scores.pointer("/fusers/0/mean").cloned().unwrap_or_else(|| panic!("no mean in {scores}"))
+            scores.pointer("/stages/0/mean").cloned().unwrap_or_else(|| panic!("no mean in {scores}"))
         });
     assert_eq!(of_whole, apart);
     assert_ne!(of_whole, without);
