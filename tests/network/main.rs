@@ -10,6 +10,7 @@ mod elsewhere;
 mod foreign;
 mod gateway;
 mod links;
+mod mavlink;
 mod rough_network;
 mod sessions;
 mod split;
