@@ -34,7 +34,9 @@ const DIFFERENCE_S: f64 = 5e-4;
 /// The largest delay that is looked for, s.
 const DELAY_MAX_S: f64 = 0.2;
 /// The most that it may be uncertain, s.
-const SD_MAX_S: f64 = 0.005;
+const SD_MAX_S: f64 = 0.002;
+/// What the gyro leaves of the field's changes, at most.
+const LEFT_MAX: f64 = 0.5;
 /// What the fuser takes, s: `magnetometer_delay_s`; and how certain it may be told that the delay is.
 const TAKEN_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
 const TOLD_SD_S: (f64, f64) = (0.0005, 0.02);
@@ -122,7 +124,14 @@ impl Clock {
                        check that both have the same axes";
         let (at, sd_s) = self.fit().ok_or_else(|| weak(unclear))?;
         let delay_s = at[0];
-        if sd_s > SD_MAX_S || delay_s.abs() > DELAY_MAX_S {
+        let rms_ut = |delay_s: f64| {
+            let mut at = at;
+            at[0] = delay_s;
+            self.sums(&at, 1e9).map_or(f64::NAN, |(normal, _)| normal.rms())
+        };
+        let (before_ut, after_ut) = (rms_ut(0.0), rms_ut(delay_s));
+        let is_followed = after_ut < LEFT_MAX * self.change_ut();
+        if !is_followed || sd_s > SD_MAX_S || delay_s.abs() > DELAY_MAX_S {
             return Err(weak(unclear));
         }
         if !TAKEN_S.contains(&delay_s) {
@@ -132,19 +141,14 @@ impl Clock {
             );
             return Err(weak(&missing));
         }
-        let rms_ut = |delay_s: f64| {
-            let mut at = at;
-            at[0] = delay_s;
-            self.sums(&at, 1e9).map_or(f64::NAN, |(normal, _)| normal.rms())
-        };
         let (least, most) = TOLD_SD_S;
         Ok(Report {
             kind: "clock",
             values: vec![Value { name: "delay", value: vec![1e3 * delay_s], sd: vec![1e3 * sd_s], unit: "ms" }],
             residual: Residual {
                 of: "field less what the gyro made of it a quarter of a second before, root mean square of an axis",
-                before: rms_ut(0.0),
-                after: rms_ut(delay_s),
+                before: before_ut,
+                after: after_ut,
                 unit: "µT",
             },
             coverage,
@@ -155,6 +159,25 @@ impl Clock {
                 delay_s + 0.0,
                 sd_s.clamp(least, most)
             ),
+        })
+    }
+
+    /// Root mean square of what the field changes by in a window, on an axis.
+    fn change_ut(&self) -> f64 {
+        let mut sum = 0.0;
+        let pairs = self.windows().inspect(|((_, first_ut), (_, last_ut))| sum += (last_ut - first_ut).norm_squared());
+        let count = pairs.count();
+        (sum / (3 * count.max(1)) as f64).sqrt()
+    }
+
+    /// The field at the beginning and at the end of each window.
+    fn windows(&self) -> impl Iterator<Item = (&(i64, Vector3<f64>), &(i64, Vector3<f64>))> {
+        let mut last = 0;
+        self.fields.iter().map_while(move |first| {
+            while self.fields.get(last)?.0 - first.0 < WINDOW_NS {
+                last += 1;
+            }
+            Some((first, &self.fields[last]))
         })
     }
 
@@ -184,12 +207,7 @@ impl Clock {
         let mut normal = Normal::<7>::new();
         let mut sizes = Vec::new();
         let mut block_ns = i64::MIN;
-        let mut last = 0;
-        for (first_ns, first_ut) in &self.fields {
-            while self.fields.get(last).is_some_and(|(t_ns, _)| t_ns - first_ns < WINDOW_NS) {
-                last += 1;
-            }
-            let Some((last_ns, last_ut)) = self.fields.get(last) else { break };
+        for ((first_ns, first_ut), (last_ns, last_ut)) in self.windows() {
             let length_s = (last_ns - first_ns) as f64 * 1e-9;
             let turn = |delay_s: f64| self.turn(*first_ns, *last_ns, delay_s);
             let (Some(here), Some(after)) = (turn(delay_s), turn(delay_s + DIFFERENCE_S)) else { continue };

@@ -14,6 +14,8 @@ use crate::{
 const REST_S: f64 = 5.0;
 /// The most that the bias may be uncertain, rad/s: a tenth of a degree a second.
 const SD_MAX_RAD_S: f64 = 0.1 * core::f64::consts::PI / 180.0;
+/// The most that the mean of a rest may be away from that of all, rad/s: a steady turn, or a sensor that warms up.
+const APART_MAX_RAD_S: f64 = 0.3 * core::f64::consts::PI / 180.0;
 
 /// Takes readings.
 #[derive(Debug, Clone, Default)]
@@ -40,11 +42,12 @@ impl Gyro {
         let all = series.concat();
         let bias_rad_s = mean(&all);
         let sd_rad_s = MeanNoise::of(&series).sd(all.len()).sup(&between(&rests, &bias_rad_s));
-        if sd_rad_s.amax() > SD_MAX_RAD_S {
+        let apart_rad_s = rests.iter().map(|rest| (mean(&rest.rates_rad_s) - bias_rad_s).amax()).fold(0.0, f64::max);
+        if sd_rad_s.amax() > SD_MAX_RAD_S || apart_rad_s > APART_MAX_RAD_S {
             let missing = format!(
                 "one bias: the rests disagree by {:.2} °/s, as where the unit turned steadily in one of them, or warmed up; lay it on \
                  something that does not move, and wait until it is warm",
-                sd_rad_s.amax().to_degrees()
+                sd_rad_s.amax().max(apart_rad_s).to_degrees()
             );
             return Err(Refusal::weak(Kind::Gyro, coverage, missing));
         }
@@ -87,7 +90,7 @@ fn between(rests: &[Rest], of_all: &Vector3<f64>) -> Vector3<f64> {
 }
 
 fn coverage(rests: &[Rest]) -> Coverage {
-    let rest_s: f64 = rests.iter().map(Rest::duration_s).sum();
+    let rest_s = rests.iter().map(Rest::duration_s).fold(0.0, |sum, one_s| sum + one_s);
     let share = (rest_s / REST_S).min(1.0);
     let missing = (share < 1.0).then(|| {
         format!(
