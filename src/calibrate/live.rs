@@ -22,6 +22,8 @@ use crate::seeing::{LOOK, Until, observer};
 const LIMIT: Duration = Duration::from_secs(300);
 /// Between two pictures of the coverage.
 const SHOW_INTERVAL: Duration = Duration::from_millis(200);
+/// Between two trials whether what there is suffices.
+const TRY_INTERVAL: Duration = Duration::from_secs(2);
 /// How long a topic is looked for that is not there yet.
 const OPEN_LIMIT: Duration = Duration::from_secs(10);
 
@@ -49,13 +51,6 @@ impl LiveError {
     }
 }
 
-/// The readings of a system as its source gives them.
-struct Place {
-    tap: Tap,
-    topic: Topic,
-    observer: Observer,
-}
-
 pub(super) fn calibrated(
     kind: Kind,
     mut known: Known,
@@ -66,21 +61,29 @@ pub(super) fn calibrated(
     let config = ask::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
     build_on(&mut known, &config.launch)?;
     known.rate_kind = config.gyro_samples().rate_kind();
-    let place = Place::take(seat, system, &config)?;
+    let limit = duration_s.map_or(LIMIT, Duration::from_secs_f64);
+    let mut until = Until::new(|| seat.is_running(), Some(limit));
+    let topic = match config.launch.ingest.source {
+        _ if config.readings => Topic::Reading,
+        Source::Sim | Source::Replay => return Err(LiveError::NotPublished { system: system.into() }),
+        _ => Topic::Sensor,
+    };
+    let tap = opened(&seat, topic, &mut until)?;
     let mut calibrator = Calibrator::new(kind, &known);
     let bar = ProgressBar::new(100).with_style(style("{bar:40} {percent:>3} % {wide_msg}"));
-    let mut until = Until::new(|| place.observer.is_running(), Some(duration_s.map_or(LIMIT, Duration::from_secs_f64)));
-    let mut shown = Instant::now();
-    // The last refusal says what is missing.
+    let (mut shown, mut tried) = (Instant::now(), None::<Instant>);
     while !until.is_over() {
-        place.look(&mut calibrator)?;
+        look(&tap, topic, &mut calibrator)?;
         if shown.elapsed() >= SHOW_INTERVAL {
             shown = Instant::now();
             let coverage = calibrator.coverage();
-            bar.set_position((100.0 * coverage.share) as u64);
+            bar.set_position(coverage.percent() as u64);
             bar.set_message(coverage.missing.first().cloned().unwrap_or(coverage.found));
-            if coverage.share >= 1.0 && calibrator.finish().is_ok() {
-                break;
+            if coverage.share >= 1.0 && tried.is_none_or(|tried| tried.elapsed() >= TRY_INTERVAL) {
+                if calibrator.finish().is_ok() {
+                    break;
+                }
+                tried = Some(Instant::now());
             }
         }
         thread::sleep(LOOK);
@@ -89,37 +92,25 @@ pub(super) fn calibrated(
     Ok(calibrator.finish()?)
 }
 
-impl Place {
-    fn take(observer: Observer, system: &str, config: &ServiceConfig) -> Result<Self, LiveError> {
-        let topic = match config.launch.ingest.source {
-            _ if config.readings => Topic::Reading,
-            Source::Sim | Source::Replay => return Err(LiveError::NotPublished { system: system.into() }),
-            _ => Topic::Sensor,
-        };
-        let since = Instant::now();
-        loop {
-            match observer.tap(topic) {
-                Ok(tap) => return Ok(Self { tap, topic, observer }),
-                // Whoever feeds the system may come later than it.
-                Err(BusError::Unopened { .. }) if since.elapsed() < OPEN_LIMIT && observer.is_running() => {
-                    thread::sleep(LOOK);
-                }
-                Err(error) => return Err(error.into()),
-            }
+/// Reads a topic from now on, once it is there: whoever feeds a system may come later than it.
+fn opened(seat: &Observer, topic: Topic, until: &mut Until<'_>) -> Result<Tap, BusError> {
+    let since = Instant::now();
+    loop {
+        match seat.tap(topic) {
+            Err(BusError::Unopened { .. }) if since.elapsed() < OPEN_LIMIT && !until.is_over() => thread::sleep(LOOK),
+            opened => return opened,
         }
     }
+}
 
-    /// Takes what has come. What was overwritten meanwhile is a gap, which no rest and no turn is taken across.
-    fn look(&self, calibrator: &mut Calibrator) -> Result<(), BusError> {
-        self.tap.drain(&mut |bytes| {
-            let reading = match self.topic {
-                Topic::Reading => {
-                    bytemuck::try_pod_read_unaligned::<TakenReading>(bytes).ok().map(|it| Reading::from(&it))
-                }
-                _ => bytemuck::try_pod_read_unaligned::<SensorReading>(bytes).ok().map(Reading::from),
-            };
-            reading.iter().for_each(|reading| calibrator.take(&sample(reading)));
-        })?;
-        Ok(())
-    }
+/// Takes what has come. What was overwritten meanwhile is a gap, which no rest and no turn is taken across.
+fn look(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
+    tap.drain(&mut |bytes| {
+        let reading = match topic {
+            Topic::Reading => bytemuck::try_pod_read_unaligned::<TakenReading>(bytes).ok().map(|it| Reading::from(&it)),
+            _ => bytemuck::try_pod_read_unaligned::<SensorReading>(bytes).ok().map(Reading::from),
+        };
+        reading.iter().for_each(|reading| calibrator.take(&sample(reading)));
+    })?;
+    Ok(())
 }

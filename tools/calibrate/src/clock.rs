@@ -103,7 +103,7 @@ impl Clock {
             (share < 1.0).then(|| {
                 format!(
                     "{:.1} s in which the rate changes; turn the unit to and fro about all axes, once or twice a second and faster than 30 °/s",
-                    TURNING_S - self.telling_s
+                    (TURNING_S - self.telling_s).max(0.1)
                 )
             })
         };

@@ -95,7 +95,7 @@ fn coverage(rests: &[Rest]) -> Coverage {
     let missing = (share < 1.0).then(|| {
         format!(
             "{:.1} s of rest; lay the unit on something that does not move, and do not touch it for {REST_S:.0} s",
-            REST_S - rest_s
+            (REST_S - rest_s).max(0.1)
         )
     });
     Coverage {

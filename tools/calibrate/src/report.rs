@@ -18,6 +18,13 @@ pub struct Coverage {
     pub missing: Vec<String>,
 }
 
+impl Coverage {
+    /// The share in whole per cent, never more than it is.
+    pub fn percent(&self) -> f64 {
+        (100.0 * self.share).floor()
+    }
+}
+
 /// One quantity that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Value {
@@ -72,7 +79,7 @@ pub struct Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kind, values, residual, coverage, notes, replaces, block } = self;
-        writeln!(f, "{kind}: {}; coverage {:.0} %", coverage.found, 100.0 * coverage.share)?;
+        writeln!(f, "{kind}: {}; coverage {:.0} %", coverage.found, coverage.percent())?;
         for Value { name, value, sd, unit } in values {
             let list = |numbers: &[f64]| numbers.iter().map(|x| significant(*x, sd)).collect::<Vec<_>>().join("  ");
             let sds = sd.iter().map(|x| format!("{x:.2}", x = Rounded(*x))).collect::<Vec<_>>().join("  ");
@@ -109,7 +116,7 @@ impl fmt::Display for Rounded {
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
 #[error("calibrating the {kind}: {} ({})\n{}", match coverage.share < 1.0 {
-    true => format!("the readings cover {:.0} % of what is needed", 100.0 * coverage.share),
+    true => format!("the readings cover {:.0} % of what is needed", coverage.percent()),
     false => "the readings do not suffice".into(),
 }, coverage.found, missing.iter().map(|what| format!("  missing: {what}")).collect::<Vec<_>>().join("\n"))]
 pub struct Refusal {
