@@ -90,7 +90,7 @@ enum CalibrateError {
     #[error(transparent)]
     Import(#[from] ImportError),
     #[error(transparent)]
-    Trial(#[from] ScoreError),
+    Trial(Box<ScoreError>),
     #[error(transparent)]
     Flight(#[from] FlightError),
     #[error("calibrating from {}: the flight has no readings, only samples that are calibrated already; record it by `plumb up --record`", file.display())]
@@ -103,6 +103,12 @@ enum CalibrateError {
     Live(#[from] LiveError),
     #[error(transparent)]
     Refused(#[from] Refusal),
+}
+
+impl From<ScoreError> for CalibrateError {
+    fn from(error: ScoreError) -> Self {
+        Self::Trial(error.into())
+    }
 }
 
 impl CalibrateError {

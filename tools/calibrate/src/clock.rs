@@ -47,11 +47,14 @@ pub struct Clock {
     gyro: Calibration,
     mag: Calibration,
     history: History,
-    fields: Vec<(i64, Vector3<f64>)>,
+    fields: Vec<Field>,
     /// Of the window that counts next: its beginning, and the rate then.
     window: Option<(i64, Vector3<f64>)>,
     telling_s: f64,
 }
+
+/// When the field was what, ns and µT.
+type Field = (i64, Vector3<f64>);
 
 /// Delay s, hard iron µT, gyro bias rad/s.
 type Parameters = SVector<f64, 7>;
@@ -171,7 +174,7 @@ impl Clock {
     }
 
     /// The field at the beginning and at the end of each window.
-    fn windows(&self) -> impl Iterator<Item = (&(i64, Vector3<f64>), &(i64, Vector3<f64>))> {
+    fn windows(&self) -> impl Iterator<Item = (&Field, &Field)> {
         let mut last = 0;
         self.fields.iter().map_while(move |first| {
             while self.fields.get(last)?.0 - first.0 < WINDOW_NS {
