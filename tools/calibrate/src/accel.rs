@@ -2,14 +2,18 @@
 //!
 //! |M (f − b)| = g over the rests, each weighted by what its mean is known to; see [`mod@crate::ellipsoid`] for M. Six positions with each
 //! axis up and down determine bias and scale; twelve or more of any kind the misalignment, too.
+//!
+//! Without such rests it is found in motion, as [`mod@crate::motion`] has it, of a unit that is turned slowly by hand through all positions: less
+//! exactly, each direction counting alike, with Huber's weights and the deviations of errors whose size only the residuals tell.
 
-use attitude::Vector3;
+use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
 
 use crate::{
     Kind, Known, Sample,
     ellipsoid::{Ellipsoid, deviations},
     least_squares::Normal,
+    motion::{Seen, Windows},
     report::{Coverage, Refusal, Report, Residual, Value, array, rows},
     rest::{MeanNoise, Rest, RestFinder},
     sphere::Sphere,
@@ -26,17 +30,25 @@ const SCALE_SD_MAX: f64 = 0.005;
 const FORCE_SD_MIN_M_S2: f64 = 2e-4;
 /// Steps after which a fit has found what it finds.
 const STEPS_MAX: usize = 50;
+/// Windows in motion that are looked for: 48 s; and how many of them hang together, for what a hand gives to one it takes from the next.
+const WINDOWS_MIN: usize = 24;
+const BLOCK_WINDOWS: usize = 2;
+/// Where Huber's weights begin, in standard deviations.
+const HUBER: f64 = 2.0;
+/// A part of the sphere with few windows counts no more than so many times as much as it would.
+const WEIGHT_MAX: f64 = 2.0;
 
 /// Takes readings.
 #[derive(Debug, Clone)]
 pub struct Accel {
     rests: RestFinder,
+    windows: Windows,
     gravity_m_s2: f64,
 }
 
 /// A mean force at rest.
 struct Position {
-    force_m_s2: Vector3<f64>,
+    seen: Seen,
     sd_m_s2: f64,
 }
 
@@ -44,25 +56,37 @@ struct Position {
 struct Fit {
     bias_m_s2: Vector3<f64>,
     bias_sd_m_s2: Vector3<f64>,
-    matrix: attitude::Matrix3<f64>,
+    matrix: Matrix3<f64>,
     scale_sd: Vector3<f64>,
     /// Of the misalignment; none where it was not looked for.
     turn_sd: Option<Vector3<f64>>,
-    /// The residuals told something of the errors.
-    has_residuals: bool,
+    how: How,
+}
+
+/// What the deviations come from.
+#[derive(Clone, Copy, PartialEq)]
+enum How {
+    /// Rests, as many as there are unknowns.
+    NoiseOfRests,
+    /// More rests than that.
+    Rests,
+    Motion,
 }
 
 impl Accel {
     pub(crate) fn new(known: &Known) -> Self {
-        Self { rests: RestFinder::default(), gravity_m_s2: known.gravity_m_s2 }
+        let windows = Windows::new(known.gyro);
+        Self { rests: RestFinder::default(), windows, gravity_m_s2: known.gravity_m_s2 }
     }
 
     pub(crate) fn take(&mut self, sample: &Sample) {
         self.rests.take(sample);
+        self.windows.take(sample);
     }
 
     pub(crate) fn coverage(&self) -> Coverage {
-        coverage(&self.rests())
+        let (of_rests, of_motion) = (coverage(&self.rests()), coverage_in_motion(self.windows.whole()));
+        if of_motion.share > of_rests.share { of_motion } else { of_rests }
     }
 
     fn rests(&self) -> Vec<Rest> {
@@ -71,30 +95,31 @@ impl Accel {
 
     pub(crate) fn finish(&self) -> Result<Report, Refusal> {
         let rests = self.rests();
-        let coverage = coverage(&rests);
+        let of_rests = coverage(&rests);
+        if of_rests.share >= 1.0 {
+            let positions = positions(&rests);
+            let has_many = distinct(&rests).len() >= POSITIONS_OF_MISALIGNMENT;
+            let full = has_many.then(|| self.fit::<9>(&positions)).flatten().filter(is_certain);
+            if let Some(fit) = full.or_else(|| self.fit::<6>(&positions).filter(is_certain)) {
+                let seen: Vec<_> = positions.iter().map(|at| at.seen).collect();
+                return Ok(self.report(&fit, &seen, of_rests));
+            }
+        }
+        let in_motion = coverage_in_motion(self.windows.whole());
+        if in_motion.share >= 1.0 {
+            let full = self.fit_in_motion::<9>().filter(is_certain);
+            if let Some(fit) = full.or_else(|| self.fit_in_motion::<6>().filter(is_certain)) {
+                return Ok(self.report(&fit, self.windows.whole(), in_motion));
+            }
+        }
+        let coverage = self.coverage();
         if coverage.share < 1.0 {
             return Err(Refusal::thin(Kind::Accel, coverage));
         }
-        let series: Vec<_> = rests.iter().map(|rest| rest.forces_m_s2.as_slice()).collect();
-        let noise = MeanNoise::of(&series);
-        let positions: Vec<_> = rests
-            .iter()
-            .map(|rest| {
-                let force_m_s2 = rest.force_m_s2();
-                // Along the force alone: the fit sees lengths.
-                let sd = noise.sd(rest.forces_m_s2.len()).component_mul(&force_m_s2.normalize()).norm();
-                Position { force_m_s2, sd_m_s2: sd.max(FORCE_SD_MIN_M_S2) }
-            })
-            .collect();
-        let full = (distinct(&rests).len() >= POSITIONS_OF_MISALIGNMENT).then(|| self.fit::<9>(&positions)).flatten();
-        let full = full.filter(|fit| is_certain(fit) && fit.turn_sd.is_some_and(|sd| sd.amax() <= SCALE_SD_MAX));
-        let fit = full.or_else(|| self.fit::<6>(&positions)).filter(is_certain).ok_or_else(|| {
-            let missing = "positions that differ more, or longer rests: bias and scale cannot be told apart; rest for two seconds with each of \
-                           the six sides up"
-                .into();
-            Refusal::weak(Kind::Accel, coverage.clone(), missing)
-        })?;
-        Ok(self.report(&fit, &positions, coverage))
+        let missing = "positions that differ more, or longer rests: bias and scale cannot be told apart; rest for two seconds with each of the six \
+                       sides up"
+            .into();
+        Err(Refusal::weak(Kind::Accel, coverage, missing))
     }
 
     /// By six parameters, or by nine.
@@ -102,8 +127,8 @@ impl Accel {
         let mut at = Ellipsoid::<N>::sphere(Vector3::zeros(), 1.0);
         let sums = |at: &Ellipsoid<N>| {
             let mut normal = Normal::<N>::new();
-            for Position { force_m_s2, sd_m_s2 } in positions {
-                let (residual, jacobian) = at.residual(force_m_s2, self.gravity_m_s2);
+            for Position { seen, sd_m_s2 } in positions {
+                let (residual, jacobian) = at.residual_of_mean(seen, self.gravity_m_s2);
                 normal.add(residual, &jacobian, sd_m_s2.powi(-2));
             }
             normal
@@ -119,23 +144,50 @@ impl Accel {
         // Where the residuals are larger than the noise of the rests, the errors are, too: tables give way, and sensors repeat to their data sheet.
         let free = positions.len().saturating_sub(N);
         let excess = if free > 0 { (normal.cost() / free as f64).max(1.0) } else { 1.0 };
-        let covariance: SMatrix<f64, N, N> = normal.covariance()? * excess;
-        let [bias_sd_m_s2, scale_sd, turn_sd] = deviations(&covariance);
-        Some(Fit {
-            bias_m_s2: at.bias(),
-            bias_sd_m_s2,
-            matrix: at.matrix(),
-            scale_sd,
-            turn_sd: (N > 6).then_some(turn_sd),
-            has_residuals: free > 0,
-        })
+        let how = if free > 0 { How::Rests } else { How::NoiseOfRests };
+        Some(Fit::new(&at, &(normal.covariance()? * excess), how))
     }
 
-    fn report(&self, fit: &Fit, positions: &[Position], coverage: Coverage) -> Report {
-        let Fit { bias_m_s2, bias_sd_m_s2, matrix, scale_sd, turn_sd, has_residuals } = fit;
-        let rms = |length: &dyn Fn(&Vector3<f64>) -> f64| {
-            let squares = positions.iter().map(|at| (length(&at.force_m_s2) - self.gravity_m_s2).powi(2)).sum::<f64>();
-            (squares / positions.len() as f64).sqrt()
+    /// The same by windows in motion.
+    fn fit_in_motion<const N: usize>(&self) -> Option<Fit> {
+        let windows = self.windows.whole();
+        let directions: Vec<_> = windows.iter().map(Seen::force_m_s2).collect();
+        let sphere = Sphere::of(&directions);
+        let usual = windows.len() as f64 / sphere.cells().max(1) as f64;
+        let weight = |direction: &Vector3<f64>| (usual / f64::from(sphere.count(direction).max(1))).min(WEIGHT_MAX);
+        let mut at = Ellipsoid::<N>::sphere(Vector3::zeros(), 1.0);
+        let sums = |at: &Ellipsoid<N>| {
+            let residuals: Vec<_> = windows.iter().map(|seen| at.residual_of_mean(seen, self.gravity_m_s2)).collect();
+            let mut sizes: Vec<_> = residuals.iter().map(|(residual, _)| residual.abs()).collect();
+            let middle = sizes.len() / 2;
+            // Of normal errors half are smaller than 0.6745 standard deviations.
+            let sd = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(FORCE_SD_MIN_M_S2);
+            let mut normal = Normal::<N>::new();
+            for (i, ((residual, jacobian), direction)) in residuals.iter().zip(&directions).enumerate() {
+                if i % BLOCK_WINDOWS == 0 {
+                    normal.end_block();
+                }
+                let trust = (HUBER * sd / residual.abs().max(f64::MIN_POSITIVE)).min(1.0);
+                normal.add(*residual, jacobian, weight(direction) * trust);
+            }
+            normal.end_block();
+            normal
+        };
+        for _ in 0..STEPS_MAX {
+            let step: SVector<f64, N> = sums(&at).step()?;
+            at.0 += step;
+            if step.amax() < 1e-8 {
+                break;
+            }
+        }
+        Some(Fit::new(&at, &sums(&at).block_covariance()?, How::Motion))
+    }
+
+    fn report(&self, fit: &Fit, seen: &[Seen], coverage: Coverage) -> Report {
+        let Fit { bias_m_s2, bias_sd_m_s2, matrix, scale_sd, turn_sd, how } = fit;
+        let rms = |matrix: &Matrix3<f64>, bias: &Vector3<f64>| {
+            let squares = seen.iter().map(|one| (one.corrected(matrix, bias).norm() - self.gravity_m_s2).powi(2));
+            (squares.sum::<f64>() / seen.len() as f64).sqrt()
         };
         let mut values = vec![
             Value::vector("bias", *bias_m_s2, *bias_sd_m_s2, "m/s²"),
@@ -154,19 +206,21 @@ impl Accel {
                 format!("scale = {}", array(matrix.diagonal().as_slice()))
             }
         };
-        if !has_residuals {
-            notes.push(
+        match how {
+            How::NoiseOfRests => notes.push(
                 "as many positions as unknowns: the residual after says nothing, the deviations are those of noise"
                     .into(),
-            );
+            ),
+            How::Rests => {}
+            How::Motion => notes.push("found in motion; rests with each of the six sides up are more exact".into()),
         }
         Report {
             kind: "accelerometer",
             values,
             residual: Residual {
-                of: "|f| less gravity at rest, root mean square",
-                before: rms(&|force| force.norm()),
-                after: rms(&|force| (matrix * (force - bias_m_s2)).norm()),
+                of: "|f| less gravity, root mean square of the means",
+                before: rms(&Matrix3::identity(), &Vector3::zeros()),
+                after: rms(matrix, bias_m_s2),
                 unit: "m/s²",
             },
             coverage,
@@ -180,8 +234,29 @@ impl Accel {
     }
 }
 
+impl Fit {
+    fn new<const N: usize>(at: &Ellipsoid<N>, covariance: &SMatrix<f64, N, N>, how: How) -> Self {
+        let [bias_sd_m_s2, scale_sd, turn_sd] = deviations(covariance);
+        let turn_sd = (N > 6).then_some(turn_sd);
+        Self { bias_m_s2: at.bias(), bias_sd_m_s2, matrix: at.matrix(), scale_sd, turn_sd, how }
+    }
+}
+
 fn is_certain(fit: &Fit) -> bool {
-    fit.bias_sd_m_s2.amax() <= BIAS_SD_MAX_M_S2 && fit.scale_sd.amax() <= SCALE_SD_MAX
+    let scale_sd = fit.turn_sd.map_or(fit.scale_sd, |turn_sd| turn_sd.sup(&fit.scale_sd));
+    fit.bias_sd_m_s2.amax() <= BIAS_SD_MAX_M_S2 && scale_sd.amax() <= SCALE_SD_MAX
+}
+
+/// The rests' means, and what they are known to.
+fn positions(rests: &[Rest]) -> Vec<Position> {
+    let noise = MeanNoise::of(&rests.iter().map(|rest| rest.forces_m_s2.as_slice()).collect::<Vec<_>>());
+    let position = |rest: &Rest| {
+        let force_m_s2 = rest.force_m_s2();
+        // Along the force alone: the fit sees lengths.
+        let sd = noise.sd(rest.forces_m_s2.len()).component_mul(&force_m_s2.normalize()).norm();
+        Position { seen: Seen::still(&force_m_s2), sd_m_s2: sd.max(FORCE_SD_MIN_M_S2) }
+    };
+    rests.iter().map(position).collect()
 }
 
 /// Directions of gravity that are not nearly the same.
@@ -200,9 +275,8 @@ fn coverage(rests: &[Rest]) -> Coverage {
     let positions = distinct(rests);
     let faces = Sphere::of(&positions).faces();
     let there = faces.iter().filter(|is_there| **is_there).count();
-    let name = |face: usize| format!("{} {}", ["x", "y", "z"][face / 2], ["up", "down"][face % 2]);
     let named = |wanted: bool| {
-        let names: Vec<_> = (0..6).filter(|face| faces[*face] == wanted).map(name).collect();
+        let names: Vec<_> = (0..6).filter(|face| faces[*face] == wanted).map(side).collect();
         names.join(", ")
     };
     let missing = (there < 6).then(|| {
@@ -217,4 +291,21 @@ fn coverage(rests: &[Rest]) -> Coverage {
         found: format!("{} rests in {} positions{of}", rests.len(), positions.len()),
         missing: missing.into_iter().collect(),
     }
+}
+
+fn coverage_in_motion(windows: &[Seen]) -> Coverage {
+    let faces: [bool; 6] = std::array::from_fn(|face| windows.iter().any(|seen| seen.sides_up[face]));
+    let there = faces.iter().filter(|is_there| **is_there).count();
+    let share = (there as f64 / 6.0).min(windows.len() as f64 / WINDOWS_MIN as f64).min(1.0);
+    let absent: Vec<_> = (0..6).filter(|face| !faces[*face]).map(side).collect();
+    let missing = (share < 1.0).then(|| match absent.is_empty() {
+        true => "a longer time; turn the unit slowly by hand through all positions for a minute".into(),
+        false => format!("{}; turn the unit slowly by hand so that these sides show upwards, too", absent.join(", ")),
+    });
+    let found = format!("in motion {} times 2 s with {there} of six sides up", windows.len());
+    Coverage { share, found, missing: missing.into_iter().collect() }
+}
+
+fn side(face: usize) -> String {
+    format!("{} {}", ["x", "y", "z"][face / 2], ["up", "down"][face % 2])
 }

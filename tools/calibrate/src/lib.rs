@@ -7,12 +7,13 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`gyro`] | bias, from rests |
-//! | [`accel`] | bias, scale and misalignment, from rests in several positions |
+//! | [`accel`] | bias, scale and misalignment, from rests in several positions, or from slow turns through them |
 //! | [`mag`] | hard and soft iron, from the field in all directions |
 //! | [`mounting`] | how the unit sits in the body, from a level and a nose-down pose |
 //! | [`clock`] | how late the magnetometer is on the gyro, from turns to and fro |
 //! | [`report`] | what is printed |
 //! | `rest` | when the unit rests, and how exactly the mean of a rest is known |
+//! | `motion` | gravity felt in motion |
 //! | `sphere` | in which directions there was a reading |
 //! | `ellipsoid` | the model that accelerometer and magnetometer have in common |
 //! | `least_squares` | normal equations and covariances |
@@ -26,6 +27,7 @@ pub mod gyro;
 mod history;
 mod least_squares;
 pub mod mag;
+mod motion;
 pub mod mounting;
 pub mod report;
 mod rest;
@@ -89,7 +91,8 @@ pub struct Known {
     pub field_ut: Option<f64>,
     /// What a rate sample says about its interval.
     pub rate_kind: RateKind,
-    /// The calibrations that stand already; [`Kind::Mounting`] and [`Kind::Clock`] build on them, the others begin at the raw readings.
+    /// The calibrations that stand already; [`Kind::Mounting`], [`Kind::Clock`] and, for the gyro, [`Kind::Accel`] build on them, the others
+    /// begin at the raw readings.
     pub gyro: Calibration,
     /// Likewise.
     pub accel: Calibration,

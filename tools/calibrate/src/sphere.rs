@@ -11,6 +11,11 @@ pub(crate) struct Sphere {
     counts: [u32; CELLS],
 }
 
+/// The face of a direction of any length: +x, −x, +y, −y, +z, −z.
+pub(crate) fn face(direction: &Vector3<f64>) -> usize {
+    cell(direction) / 4
+}
+
 /// The cell of a direction of any length: 4 · face + quadrant; the faces are +x, −x, +y, −y, +z, −z.
 pub(crate) fn cell(direction: &Vector3<f64>) -> usize {
     let axis = direction.iamax();

@@ -97,6 +97,47 @@ fn many_positions_of_any_kind_give_the_misalignment_too() {
     of_matrix.assert_honest("accelerometer's matrix, any positions");
 }
 
+/// What a hand does to a unit that it turns about: accelerations to and fro that lead nowhere.
+pub(crate) fn shaken_by_a_hand(
+    samples: &mut [Sample],
+    pose: impl Fn(f64) -> Quaternion<f64>,
+    errors: &Errors,
+    seed: u64,
+) {
+    let mut noise = Noise::new(seed + 3_000_000);
+    let (phases, sizes) = (noise.vector_within(3.0), noise.vector_within(0.8));
+    for sample in samples {
+        let t_s = sample.t_ns as f64 * 1e-9;
+        let earth = Vector3::from_fn(|i, _| {
+            sizes[i] * (std::f64::consts::TAU * (0.7 + 0.3 * i as f64) * t_s + phases[i]).sin()
+        });
+        sample.force_m_s2 += errors.accel.try_inverse().unwrap() * rotated(pose(t_s).conjugate(), earth);
+    }
+}
+
+#[test]
+fn slow_turns_by_hand_give_the_accelerometers_errors_without_a_rest() {
+    let (mut of_bias, mut of_matrix) = (Normalised::default(), Normalised::default());
+    for seed in 0..SEEDS {
+        let mut noise = Noise::new(seed);
+        let truth =
+            Errors { accel_bias_m_s2: noise.vector_within(0.5), accel: noise.symmetric(0.05, 0.02), ..Errors::NONE };
+        let mut samples = Unit::of(truth, seed).along(120.0, tumbled(seed));
+        shaken_by_a_hand(&mut samples, tumbled(seed), &truth, seed);
+        let report = found(Kind::Accel, &samples);
+        assert!(report.notes.iter().any(|note| note.contains("found in motion")), "{report}");
+        assert!(report.block.contains("matrix = "), "{report}");
+        of_bias.take(&report.values[0].value, &report.values[0].sd, truth.accel_bias_m_s2.as_slice());
+        of_matrix.take(&report.values[1].value, &report.values[1].sd, truth.accel.diagonal().as_slice());
+        let cross = [truth.accel.m12, truth.accel.m13, truth.accel.m23];
+        of_matrix.take(&report.values[2].value, &report.values[2].sd, &cross);
+        assert!(report.residual.after < report.residual.before, "{report}");
+    }
+    // What a hand gives to one window it takes from the next, so that means are better than their residuals say.
+    of_bias.assert_within("accelerometer's bias, in motion", 0.5);
+    of_matrix.assert_within("accelerometer's matrix, in motion", 0.5);
+}
+
 #[test]
 fn hard_and_soft_iron_are_found_by_turning_about() {
     let (mut of_hard, mut of_soft) = (Normalised::default(), Normalised::default());
