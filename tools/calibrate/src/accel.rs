@@ -117,7 +117,7 @@ impl Accel {
             return Err(Refusal::thin(Kind::Accel, coverage));
         }
         let missing = "positions that differ more, or longer rests: bias and scale cannot be told apart; rest for two seconds with each of the six \
-                       sides up"
+                       sides up, or turn the unit for longer and more slowly"
             .into();
         Err(Refusal::weak(Kind::Accel, coverage, missing))
     }

@@ -2,7 +2,8 @@
 //!
 //! With residuals r_i, Jacobians J_i and weights w_i: H = Σ w JᵀJ, g = Σ w Jᵀr, the step of Gauss and Newton is −H⁻¹g. The covariance is
 //! H⁻¹ where the weights are the inverse variances. Where errors of neighbours hang together, as those of a magnetometer in a room do,
-//! it is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours (White 1980; Liang and Zeger 1986).
+//! it is H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ with s_b = Σ w Jᵀr over block b of neighbours (White 1980; Liang and Zeger 1986); of few blocks that may come out too
+//! small by chance, so that no parameter is taken to be better known than errors of the residuals' size that are all independent allow.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 
@@ -15,6 +16,9 @@ pub(crate) struct Normal<const N: usize> {
     weight: f64,
     block: SVector<f64, N>,
     spread: SMatrix<f64, N, N>,
+    /// Σ w² JᵀJ.
+    squares: SMatrix<f64, N, N>,
+    count: usize,
     blocks: usize,
 }
 
@@ -27,6 +31,8 @@ impl<const N: usize> Normal<N> {
             weight: 0.0,
             block: SVector::zeros(),
             spread: SMatrix::zeros(),
+            squares: SMatrix::zeros(),
+            count: 0,
             blocks: 0,
         }
     }
@@ -34,6 +40,8 @@ impl<const N: usize> Normal<N> {
     /// A residual and its derivatives.
     pub(crate) fn add(&mut self, residual: f64, jacobian: &SVector<f64, N>, weight: f64) {
         self.information.ger(weight, jacobian, jacobian, 1.0);
+        self.squares.ger(weight * weight, jacobian, jacobian, 1.0);
+        self.count += 1;
         self.block.axpy(weight * residual, jacobian, 1.0);
         self.cost += weight * residual * residual;
         self.weight += weight;
@@ -77,6 +85,10 @@ impl<const N: usize> Normal<N> {
         let free = self.blocks.checked_sub(N).filter(|free| *free >= N)?;
         // The residuals are smaller than the errors by what the parameters took.
         let correction = self.blocks as f64 / free as f64;
-        Some(inverse * self.spread * inverse * correction)
+        let by_blocks = inverse * self.spread * inverse * correction;
+        let variance = self.cost / self.weight * self.count as f64 / self.count.checked_sub(N)?.max(1) as f64;
+        let by_each = inverse * self.squares * inverse * variance;
+        let widened = SVector::<f64, N>::from_fn(|i, _| (by_each[(i, i)] / by_blocks[(i, i)]).max(1.0).sqrt());
+        Some(by_blocks.component_mul(&(widened * widened.transpose())))
     }
 }

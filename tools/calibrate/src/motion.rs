@@ -1,7 +1,7 @@
 //! Gravity felt in motion: forces of two seconds, turned into one frame by the gyro, and their mean.
 //!
 //! A hand that turns a unit about does not carry it far: over two seconds its accelerations nearly cancel, where they are added in one frame, and
-//! gravity stays. The mean of R f, R the turn since the window's first reading, is linear in what the force is corrected by.
+//! gravity stays. They are weighted by a raised cosine (Hann), so that the speeds at both ends do not count. The mean of R f, R the turn since the window's first reading, is linear in what the force is corrected by.
 
 use attitude::{GRAVITY_M_S2, Matrix3, Vector3, calibration::Calibration};
 use nalgebra::UnitQuaternion;
@@ -67,6 +67,7 @@ struct Open {
     attitude: UnitQuaternion<f64>,
     turned: [Matrix3<f64>; 3],
     turn: Matrix3<f64>,
+    weight: f64,
     count: usize,
     /// Readings with each side up.
     sides_up: [usize; 6],
@@ -75,8 +76,8 @@ struct Open {
 
 impl Open {
     fn mean(&self) -> Seen {
-        let share = 1.0 / self.count as f64;
-        let is_long = |count: usize| count as f64 * share * WINDOW_NS as f64 >= UP_NS;
+        let share = self.weight.recip();
+        let is_long = |count: usize| count as f64 / self.count as f64 * WINDOW_NS as f64 >= UP_NS;
         Seen {
             turned: self.turned.map(|sum| sum * share),
             turn: self.turn * share,
@@ -110,6 +111,7 @@ impl Windows {
             attitude: UnitQuaternion::identity(),
             turned: [Matrix3::zeros(); 3],
             turn: Matrix3::zeros(),
+            weight: 0.0,
             count: 0,
             sides_up: [0; 6],
             is_slow: true,
@@ -118,8 +120,10 @@ impl Windows {
         let dt_s = (sample.t_ns - open.last_ns) as f64 * 1e-9;
         open.attitude *= UnitQuaternion::from_scaled_axis(rate_rad_s * dt_s);
         let turn = open.attitude.to_rotation_matrix().into_inner();
-        open.turn += turn;
-        (0..3).for_each(|axis| open.turned[axis] += turn * sample.force_m_s2[axis]);
+        let weight = 1.0 - ((sample.t_ns - open.since_ns) as f64 / WINDOW_NS as f64 * std::f64::consts::TAU).cos();
+        open.weight += weight;
+        open.turn += turn * weight;
+        (0..3).for_each(|axis| open.turned[axis] += turn * (weight * sample.force_m_s2[axis]));
         open.last_ns = sample.t_ns;
         open.count += 1;
         open.sides_up[face(&sample.force_m_s2)] += 1;

@@ -102,7 +102,7 @@ fn score_deg(trial: &Trial, readings: &[Reading], piece: &str) -> f64 {
 #[test]
 fn with_errors_added_the_score_comes_back() {
     /// How much worse than without the errors a calibrated recording may be, degrees.
-    const MARGIN_DEG: f64 = 0.1;
+    const MARGIN_DEG: f64 = 0.15;
     let errors = errors();
     // The people of BROAD let the unit rest on one side only; they turned it slowly in this one.
     let Some(slow) = trial("02") else { return };

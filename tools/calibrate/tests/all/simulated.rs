@@ -105,12 +105,18 @@ pub(crate) fn shaken_by_a_hand(
     seed: u64,
 ) {
     let mut noise = Noise::new(seed + 3_000_000);
-    let (phases, sizes) = (noise.vector_within(3.0), noise.vector_within(0.8));
+    let swings: Vec<_> = (0..40)
+        .map(|_| (noise.vector_within(0.15), noise.vector_within(3.0), Vector3::repeat(1.3) + noise.vector_within(0.6)))
+        .collect();
     for sample in samples {
         let t_s = sample.t_ns as f64 * 1e-9;
-        let earth = Vector3::from_fn(|i, _| {
-            sizes[i] * (std::f64::consts::TAU * (0.7 + 0.3 * i as f64) * t_s + phases[i]).sin()
-        });
+        let swing = |i: usize| {
+            let of = |(sizes, phases, hz): &(Vector3<f64>, Vector3<f64>, Vector3<f64>)| {
+                sizes[i] * (std::f64::consts::TAU * hz[i] * t_s + phases[i]).sin()
+            };
+            swings.iter().map(of).sum()
+        };
+        let earth = Vector3::from_fn(|i, _| swing(i));
         sample.force_m_s2 += errors.accel.try_inverse().unwrap() * rotated(pose(t_s).conjugate(), earth);
     }
 }
