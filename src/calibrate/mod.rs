@@ -48,7 +48,7 @@ pub(crate) struct Calibrate {
     duration_s: Option<f64>,
     #[command(flatten)]
     system: OnBoard,
-    /// The launch file whose [ingest.calibration] stands already: mounting and clock build on it [default: none; with --live the running system's].
+    /// The launch file whose [ingest.calibration] stands already: mounting, clock and an accelerometer in motion build on it [default: none; with --live the running system's].
     #[arg(long, value_name = "FILE", conflicts_with = "live")]
     launch: Option<PathBuf>,
     /// Gravity of the place, m/s² [default: 9.80665].
@@ -68,7 +68,7 @@ pub(crate) struct Calibrate {
 enum What {
     /// Bias, at rest.
     Gyro,
-    /// Bias and scale by rests in six positions, each side up once; misalignment, too, by twelve of any kind.
+    /// Bias and scale by rests in six positions, each side up once; misalignment, too, by twelve of any kind. Or in motion, turned slowly by hand.
     Accel,
     /// Hard and soft iron, turned about all axes.
     Mag,

@@ -1,9 +1,9 @@
 //! The accelerometer's bias, scale and misalignment: at rest it measures gravity, whose strength does not depend on the position.
 //!
-//! |M (f − b)| = g over the rests, each weighted by what its mean is known to; see [`mod@crate::ellipsoid`] for M. Six positions with each
+//! |M (f − b)| = g over the rests, each weighted by what its mean is known to; see `ellipsoid` for M. Six positions with each
 //! axis up and down determine bias and scale; twelve or more of any kind the misalignment, too.
 //!
-//! Without such rests it is found in motion, as [`mod@crate::motion`] has it, of a unit that is turned slowly by hand through all positions: less
+//! Without such rests it is found in motion, as `motion` has it, of a unit that is turned slowly by hand through all positions: less
 //! exactly, each direction counting alike, with Huber's weights and the deviations of errors whose size only the residuals tell.
 
 use attitude::{Matrix3, Vector3};

@@ -125,7 +125,7 @@ pub struct Calibrator {
 #[derive(Debug, Clone)]
 enum Of {
     Gyro(gyro::Gyro),
-    Accel(accel::Accel),
+    Accel(Box<accel::Accel>),
     Mag(mag::Mag),
     Mounting(mounting::Mounting),
     Clock(clock::Clock),
@@ -136,7 +136,7 @@ impl Calibrator {
     pub fn new(kind: Kind, known: &Known) -> Self {
         let of = match kind {
             Kind::Gyro => Of::Gyro(gyro::Gyro::default()),
-            Kind::Accel => Of::Accel(accel::Accel::new(known)),
+            Kind::Accel => Of::Accel(Box::new(accel::Accel::new(known))),
             Kind::Mag => Of::Mag(mag::Mag::new(known)),
             Kind::Mounting => Of::Mounting(mounting::Mounting::new(known)),
             Kind::Clock => Of::Clock(clock::Clock::new(known)),
