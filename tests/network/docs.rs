@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 25] = [
+const LEFT_OUT: [(&str, &str); 30] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -42,6 +42,11 @@ const LEFT_OUT: [(&str, &str); 25] = [
     ("plumb up --source 'iio:", "needs devices; `sources` makes one of each"),
     ("python3 my_imu.py |", "needs the reader's program; `sources` sends such lines"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
+    ("plumb calibrate accel", "needs a recording in six positions; `cli` makes one"),
+    ("plumb calibrate mag", "needs a magnetometer that is turned about; `cli` takes one of BROAD"),
+    ("plumb calibrate mounting", "needs a recording of two poses; `cli` makes one"),
+    ("plumb calibrate clock", "needs a magnetometer that is turned to and fro; `cli` takes one of BROAD"),
+    ("plumb calibrate gyro --live", "needs a sensor at rest; `cli` feeds one"),
     ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb score walk.mcap", "needs an MCAP file; tools/import reads some"),

@@ -1,6 +1,10 @@
 //! What a launch file says, and the defaults.
 
-use attitude::gyro::RateKind;
+use attitude::{
+    Matrix3,
+    calibration::{self, CalibrationError},
+    gyro::RateKind,
+};
 use graph::Service;
 use scenario::Scenario;
 use serde::{Deserialize, Serialize};
@@ -145,6 +149,14 @@ impl Default for Calibration {
     }
 }
 
+impl Calibration {
+    /// It as what acts on readings.
+    pub fn acting(&self) -> Result<calibration::Calibration, CalibrationError> {
+        let matrix = Matrix3::from_fn(|row, column| self.matrix[row][column]);
+        calibration::Calibration::new(self.bias.into(), matrix)
+    }
+}
+
 /// No turn, no scale.
 pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -258,6 +270,14 @@ pub enum GyroSamples {
 impl GyroSamples {
     /// Both with their names.
     pub(crate) const ALL: [(&str, Self); 2] = [("means", Self::Means), ("instants", Self::Instants)];
+
+    /// The same to the stages.
+    pub fn rate_kind(self) -> RateKind {
+        match self {
+            Self::Means => RateKind::Mean,
+            Self::Instants => RateKind::Instant,
+        }
+    }
 }
 
 impl Default for Launch {
