@@ -12,6 +12,8 @@ mod fault_script;
 mod import;
 mod orchestrated;
 mod output;
+mod python_sensor;
 mod replay;
 mod score;
+mod true_north;
 mod warm_start;

@@ -10,6 +10,7 @@ use crate::{
     fault::Fault,
     gateway::Gateway,
     live::{Clock, Serial, Stream, Udp},
+    north::North,
     output::Output,
     program::Program,
     watch::Watch,
@@ -53,6 +54,8 @@ pub struct Launch {
     pub fuser: Stage,
     /// Which of `attitude::course::Course::NAMES` runs.
     pub course: Stage,
+    /// From which north its course is counted.
+    pub north: North,
 }
 
 /// Where what outlives a stop of the whole system is kept.
@@ -310,6 +313,7 @@ impl Default for Launch {
             accel: stage("projector"),
             fuser: stage("wz"),
             course: stage("angles"),
+            north: North::default(),
         }
     }
 }

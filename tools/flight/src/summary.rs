@@ -2,6 +2,7 @@
 
 use std::{fmt, path::PathBuf};
 
+use launch::counted;
 use serde::Serialize;
 
 use crate::FlightError;
@@ -53,8 +54,9 @@ impl fmt::Display for Summary {
         let Self { file, seconds, bytes, messages, missed, topics, .. } = self;
         write!(
             f,
-            "{}: {messages} messages in {seconds:.1} s, missed {missed}, {:.1} MB",
+            "{}: {} in {seconds:.1} s, missed {missed}, {:.1} MB",
             file.display(),
+            counted(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;
         for TopicSummary { topic, messages, missed } in topics.iter().filter(|it| it.messages + it.missed > 0) {
