@@ -15,5 +15,6 @@ mod output;
 mod python_sensor;
 mod replay;
 mod score;
+mod sources;
 mod true_north;
 mod warm_start;

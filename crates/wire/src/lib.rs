@@ -11,6 +11,7 @@
 //! | [`payload`] | a topic's message as protobuf, and back |
 //! | [`batch`] | samples in an envelope by which a loss is proved |
 //! | `frame` | in which frame samples are |
+//! | [`measurement`] | what a program sends that has sensors |
 //! | [`command`] | what a running system can be asked |
 //! | [`keys`] | where everything is found |
 //! | [`refusal`] | why bytes are no message |
@@ -23,6 +24,7 @@ pub mod command;
 mod field;
 mod frame;
 pub mod keys;
+pub mod measurement;
 pub mod payload;
 pub mod refusal;
 pub mod schema;

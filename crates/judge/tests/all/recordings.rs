@@ -17,7 +17,13 @@ fn open_recordings_are_silent() {
             let part: Vec<_> =
                 readings.iter().copied().filter(|reading| reading.t_ns >= from_s * 1_000_000_000).collect();
             let found = judged(part, rate_hz);
-            if !found.is_empty() { println!("FOUND {} from {from_s} s: {:?}", path.display(), found.iter().map(|(t, f)| (t, f.mistake, f.found.clone())).collect::<Vec<_>>()); }
+            if !found.is_empty() {
+                println!(
+                    "FOUND {} from {from_s} s: {:?}",
+                    path.display(),
+                    found.iter().map(|(t, f)| (t, f.mistake, f.found.clone())).collect::<Vec<_>>()
+                );
+            }
         }
     }
 }

@@ -41,7 +41,10 @@ fn look(remains: &StaleResources, fix: bool) -> Option<Check> {
         }
         SystemLiveness::Runs { .. } if dead == 0 => return None,
         SystemLiveness::Runs { pid } => {
-            format!("{} of the killed on the bus of {name:?}, which runs (process {pid})", counted(dead as u64, "process"))
+            format!(
+                "{} of the killed on the bus of {name:?}, which runs (process {pid})",
+                counted(dead as u64, "process")
+            )
         }
         SystemLiveness::Dead if remains.files.is_empty() => return None,
         SystemLiveness::Dead => {
