@@ -19,7 +19,8 @@ const TURNED: f64 = 0.04;
 /// Windows that a finding needs: one may hold a blow, two one of them.
 const WINDOWS_MIN: u32 = 3;
 /// Share of the spread in the body's axes that may be left when the true choice is made: where more is, accelerations and not turns made it.
-const LEFT_BELIEVED: f64 = 0.4;
+/// Of few windows less may be left, as if one of them had told nothing.
+const LEFT_BELIEVED: f64 = 0.5;
 /// What the rate as it is must leave, so many times more: the best of 144 choices is always a little better than the true one.
 const WORSE: f64 = 1.5;
 /// And so much beside it, share of the spread: of two choices that leave next to nothing neither is wrong.
@@ -166,7 +167,8 @@ impl Turning {
         all.sort_by(|one, other| one.left.total_cmp(&other.left));
         let is_as_is = |hypothesis: &&Hypothesis| hypothesis.scale == 1.0 && hypothesis.axes == Matrix3::identity();
         let (best, as_is) = (all.first()?.left, all.iter().find(is_as_is)?.left);
-        if !(best < LEFT_BELIEVED && as_is > WORSE * best + WORSE_BY) {
+        let believed = LEFT_BELIEVED * (1.0 - f64::from(self.windows).recip());
+        if !(best < believed && as_is > WORSE * best + WORSE_BY) {
             return None;
         }
         // Of several those that change least come first.

@@ -149,9 +149,22 @@ mod tests {
         TrueNorth::new(&North { is_true, position, date: Date::new(2025, 1, 1) }).unwrap()
     }
 
-    /// "WMM2025 Test Values", NOAA NCEI and BGS 2025 (table 6 of the technical report, doi 10.25923/prbc-s316, and the longer list that goes with
-    /// the coefficients): year, height in km, latitude, longitude, declination in degrees.
-    const PUBLISHED: [(f64, f64, f64, f64, f64); 18] = [
+    /// "WMM2020 Test Values" and "WMM2025 Test Values" of NOAA NCEI and BGS: the tables of the two reports (of 2025: table 6, doi
+    /// 10.25923/prbc-s316) and six of the list that goes with the coefficients of 2025. Year, height in km, latitude, longitude, declination in
+    /// degrees.
+    const PUBLISHED: [(f64, f64, f64, f64, f64); 30] = [
+        (2020.0, 0.0, 80.0, 0.0, -1.28),
+        (2020.0, 0.0, 0.0, 120.0, 0.16),
+        (2020.0, 0.0, -80.0, -120.0, 69.36),
+        (2020.0, 100.0, 80.0, 0.0, -1.70),
+        (2020.0, 100.0, 0.0, 120.0, 0.16),
+        (2020.0, 100.0, -80.0, -120.0, 68.78),
+        (2022.5, 0.0, 80.0, 0.0, 0.01),
+        (2022.5, 0.0, 0.0, 120.0, -0.06),
+        (2022.5, 0.0, -80.0, -120.0, 69.13),
+        (2022.5, 100.0, 80.0, 0.0, -0.41),
+        (2022.5, 100.0, 0.0, 120.0, -0.05),
+        (2022.5, 100.0, -80.0, -120.0, 68.55),
         (2025.0, 0.0, 80.0, 0.0, 1.28),
         (2025.0, 0.0, 0.0, 120.0, -0.16),
         (2025.0, 0.0, -80.0, -120.0, 68.78),
