@@ -3,8 +3,9 @@ use std::{
     fs,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
-    process::{Child, ChildStdout, Command, Stdio},
-    sync::LazyLock,
+    process::{Child, Command, Stdio},
+    sync::{LazyLock, mpsc},
+    thread,
 };
 
 use crate::common::{System, python::python, signal, until};
@@ -17,10 +18,10 @@ static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("sensor-venv"
 
 const FROM_THE_BUS: &str = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n";
 
-/// The program that feeds a system until it is ended.
+/// The program that feeds a system until it is ended. Its lines are read as they come: a full pipe would hold it up.
 struct Feeder {
     child: Child,
-    said: BufReader<ChildStdout>,
+    said: mpsc::Receiver<String>,
 }
 
 impl Feeder {
@@ -29,20 +30,21 @@ impl Feeder {
         let mut command = Command::new(python);
         command.arg(here.join("tests/foreign/sensor.py")).arg(system).env("PYTHONPATH", here.join("crates/sdk/python"));
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        let said = BufReader::new(child.stdout.take().unwrap());
+        let lines = BufReader::new(child.stdout.take().unwrap()).lines();
+        let (tell, said) = mpsc::channel();
+        thread::spawn(move || lines.map_while(Result::ok).try_for_each(|line| tell.send(line)));
         Self { child, said }
     }
 
-    fn line(&mut self) -> String {
-        let mut line = String::new();
-        self.said.read_line(&mut line).unwrap();
-        line
+    /// The next line; it ends the test where there is none.
+    fn line(&self) -> String {
+        self.said.recv().unwrap()
     }
 
     /// Ends it; what it has still said.
     fn end(mut self) -> Vec<Value> {
         drop(self.child.stdin.take());
-        let lines = self.said.lines().map(|line| serde_json::from_str(&line.unwrap()).unwrap()).collect();
+        let lines = self.said.iter().map(|line| serde_json::from_str(&line).unwrap()).collect();
         assert!(self.child.wait().unwrap().success());
         lines
     }
@@ -52,7 +54,7 @@ impl Feeder {
 fn joined(python: &Path, system: &System) -> (Feeder, Value) {
     let mut begun = None;
     until("the topic", || {
-        let mut feeder = Feeder::start(python, &system.name);
+        let feeder = Feeder::start(python, &system.name);
         let line = feeder.line();
         match serde_json::from_str(&line) {
             Ok(said) => begun = Some((feeder, said)),
@@ -73,7 +75,7 @@ fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
     let Some(python) = &*PYTHON else { return };
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&["--readings"]);
-    let (mut feeder, said) = joined(python, &system);
+    let (feeder, said) = joined(python, &system);
     assert_eq!(said["holds"], 1200, "buffer_s is 6");
     let layouts = [SensorReading::layout(), ReceiverReading::layout()].map(|layout| layout.to_string());
     assert_eq!(said["layouts"], serde_json::json!(layouts));

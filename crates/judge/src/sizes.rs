@@ -7,14 +7,13 @@ use crate::{
     length,
 };
 
-/// The median force may be so many times gravity without a word: a turn of 60° bank has 2 g, and g for m/s² is a factor of 9.8.
-const FORCE_USUAL: std::ops::Range<f64> = 0.5..2.0;
+/// The median force may be so many times gravity without a word: steep turns have 2 to 3 g for half a minute, nothing with people or wings has 5 g
+/// for long, and g for m/s² is a factor of 9.8.
+const FORCE_USUAL: std::ops::Range<f64> = 0.5..5.0;
 /// The earth's field is 22 to 67 µT; iron of a vehicle that is not calibrated takes two thirds of it away or adds three times as much.
 const FIELD_USUAL_UT: std::ops::Range<f64> = 8.0..240.0;
 /// Median intervals, s: no inertial sensor is faster than 50 kHz or slower than 1.7 Hz; ms for s is beyond it for all below 1.7 kHz, µs for s for all.
 const INTERVAL_USUAL_S: std::ops::Range<f64> = 20e-6..0.6;
-/// In motion so many times: aerobatics have 2 to 3 g for half a minute, and 6 g nothing with people or wings has for long.
-const FORCE_MOVING: std::ops::Range<f64> = 0.5..6.0;
 /// A force that is so many times another of the same seconds is of a body that is shaken: at rest the two are within a tenth.
 const SHAKEN: f64 = 3.0;
 /// A force is steady whose tenth and nine tenths are within these of its median: a body that stands or is carried, and not motion alone.
@@ -64,8 +63,7 @@ impl Sizes {
         let [low, median, high] = [self.force_m_s2.at(0.1)?, self.force_m_s2.at(0.5)?, self.force_m_s2.at(0.9)?];
         let is_shaken = high > SHAKEN * low;
         let is_steady = low > STEADY[0] * median && high < STEADY[1] * median;
-        let usual = if is_steady { FORCE_USUAL } else { FORCE_MOVING };
-        if usual.contains(&(median / GRAVITY_M_S2)) || is_shaken && span_s < SHAKEN_S {
+        if FORCE_USUAL.contains(&(median / GRAVITY_M_S2)) || is_shaken && span_s < SHAKEN_S {
             return None;
         }
         Some(finding::force_size(low, median, high, is_steady))
