@@ -5,3 +5,4 @@ mod anything;
 mod common;
 mod logs;
 mod recordings;
+mod turned;
