@@ -78,7 +78,7 @@ impl Joined {
 
 fn attitude(t_ns: i64, reference: &Reference) -> Attitude {
     let reference = recording::Reference { quaternion: reference.quaternion, scored: reference.scored != 0 };
-    Attitude { t_ns, reference, resets: 0 }
+    Attitude { t_ns, reference, resets: None }
 }
 
 fn push<T>(waiting: &mut VecDeque<T>, next: T) {
