@@ -60,7 +60,7 @@ impl fmt::Display for Summary {
             *bytes as f64 * 1e-6
         )?;
         for TopicSummary { topic, messages, missed } in topics.iter().filter(|it| it.messages + it.missed > 0) {
-            write!(f, "\n  {topic:<12}{messages:>10} messages, missed {missed}")?;
+            write!(f, "\n  {topic:<12}{:>19}, missed {missed}", counted(*messages, "message"))?;
         }
         Ok(())
     }
