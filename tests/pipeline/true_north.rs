@@ -1,13 +1,18 @@
 //! A magnetic course becomes a true one, and the same one in every process, after every restart, on any day.
 use std::{
     fs,
+    io::{BufRead, BufReader, Write},
+    net::TcpListener,
     path::{Path, PathBuf},
-    thread::sleep,
+    process::Stdio,
+    sync::mpsc,
+    thread::{self, sleep},
     time::Duration,
 };
 
 use crate::common::{System, data, signal, until};
 use rustix::process::Signal;
+use serde_json::Value;
 
 const PLACE: &str = "position = { latitude_deg = 80, longitude_deg = 0 }";
 
@@ -80,8 +85,8 @@ fn the_place_of_the_newest_fix_counts_and_outlives_a_restart() {
     let (magnetic, true_) = (courses(&magnetic), courses(&alone));
     let last = magnetic.iter().zip(&true_).rev().find(|((_, reference), _)| reference == "magnetic").unwrap();
     let turned_deg = (last.1.0 - last.0.0).to_degrees().rem_euclid(360.0);
-    // Melbourne, as of the model's calculator: 11.8° east.
-    assert!((turned_deg - 11.8).abs() < 0.3 && last.1.1 == "true", "{turned_deg}");
+    // 37.96° S, 144.76° E: 11.91° east, as by another implementation of the model.
+    assert!((turned_deg - 11.91).abs() < 0.01 && last.1.1 == "true", "{turned_deg}");
 }
 
 #[test]
@@ -125,6 +130,53 @@ fn a_live_flight_is_flown_again_with_the_date_on_which_it_was_flown() {
     let courses = courses(&again);
     assert!(courses.iter().any(|(_, reference)| reference == "magnetic"), "before the first fix");
     assert_eq!(courses.last().unwrap().1, "true");
+}
+
+/// A line of a receiver at 48.1° N, 11.5° E, with its checksum.
+fn recommended_minimum() -> String {
+    let text = "GPRMC,101010.00,A,4806.00000,N,01130.00000,E,0.02,0.0,010626,,,A";
+    format!("${text}*{:02X}\r\n", text.bytes().fold(0, |sum, byte| sum ^ byte))
+}
+
+#[test]
+fn a_receiver_beside_the_source_tells_the_place() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let receiver = format!("receiver = {{ endpoint = \"tcp:{}\", format = \"nmea\" }}", listener.local_addr().unwrap());
+    let source = format!("[ingest]\nsource = \"bus\"\nbus.rate_hz = 100\n{receiver}\n");
+    let system = System::new(&format!("{source}{}", launch("north = \"true\"\ndate = 2026-06-01")));
+    let running = system.start(&[]);
+    let (mut line, _) = listener.accept().unwrap();
+    let mut sensor = None;
+    until("the topic", || {
+        sensor = driver::Sensor::open(&system.name).ok();
+        sensor.is_some()
+    });
+    let mut sensor = sensor.unwrap();
+    let mut echo = crate::common::plumb(&["topic", "echo", "attitude", "--json", "--system", &system.name])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let said = BufReader::new(echo.stdout.take().unwrap());
+    let (tell, attitudes) = mpsc::channel();
+    thread::spawn(move || said.lines().map_while(Result::ok).try_for_each(|line| tell.send(line)));
+    let (mut t, mut last) = (0, Value::Null);
+    until("a true course", || {
+        t += 1;
+        if t % 20 == 0 {
+            line.write_all(recommended_minimum().as_bytes()).unwrap();
+        }
+        let rate_rad_s = [0.001 * f64::from(t % 7), 0.0, 0.1];
+        sensor.send(i64::from(t) * 10_000_000, rate_rad_s, [0.0, 0.01, 9.8], Some([0.0, 20.0, -40.0])).unwrap();
+        last = attitudes.try_iter().last().map_or(Value::Null, |line| serde_json::from_str(&line).unwrap());
+        last["course_reference"] == "true"
+    });
+    echo.kill().unwrap();
+    echo.wait().unwrap();
+    // 4.30° east, as by another implementation of the model.
+    let declination_deg = last["declination_rad"].as_f64().unwrap().to_degrees();
+    assert!((declination_deg - 4.30).abs() < 0.01, "{declination_deg}");
+    running.interrupt();
+    running.wait().assert_whole();
 }
 
 #[test]
