@@ -93,7 +93,8 @@ fn as_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, I
     {
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
-        return Ok(format!("{}: {} samples at {:.1} Hz", out.display(), survey.rows, survey.rate_hz));
+        let samples = launch::counted(survey.rows, "sample");
+        return Ok(format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz));
     }
     let (readable, summary) = Readable::imported(files, options)?;
     to_mcap(&readable.path, out)?;
@@ -147,8 +148,9 @@ fn with_a_bar(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summar
 /// What came of an import, for people.
 pub(crate) fn told(summary: &Summary, name: &Path) -> String {
     let Summary { format, rows, rate_hz, duration_s, field_rows, reference_rows, fixes, notes, .. } = summary;
+    let (samples, fixes) = (launch::counted(*rows, "sample"), launch::counted(*fixes, "fix"));
     let head = format!(
-        "{}: {format}, {rows} samples at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes} fixes",
+        "{}: {format}, {samples} at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes}",
         name.display()
     );
     notes.iter().fold(head, |text, note| format!("{text}\n  {note}"))

@@ -10,7 +10,7 @@ use scenario::Scenario;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{fault::Fault, gateway::Gateway, live::Live, output::Output, program::Program, watch::Watch};
+use crate::{fault::Fault, gateway::Gateway, live::Live, north::North, output::Output, program::Program, watch::Watch};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -50,6 +50,8 @@ pub struct Launch {
     pub fuser: Stage,
     /// Which of `attitude::course::Course::NAMES` runs.
     pub course: Stage,
+    /// From which north its course is counted.
+    pub north: North,
 }
 
 /// Where what outlives a stop of the whole system is kept.
@@ -323,6 +325,7 @@ impl Default for Launch {
             accel: stage("projector"),
             fuser: stage("wz"),
             course: stage("angles"),
+            north: North::default(),
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::{
     gateway_section::gateway,
     live::{RATES_HZ, live},
     model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
+    north,
     output::output,
     problem::{Problem, quoted},
     program::programs,
@@ -96,7 +97,7 @@ impl Launch {
         programs(section, folder, self);
         watches(section, self);
         for slot in Service::SLOTS {
-            let Self { stages, gyro, accel, fuser, course, .. } = &mut *self;
+            let Self { stages, gyro, accel, fuser, course, north, .. } = &mut *self;
             let out = match slot {
                 Service::Ingest | Service::Gateway | Service::Drivers => continue,
                 Service::Gyro => gyro,
@@ -106,6 +107,9 @@ impl Launch {
             };
             section.section(slot.name(), |section| {
                 filling(section, slot, stages, out);
+                if slot == Service::Course {
+                    north::north(section, north);
+                }
             });
         }
     }
@@ -330,6 +334,7 @@ mod tests {
             [course]
             stage = "angles"
             set.declination_deg = -3.5
+            north = "true"
         "#;
         let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
@@ -380,6 +385,7 @@ mod tests {
             accel: stage("projector"),
             fuser: stage("wz-closed"),
             course: Stage { stage: "angles".into(), set: [("declination_deg".into(), -3.5)].into() },
+            north: crate::North { is_true: true, ..Default::default() },
         };
         assert_eq!(Launch::parse("launch.toml", text), Ok(expected));
     }

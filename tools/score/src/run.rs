@@ -11,7 +11,7 @@ use std::{
 
 use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
-use launch::{Launch, Source};
+use launch::{Launch, Source, counted};
 use messages::Reference;
 use pipeline::{Collector, OutFile, is_same_file};
 use runtime::{Pace, RuntimeError, ServiceConfig};
@@ -121,7 +121,8 @@ fn one(
 fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
     let Stamps { doubled, disordered, .. } = stamps;
     (refused + doubled + disordered > 0).then(|| {
-        format!("{refused} readings refused; {doubled} stamps are equal to the one before, {disordered} are earlier")
+        let refused = counted(refused, "reading");
+        format!("{refused} refused; stamps equal to the one before: {doubled}, earlier: {disordered}")
     })
 }
 

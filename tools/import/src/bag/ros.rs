@@ -85,7 +85,7 @@ pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
         rate_rad_s: Body::Flu.ours(finite(imu.angular_velocity)?),
         force_m_s2: Body::Flu.ours(finite(imu.linear_acceleration)?),
         is_instant: false,
-        attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: 0 }),
+        attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: Some(0) }),
     })
 }
 
