@@ -281,7 +281,8 @@ fn coverage(rests: &[Rest]) -> Coverage {
     };
     let missing = (there < 6).then(|| {
         format!(
-            "no rest with {}; turn the unit so that the side shows upwards within some 30°, and let it rest there for two seconds",
+            "no rest with {}; turn the unit so that the side shows upwards within some 30°, and let it rest there for two \
+             seconds; or turn it slowly by hand through all positions for two minutes",
             named(false).replace(", ", ", nor with ")
         )
     });
