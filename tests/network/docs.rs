@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 30] = [
+const LEFT_OUT: [(&str, &str); 33] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -40,6 +40,9 @@ const LEFT_OUT: [(&str, &str); 30] = [
     ("plumb up --source 'serial:", "needs a device; `drivers` makes one"),
     ("plumb up --source 'mavlink:", "waits for an autopilot; `sources` has one of pymavlink"),
     ("plumb up --source 'iio:", "needs devices; `sources` makes one of each"),
+    ("plumb up mine.toml --source 'serial:", "needs a device; `serial_walk` makes one"),
+    ("python3 examples/serial_imu.py", "is the device; `serial_walk` starts it"),
+    ("plumb score flights/*.mcap --reference", "needs the truth of that flight; `serial_walk` has it"),
     ("python3 my_imu.py |", "needs the reader's program; `sources` sends such lines"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
     ("plumb calibrate accel", "needs a recording in six positions; `cli` makes one"),
@@ -59,7 +62,7 @@ const LEFT_OUT: [(&str, &str); 30] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 10] = [
+const NO_EXAMPLES: [(&str, &str); 11] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
@@ -67,6 +70,7 @@ const NO_EXAMPLES: [(&str, &str); 10] = [
     ("topics ─► gateway", "a drawing"),
     ("flight.ulg: ULog", "what a terminal shows"),
     ("RMSE, degrees", "what a terminal shows"),
+    ("gyro: at rest for", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
     ("let mut sensor", "a part of examples/driver.rs, which is built with the tests"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
