@@ -297,9 +297,14 @@ pub fn on_a_terminal(arguments: &[&str]) -> String {
     text
 }
 
-/// The service with the faults, which is built with the tests.
+/// The service with the faults.
 pub fn faulty() -> PathBuf {
-    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
+    example("faulty")
+}
+
+/// An example, which is built with the tests.
+pub fn example(name: &str) -> PathBuf {
+    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join(name);
     assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
     file
 }

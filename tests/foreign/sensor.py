@@ -38,8 +38,12 @@ while not ended.is_set():
         field = None if field_ut is None else bits(field_ut)
         velocity = None if velocity_m_s is None else bits(velocity_m_s)
         print(json.dumps({"t": t_ns, "rate": bits(rate_rad_s), "force": bits(force_m_s2), "field": field, "velocity": velocity}), flush=True)
-    except FeedError:
+    except FeedError as error:
         failed += 1
+        # Where one has gone so has the other.
+        sensor.close()
+        receiver.close()
+        print(json.dumps({"gone": str(error)}), flush=True)
     time.sleep(0.005)
 sensor.close()
 receiver.close()

@@ -136,13 +136,46 @@ fn the_program_goes_on_when_the_system_has_begun_anew() {
     running.interrupt();
     let run = running.wait();
     assert!(run.people.contains("every service starts anew"), "{}", run.people);
-    // Of another run of the name it joins that one.
+    // Of another run of the name it joins that one, once it has left the former.
+    feeder.said.try_iter().for_each(drop);
+    until("the end to be noticed", || feeder.line().contains("gone"));
     let again = system.start(&[]);
     course_has(50);
     feeder.end();
     again.interrupt();
     assert_eq!(again.wait().number("/lost"), 0.0);
     assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+/// A program that has fed a system until attitudes came out.
+fn feeds(mut program: Command) {
+    let system = System::new("[ingest]\nsource = \"bus\"\n");
+    let running = system.start(&[]);
+    program.arg(&system.name).stderr(Stdio::null());
+    let mut child = program.spawn().unwrap();
+    until("attitudes", || {
+        // Before ingest has opened the topic it says so, and ends.
+        if child.try_wait().unwrap().is_some() {
+            child = program.spawn().unwrap();
+        }
+        let course = system.ps().into_iter().find(|one| one["service"] == "course");
+        course.is_some_and(|course| course["ticks"].as_u64() >= Some(500))
+    });
+    child.kill().unwrap();
+    child.wait().unwrap();
+    running.interrupt();
+    running.wait().assert_whole();
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
+fn the_examples_are_sensors() {
+    feeds(Command::new(crate::common::example("driver")));
+    let Some(python) = &*PYTHON else { return };
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut program = Command::new(python);
+    program.arg(here.join("examples/sensor.py")).env("PYTHONPATH", here.join("crates/sdk/python"));
+    feeds(program);
 }
 
 #[test]
