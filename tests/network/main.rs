@@ -10,7 +10,6 @@ mod elsewhere;
 mod foreign;
 mod gateway;
 mod links;
-mod mavlink;
 mod rough_network;
 mod sessions;
 mod split;

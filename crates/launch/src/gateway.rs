@@ -1,6 +1,6 @@
 //! What goes beyond the board, and to where: `[gateway]`.
 
-use std::{collections::BTreeMap, net::SocketAddr, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf};
 
 use graph::Topic;
 use serde::{Deserialize, Serialize};
@@ -30,51 +30,6 @@ pub struct Gateway {
     pub tls: Option<Tls>,
     /// A file with Zenoh's `access_control`: who may do what.
     pub access: Option<PathBuf>,
-    /// A ground station that is told the attitude by MAVLink.
-    pub mavlink: Option<MavlinkOut>,
-}
-
-/// The attitude by MAVLink.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct MavlinkOut {
-    /// Where datagrams go.
-    pub to: SocketAddr,
-    /// Attitudes a second of the source's time, Hz.
-    pub rate_hz: f64,
-    /// The system's number among those of MAVLink.
-    pub system: u8,
-    /// The component's; 1 is an autopilot, for which ground stations look.
-    pub component: u8,
-    /// What the heartbeat says of the vehicle.
-    pub vehicle: VehicleKind,
-}
-
-/// What a vehicle is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum VehicleKind {
-    /// Anything.
-    Generic,
-    /// An aeroplane.
-    FixedWing,
-    /// A quadrotor or another one.
-    Multicopter,
-    /// On wheels or tracks.
-    Rover,
-    /// On the water.
-    Boat,
-    /// Below it.
-    Submarine,
-}
-
-impl VehicleKind {
-    pub(crate) const NAMES: [(&str, Self); 6] = [
-        ("generic", Self::Generic),
-        ("fixed-wing", Self::FixedWing),
-        ("multicopter", Self::Multicopter),
-        ("rover", Self::Rover),
-        ("boat", Self::Boat),
-        ("submarine", Self::Submarine),
-    ];
 }
 
 /// How much of a topic goes out.
@@ -118,7 +73,6 @@ impl Default for Gateway {
             rates: rates.map(|(topic, rate)| (topic.name().into(), rate)).into(),
             tls: None,
             access: None,
-            mavlink: None,
         }
     }
 }

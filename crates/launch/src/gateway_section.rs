@@ -6,7 +6,7 @@ use graph::{Buffer, Entry, Topic};
 
 use crate::{
     endpoint,
-    gateway::{Gateway, MavlinkOut, Rate, Tls, VehicleKind},
+    gateway::{Gateway, Rate, Tls},
     model::system_name,
     split,
     walk::Section,
@@ -36,31 +36,8 @@ pub(crate) fn gateway(section: &mut Section<'_, '_>, out: &mut Gateway) {
             rate(section, topic.entry(), &mut out.rates);
         }
     });
-    section.section("mavlink", |section| mavlink(section, &mut out.mavlink));
     split::split(section, out);
     endpoint::endpoints(section, out);
-}
-
-fn mavlink(section: &mut Section<'_, '_>, out: &mut Option<MavlinkOut>) {
-    let mut to = None;
-    let address = |text: &str| text.strip_prefix("udpout:")?.parse().ok().map(Some);
-    section.text("endpoint", r#"an address and a port, as "udpout:192.168.1.4:14550""#, address, &mut to);
-    let (mut rate_hz, mut system, mut component) = (50.0, 1, 1);
-    let mut vehicle = VehicleKind::Generic;
-    section.number("rate_hz", 0.1..=1000.0, &mut rate_hz);
-    section.count("system", 1..=255, &mut system);
-    section.count("component", 1..=255, &mut component);
-    section.choice("vehicle", VehicleKind::NAMES, &mut vehicle);
-    match to {
-        Some(to) => {
-            let [system, component] = [system, component].map(|number| u8::try_from(number).unwrap_or(u8::MAX));
-            *out = Some(MavlinkOut { to, rate_hz, system, component, vehicle });
-        }
-        None if !section.has("endpoint") => {
-            section.report_table("gateway.mavlink: \"endpoint\" is missing", "nobody to tell")
-        }
-        None => {}
-    }
 }
 
 fn rate(section: &mut Section<'_, '_>, topic: &'static Entry, rates: &mut BTreeMap<String, Rate>) {

@@ -48,7 +48,7 @@ pub use graph::Service;
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
-pub use gateway::{Gateway, Import, MavlinkOut, Rate, Tls, VehicleKind};
+pub use gateway::{Gateway, Import, Rate, Tls};
 pub use live::{Clock, IioDevice, Live, Port, Ported, ReceiverSource, Stream};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,

@@ -14,7 +14,6 @@
 //! | `pace` | when to look at the bus again |
 //! | `queue` | between bus and network; newest wins |
 //! | `sender` | to the network, each message in its envelope |
-//! | `mavlink` | the attitude to a ground station |
 //! | `answers` | last values, schema, services |
 //! | `worker_pool` | who answers, so that the network waits for no reader |
 //! | `memory` | how much memory it may take |
@@ -25,7 +24,6 @@
 mod answers;
 pub mod decimator;
 pub mod idempotent_swaps;
-mod mavlink;
 mod memory;
 mod pace;
 pub mod queue;
@@ -35,8 +33,6 @@ mod tap;
 mod worker_pool;
 
 use std::{
-    cell::RefCell,
-    rc::Rc,
     sync::{
         Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -57,7 +53,6 @@ use wire::Refusals;
 
 use crate::{
     idempotent_swaps::IdempotentSwaps,
-    mavlink::Mavlink,
     memory::Memory,
     pace::Pace,
     queue::Queue,
@@ -158,8 +153,7 @@ pub fn run() -> Result<(), GatewayError> {
         // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
         let _ = rustix::process::nice(NICENESS);
     }
-    let ground = launch.gateway.mavlink.map(|settings| Rc::new(RefCell::new(Mavlink::new(settings))));
-    let mut taps = Taps::open(&context, ground.as_ref())?;
+    let mut taps = Taps::open(&context)?;
     let health = context.bus.subscriber::<Health>(BUFFER_BESIDE)?;
     let shared = Arc::new(Shared {
         system: launch.name.clone(),
@@ -184,18 +178,14 @@ pub fn run() -> Result<(), GatewayError> {
     while !context.ends() && !network.is_finished() {
         memory.check()?;
         taps.look(&shared.queue)?;
-        ground.iter().for_each(|ground| ground.borrow_mut().beat());
         match sending.get().map(Mutex::try_lock) {
             Some(Ok(mut sender)) => sender.empty(),
             _ => shared.queue.wake(),
         }
         health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.on_health(&health))?;
         split.poll(&context)?;
-        let dropped = || {
-            let by_ground = ground.as_ref().map_or(0, |ground| ground.borrow().dropped());
-            shared.dropped.load(Ordering::Relaxed) + by_ground
-        };
-        let (ticks, lost) = split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), dropped()));
+        let (ticks, lost) =
+            split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), shared.dropped.load(Ordering::Relaxed)));
         let refused = locked(&shared.refusals).total() + shared.turned_away.load(Ordering::Relaxed);
         let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
         context.publish_health(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;

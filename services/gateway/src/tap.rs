@@ -1,36 +1,29 @@
 //! A topic of the bus, thinned out to its rate and put into batches.
 
-use std::{cell::RefCell, rc::Rc, thread, time::Duration};
+use std::{thread, time::Duration};
 
-use attitude::frames::Frame;
 use bus::{BusError, Subscriber};
 use graph::{Presence, Topic};
 use launch::Rate;
-use messages::{AttitudeOutput, Ticked};
+use messages::Ticked;
 use runtime::{ServiceContext, clock::monotonic_ns, frames::attitude_in, service_config::FIRST_EPOCH};
 use swap::ReorderBuffer;
 use wire::Payload;
 
 use crate::{
     decimator::Decimator,
-    mavlink::Mavlink,
     queue::{Batch, Queue},
 };
-
-/// A ground station, which the tap of the attitude tells.
-pub(crate) type Ground = Rc<RefCell<Mavlink>>;
 
 /// The topics that go out, in the order of the path.
 pub(crate) struct Taps(Vec<Box<dyn Tapping>>);
 
 impl Taps {
-    /// Opens every topic that the launch file gives a rate, and the attitude for a ground station.
-    pub(crate) fn open(context: &ServiceContext, ground: Option<&Ground>) -> Result<Self, BusError> {
+    /// Opens every topic that the launch file gives a rate.
+    pub(crate) fn open(context: &ServiceContext) -> Result<Self, BusError> {
         let rates = &context.config.launch.gateway.rates;
-        let rate = |topic: Topic| rates.get(topic.name()).copied();
-        let is_wanted = |topic: Topic| rate(topic).is_some() || (topic == Topic::Attitude && ground.is_some());
-        let wanted = Topic::ALL.iter().copied().filter(|topic| is_wanted(*topic));
-        let taps = wanted.map(|topic| tap(context, topic, rate(topic), ground));
+        let rated = |topic: &Topic| Some((*topic, *rates.get(topic.name())?));
+        let taps = Topic::ALL.iter().filter_map(rated).map(|(topic, rate)| tap(context, topic, rate));
         Ok(Self(taps.collect::<Result<_, _>>()?))
     }
 
@@ -60,22 +53,10 @@ trait Tapping {
     fn samples(&self) -> u64;
 }
 
-/// Without a rate nothing of the topic goes into the queue.
-fn tap(
-    context: &ServiceContext,
-    topic: Topic,
-    rate: Option<Rate>,
-    ground: Option<&Ground>,
-) -> Result<Box<dyn Tapping>, BusError> {
+fn tap(context: &ServiceContext, topic: Topic, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
     if topic == Topic::Attitude {
         let frame = context.config.launch.output.frame;
-        let (ground, rate_hz) = (ground.cloned(), context.config.rate_hz);
-        return in_order(context, rate, move |output: AttitudeOutput| {
-            if let Some(ground) = &ground {
-                ground.borrow_mut().take(&attitude_in(Frame::NedFrd, output), time_ns(&output, rate_hz));
-            }
-            attitude_in(frame, output)
-        });
+        return in_order(context, rate, move |output| attitude_in(frame, output));
     }
     messages::dispatch!(topic,
         ticked M => match topic.entry().presence {
@@ -89,7 +70,7 @@ fn tap(
 /// A topic with every tick: each once, in order, whoever fills the slot, and as `given` makes it; what is missing was overwritten before it was taken.
 fn in_order<M: Ticked + Payload>(
     context: &ServiceContext,
-    rate: Option<Rate>,
+    rate: Rate,
     given: impl Fn(M) -> M + 'static,
 ) -> Result<Box<dyn Tapping>, BusError> {
     let mut reorder_buffer = ReorderBuffer::joining(FIRST_EPOCH, context.config.lateness_ticks() / 2);
@@ -102,7 +83,7 @@ fn in_order<M: Ticked + Payload>(
     Ok(Box::new(Tap::new(context, rate, order)?))
 }
 
-fn in_any_order<M: Payload>(context: &ServiceContext, rate: Option<Rate>) -> Result<Box<dyn Tapping>, BusError> {
+fn in_any_order<M: Payload>(context: &ServiceContext, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
     Ok(Box::new(Tap::new(context, rate, |message: M, deliver: &mut dyn FnMut(M, u64)| deliver(message, 0))?))
 }
 
@@ -111,7 +92,7 @@ struct Tap<M: Payload, O> {
     buffer: usize,
     rate_hz: f64,
     order: O,
-    decimator: Option<Decimator>,
+    decimator: Decimator,
     taken: Vec<M>,
     samples: u64,
     decimated: u64,
@@ -119,14 +100,14 @@ struct Tap<M: Payload, O> {
 }
 
 impl<M: Payload, O> Tap<M, O> {
-    fn new(context: &ServiceContext, rate: Option<Rate>, order: O) -> Result<Self, BusError> {
+    fn new(context: &ServiceContext, rate: Rate, order: O) -> Result<Self, BusError> {
         let buffer = context.config.buffer(M::TOPIC);
         Ok(Self {
             subscriber: context.bus.subscriber(buffer)?,
             buffer,
             rate_hz: context.config.rate_hz,
             order,
-            decimator: rate.map(Decimator::to),
+            decimator: Decimator::to(rate),
             taken: Vec::new(),
             samples: 0,
             decimated: 0,
@@ -141,7 +122,8 @@ impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> Tapping for Tap<M, O> {
         subscriber.drain(*buffer, |message| {
             order(message, &mut |message, missing| {
                 *overwritten += missing;
-                match decimator.as_mut().is_some_and(|decimator| decimator.keeps(time_ns(&message, *rate_hz))) {
+                let time_ns = message.source_time_ns(*rate_hz).unwrap_or_else(|| monotonic_ns().cast_signed());
+                match decimator.keeps(time_ns) {
                     true => taken.push(message),
                     false => *decimated += 1,
                 }
@@ -173,9 +155,4 @@ impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> Tapping for Tap<M, O> {
     fn samples(&self) -> u64 {
         self.samples
     }
-}
-
-/// The source's time where the message has one, else this machine's.
-fn time_ns<M: Payload>(message: &M, rate_hz: f64) -> i64 {
-    message.source_time_ns(rate_hz).unwrap_or_else(|| monotonic_ns().cast_signed())
 }
