@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod bridge;
 mod delivery_tracker;
 mod doctor;
 mod import;
@@ -47,6 +48,11 @@ enum Command {
     Import(import::Import),
     /// Record a running system to an MCAP file, which viewers open as it is.
     Record(record::Record),
+    /// Send the attitude of a running system to the programs of others.
+    Bridge {
+        #[command(subcommand)]
+        command: bridge::Bridge,
+    },
     /// Say what a recording holds: a flight (MCAP), a CSV, a log of another system.
     Info(info::Info),
     /// Look at the stages there are, and test them.
@@ -116,6 +122,7 @@ pub fn main() -> ExitCode {
         Command::Score(score) => score::run(*score),
         Command::Import(import) => import::run(import),
         Command::Record(record) => record::run(&record),
+        Command::Bridge { command } => bridge::run(&command),
         Command::Info(info) => info::run(&info),
         Command::Stage { command } => stage::run(command),
         Command::Swap(swap) => swap::swap(swap),

@@ -1,0 +1,13 @@
+//! The attitude for others, in their protocols.
+//!
+//! Input: messages of a running system. Output: messages of others, in their frames. Time: given with each message. Failure: what nobody should
+//! rely on is not sent; a receiver that is absent, slow or frozen costs the datagrams that it does not take. Nothing is ever received.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE |
+//! | [`datagrams`] | to one address by UDP, without waiting |
+#![forbid(unsafe_code)]
+
+pub mod datagrams;
+pub mod mavlink;
