@@ -6,8 +6,12 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE |
+//! | [`ros`] | `sensor_msgs/Imu` of ROS 2, as rmw_zenoh has it |
+//! | [`soundness`] | what is worth being sent |
 //! | [`datagrams`] | to one address by UDP, without waiting |
 #![forbid(unsafe_code)]
 
 pub mod datagrams;
 pub mod mavlink;
+pub mod ros;
+pub mod soundness;

@@ -2,8 +2,7 @@
 //!
 //! Input: attitudes in our frames. Output: frames of bytes; quaternion, angles and rates of forward, right, down in north, east, down, single
 //! precision. Time: `time_boot_ms` is the end of the sample's interval on the source's clock, ms modulo 2³², so that both messages and
-//! whatever else is known of a sample can be brought together. Failure: an attitude that has no meaning yet, is none, or was published
-//! too long ago is not sent.
+//! whatever else is known of a sample can be brought together. Failure: none; what is given is [sound](crate::soundness).
 
 use attitude::frames::Frame;
 use mavlink::{
@@ -12,13 +11,9 @@ use mavlink::{
         ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType,
     },
 };
-use messages::{AttitudeOutput, Flags};
+use messages::AttitudeOutput;
 use runtime::frames::attitude_in;
 
-/// An attitude that was published longer ago is not sent, ns.
-pub const STALE_NS: u64 = 500_000_000;
-/// How far the length of a quaternion may be from 1.
-const LENGTH_TOLERANCE: f64 = 1e-6;
 /// `MAV_COMP_ID_AUTOPILOT1`: the component that ground stations take for the vehicle.
 pub const AUTOPILOT: u8 = 1;
 /// Of the messages' definitions (common.xml).
@@ -48,17 +43,6 @@ pub struct Attitude {
     pub quaternion: ATTITUDE_QUATERNION_DATA,
     /// As angles.
     pub angles: ATTITUDE_DATA,
-}
-
-/// Why an attitude is not sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Withheld {
-    /// It is only a start: no accelerometer has been heard.
-    Unaligned,
-    /// It is no rotation, or not finite.
-    Invalid,
-    /// It was published too long ago.
-    Stale,
 }
 
 impl Speaker {
@@ -92,26 +76,15 @@ impl Speaker {
     }
 }
 
-/// An attitude as MAVLink has it; `now_ns` is CLOCK_MONOTONIC.
-pub fn attitude(output: &AttitudeOutput, now_ns: u64) -> Result<Attitude, Withheld> {
-    if output.header.flags.any(Flags::UNALIGNED) {
-        return Err(Withheld::Unaligned);
-    }
-    if now_ns.saturating_sub(output.header.t_sent_ns) > STALE_NS {
-        return Err(Withheld::Stale);
-    }
+/// An attitude as MAVLink has it.
+pub fn attitude(output: &AttitudeOutput) -> Attitude {
     let AttitudeOutput { header, quaternion, yaw_rad, pitch_rad, roll_rad, rate_rad_s, .. } =
         attitude_in(Frame::NedFrd, *output);
-    let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
-    let finite = [yaw_rad, pitch_rad, roll_rad].iter().chain(&rate_rad_s).all(|number| (*number as f32).is_finite());
-    if !((length - 1.0).abs() <= LENGTH_TOLERANCE && finite) {
-        return Err(Withheld::Invalid);
-    }
     let time_boot_ms = header.t_end_ns.div_euclid(1_000_000) as u32;
     let [q1, q2, q3, q4] = quaternion.map(|part| part as f32);
     let [rollspeed, pitchspeed, yawspeed] = rate_rad_s.map(|part| part as f32);
     let [roll, pitch, yaw] = [roll_rad, pitch_rad, yaw_rad].map(|angle| angle as f32);
-    Ok(Attitude {
+    Attitude {
         quaternion: ATTITUDE_QUATERNION_DATA {
             time_boot_ms,
             q1,
@@ -125,7 +98,7 @@ pub fn attitude(output: &AttitudeOutput, now_ns: u64) -> Result<Attitude, Withhe
             repr_offset_q: [0.0; 4],
         },
         angles: ATTITUDE_DATA { time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed },
-    })
+    }
 }
 
 #[cfg(test)]
@@ -135,11 +108,6 @@ mod tests {
     use bytemuck::Zeroable;
 
     use super::*;
-
-    /// Level, nose to the north, published at 0.
-    fn level() -> AttitudeOutput {
-        AttitudeOutput { quaternion: [1.0, 0.0, 0.0, 0.0], ..AttitudeOutput::zeroed() }
-    }
 
     #[test]
     fn a_climb_to_the_east_has_north_east_down_and_forward_right_down() {
@@ -152,9 +120,9 @@ mod tests {
             yaw_rad: -std::f64::consts::FRAC_PI_2,
             pitch_rad: FRAC_PI_6,
             rate_rad_s: [0.1, 0.2, 0.3],
-            ..level()
+            ..Zeroable::zeroed()
         };
-        let Attitude { quaternion: q, angles: a } = attitude(&output, 0).unwrap();
+        let Attitude { quaternion: q, angles: a } = attitude(&output);
         let near = |found: [f32; 4], wanted: [f64; 4]| {
             found.iter().zip(wanted).all(|(found, wanted)| (f64::from(*found) - wanted).abs() < 1e-7)
         };
@@ -162,22 +130,6 @@ mod tests {
         assert!(near([q.q1, q.q2, q.q3, q.q4], [h * c, -h * s, h * s, h * c]), "{q:?}");
         assert!(near([a.roll, a.pitch, a.yaw, 0.0], [0.0, FRAC_PI_6, std::f64::consts::FRAC_PI_2, 0.0]), "{a:?}");
         assert!(near([a.rollspeed, a.pitchspeed, a.yawspeed, 0.0], [0.2, 0.1, -0.3, 0.0]), "{a:?}");
-    }
-
-    #[test]
-    fn what_nobody_should_rely_on_is_withheld() {
-        let with = |change: fn(&mut AttitudeOutput)| {
-            let mut output = level();
-            change(&mut output);
-            attitude(&output, 1).map(|_| ())
-        };
-        assert_eq!(with(|_| ()), Ok(()));
-        assert_eq!(with(|output| output.header.flags = Flags::UNALIGNED), Err(Withheld::Unaligned));
-        assert_eq!(with(|output| output.quaternion = [0.0; 4]), Err(Withheld::Invalid));
-        assert_eq!(with(|output| output.quaternion[3] = f64::NAN), Err(Withheld::Invalid));
-        assert_eq!(with(|output| output.rate_rad_s[1] = 1e300), Err(Withheld::Invalid));
-        assert_eq!(attitude(&level(), STALE_NS).map(|_| ()), Ok(()));
-        assert_eq!(attitude(&level(), STALE_NS + 1), Err(Withheld::Stale));
     }
 
     #[test]
