@@ -7,13 +7,17 @@ use std::{
     sync::LazyLock,
 };
 
-use crate::common::{System, plumb, python::python, signal, until};
+use crate::common::{System, beyond::free_port, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
 /// A Python with what hears MAVLink, made once; says why where there is none.
 static PYTHON: LazyLock<Option<PathBuf>> =
     LazyLock::new(|| python("mavlink-venv", "pymavlink.mavutil", &["pymavlink==2.4.50"]));
+
+/// A Python with Zenoh and what reads the messages of ROS 2.
+static ROS: LazyLock<Option<PathBuf>> =
+    LazyLock::new(|| python("ros-venv", "zenoh, rosbags", &["eclipse-zenoh==1.10.2", "rosbags==0.11.9"]));
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
 /// A heartbeat's place of MAV_STATE, and a frame's of its message, its system and its component.
@@ -76,6 +80,67 @@ fn pymavlink_hears_the_attitude_that_the_system_writes() {
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "single precision: {heard}");
     assert!(number("fastest_rad_s") > 0.5 && number("rate_rad_s") < 0.05, "{heard}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
+}
+
+#[test]
+fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
+    let Some(python) = &*ROS else { return };
+    let system = System::new(TUMBLE);
+    let port = free_port();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_node.py");
+    let mut node = Command::new(python);
+    let node = node.arg(script).args([&port.to_string(), "200"]);
+    let mut node = node.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
+    let mut said = move || lines.next().expect("the node has ended").unwrap();
+    assert_eq!(said(), "ready");
+
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.all_run();
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
+    let bridge = bridge.args(["--domain", "7", "--frame-id", "body"]).stdout(Stdio::piped()).spawn().unwrap();
+    assert_eq!(said(), "heard");
+    system.assert_ends_undisturbed(running, &out, TUMBLE);
+    let sent = ended(bridge);
+    writeln!(node.stdin.take().unwrap(), "{}", out.display()).unwrap();
+    let heard: Value = serde_json::from_str(&said()).unwrap();
+    println!("{sent}\n{heard}");
+    assert!(node.wait().unwrap().success());
+
+    assert_eq!((&sent["invalid"], &sent["dropped"]), (&json!(0), &json!(0)), "{sent}");
+    // What rosbags computes of the definition is the hash in the key.
+    let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", heard["hash"].as_str().unwrap());
+    assert_eq!(heard["key"], format!("7/imu/data/{of_type}"));
+    let tokens: Vec<(String, String)> = serde_json::from_value(heard["tokens"].clone()).unwrap();
+    for kind in ["PUT", "DELETE"] {
+        for (begins, ends) in [("NN", "%/%/plumbline"), ("MP", &format!("%imu%data/{of_type}/::,10:,:,:,,"))] {
+            let is_it = |key: &str| key.split('/').nth(5) == Some(begins) && key.ends_with(ends);
+            assert!(tokens.iter().any(|(of, key)| of == kind && is_it(key)), "{kind} {begins}: {tokens:?}");
+        }
+    }
+    for name in ["whole", "covariances", "numbers_follow"] {
+        assert_eq!(heard[name], true, "{name}: {heard}");
+    }
+    assert_eq!(heard["sender"], json!([16, 1, 33]), "{heard}");
+    let number = |name: &str| heard[name].as_f64().unwrap();
+    assert!(number("furthest") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{heard}");
+    assert!(number("fastest_rad_s") > 0.5 && number("rate_off_rad_s") < 0.05, "{heard}");
+    assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{heard}");
+}
+
+#[test]
+fn without_a_router_of_ros_the_bridge_says_so() {
+    let system = System::new(TUMBLE);
+    let running = system.start(&[]);
+    system.all_run();
+    let to = format!("tcp/127.0.0.1:{}", free_port());
+    let output = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to]).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(1) && said.contains(&to), "{said}");
+    running.interrupt();
+    running.wait().assert_whole();
 }
 
 #[test]

@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 23] = [
+const LEFT_OUT: [(&str, &str); 24] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -39,6 +39,7 @@ const LEFT_OUT: [(&str, &str); 23] = [
     ),
     ("plumb up --source 'serial:", "needs a device; `drivers` makes one"),
     ("plumb up --source 'udp:", "waits for datagrams; `drivers` sends some"),
+    ("plumb bridge ros", "needs a router of ROS 2; `bridge` has one"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
     ("plumb score flight.bin", "needs a log of ArduPilot; tools/import reads one"),
     ("plumb import flight.bin", "needs a log of ArduPilot; tools/import reads one"),
