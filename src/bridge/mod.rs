@@ -138,28 +138,28 @@ impl Observed {
         let mut reorder_buffer = ReorderBuffer::joining(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut until = Until::new(|| seat.is_running(), self.duration_s.map(Duration::from_secs_f64));
         let mut taps = (samples.then(|| Late::of(Topic::Imu)), Late::of(Topic::Attitude));
-        let mut kept = VecDeque::<ImuSample>::new();
+        let (mut kept, mut came, mut joined) = (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !samples);
         while !until.is_over() {
-            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(seat)).transpose()?.flatten() {
-                tap.drain(&mut |bytes| {
-                    if let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) {
-                        kept.push_back(sample);
-                        kept.drain(..kept.len().saturating_sub(SAMPLES_MAX));
-                    }
-                })?;
-            }
             if let Some(tap) = taps.1.tap(seat)? {
-                tap.drain(&mut |bytes| {
-                    if let Ok(output) = bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes) {
-                        reorder_buffer.offer(output, &mut |output, _| {
-                            while kept.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
-                                kept.pop_front();
-                            }
-                            let sample = kept.front().filter(|sample| sample.header.tick == output.header.tick);
-                            sender.take(&output, sample);
-                        });
+                tap.drain(&mut |bytes| came.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
+            }
+            // The sample of a tick is published before its attitude, and so is here once that has come.
+            if let Some(tap) = taps.0.as_mut().map(|late| late.tap(seat)).transpose()?.flatten() {
+                tap.drain(&mut |bytes| kept.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
+                kept.drain(..kept.len().saturating_sub(SAMPLES_MAX));
+            }
+            for output in came.drain(..) {
+                reorder_buffer.offer(output, &mut |output, _| {
+                    while kept.front().is_some_and(|sample| sample.header.tick < output.header.tick) {
+                        kept.pop_front();
                     }
-                })?;
+                    let sample = kept.front().filter(|sample| sample.header.tick == output.header.tick);
+                    // Samples of the first attitudes may have passed before the topic was opened.
+                    joined |= sample.is_some();
+                    if joined {
+                        sender.take(&output, sample);
+                    }
+                });
             }
             sender.look();
             thread::sleep(LOOK);

@@ -149,11 +149,16 @@ fn nobody_who_listens_and_a_bridge_that_stands_still_are_not_felt_and_what_is_ol
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
-    let frozen = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let taken = frozen.local_addr().unwrap().port();
-    let nobody = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let bridges = [taken, nobody].map(|port| bridge(&system, port, &["--rate-hz", "1000"]));
-    until("the first datagram", || frozen.recv(&mut [0; 300]).is_ok());
+    let sockets = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let ports = sockets.each_ref().map(|socket| socket.local_addr().unwrap().port());
+    let bridges = ports.map(|port| bridge(&system, port, &["--rate-hz", "1000"]));
+    for socket in &sockets {
+        let mut bytes = [0; 300];
+        until("an attitude", || socket.recv(&mut bytes).is_ok() && bytes[MESSAGE] != 0);
+    }
+    // One is there and reads no more, the other one goes.
+    let [_frozen, gone] = sockets;
+    drop(gone);
     let stopped = &bridges[1];
     signal(stopped.id(), Signal::STOP);
     let before = ticks(&system);
