@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod bridge;
 mod calibrate;
 mod delivery_tracker;
 mod doctor;
@@ -50,6 +51,11 @@ enum Command {
     Calibrate(Box<calibrate::Calibrate>),
     /// Record a running system to an MCAP file, which viewers open as it is.
     Record(record::Record),
+    /// Send the attitude of a running system to the programs of others.
+    Bridge {
+        #[command(subcommand)]
+        command: bridge::Bridge,
+    },
     /// Say what a recording holds: a flight (MCAP), a CSV, a log of another system.
     Info(info::Info),
     /// Look at the stages there are, and test them.
@@ -120,6 +126,7 @@ pub fn main() -> ExitCode {
         Command::Import(import) => import::run(import),
         Command::Calibrate(calibrate) => calibrate::run(*calibrate),
         Command::Record(record) => record::run(&record),
+        Command::Bridge { command } => bridge::run(&command),
         Command::Info(info) => info::run(&info),
         Command::Stage { command } => stage::run(command),
         Command::Swap(swap) => swap::swap(swap),

@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 33] = [
+const LEFT_OUT: [(&str, &str); 34] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -44,6 +44,7 @@ const LEFT_OUT: [(&str, &str); 33] = [
     ("python3 examples/serial_imu.py", "is the device; `serial_walk` starts it"),
     ("plumb score flights/*.mcap --reference", "needs the truth of that flight; `serial_walk` has it"),
     ("python3 my_imu.py |", "needs the reader's program; `sources` sends such lines"),
+    ("plumb bridge ros", "needs a router of ROS 2; `bridge` has one"),
     ("plumb up --replay flights/NAME", "needs the name of a flight; `reliability` flies one again"),
     ("plumb calibrate accel", "needs a recording in six positions; `cli` makes one"),
     ("plumb calibrate mag", "needs a magnetometer that is turned about; `cli` takes one of BROAD"),
