@@ -1,7 +1,8 @@
-//! `plumb bridge`: the attitude of a running system in the protocols of others.
+//! `plumb bridge`: the attitude of a running system in the protocols of others, and their readings for it.
 
 mod mavlink;
 mod ros;
+mod ros_sensor;
 
 use std::{
     collections::VecDeque,
@@ -15,6 +16,7 @@ use bridges::{datagrams::DatagramError, soundness::Withheld};
 use bus::{BusError, Observer, Tap};
 use clap::{Args, Subcommand};
 use control::{ControlError, ControlRequest, ask};
+use driver::DriverError;
 use graph::Topic;
 use link::LinkError;
 use messages::{AttitudeOutput, ImuSample};
@@ -42,6 +44,8 @@ pub(crate) enum Bridge {
     Mavlink(mavlink::Mavlink),
     /// Publish sensor_msgs/msg/Imu for ROS 2 with rmw_zenoh, through its router (docs/bridges.md).
     Ros(ros::Ros),
+    /// Give a system whose source is the bus the readings of ROS 2 with rmw_zenoh: sensor_msgs/msg/Imu and MagneticField (docs/bridges.md).
+    RosSensor(ros_sensor::RosSensor),
 }
 
 /// Of which system, and for how long.
@@ -67,6 +71,8 @@ enum BridgeError {
     Remote(#[from] RemoteError),
     #[error(transparent)]
     Link(#[from] LinkError),
+    #[error(transparent)]
+    Driver(#[from] DriverError),
 }
 
 impl BridgeError {
@@ -115,14 +121,19 @@ impl Sent {
 }
 
 pub(crate) fn run(bridge: &Bridge) -> ExitCode {
-    let (sent, json) = match bridge {
-        Bridge::Mavlink(mavlink) => (mavlink.run(), mavlink.observed.system.json),
-        Bridge::Ros(ros) => (ros.run(), ros.observed.system.json),
-    };
-    match sent {
+    match bridge {
+        Bridge::Mavlink(mavlink) => ended(mavlink.run(), mavlink.observed.system.json),
+        Bridge::Ros(ros) => ended(ros.run(), ros.observed.system.json),
+        Bridge::RosSensor(sensor) => ended(sensor.run(), sensor.observed.system.json),
+    }
+}
+
+/// Says what became of the messages.
+fn ended<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
+    match counts {
         // Numbers always serialise.
-        Ok(sent) if json => print(&serde_json::to_string(&sent).unwrap_or_default()),
-        Ok(sent) => print(&sent),
+        Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
+        Ok(counts) => print(&counts),
         Err(error) => fail(&error, error.exit_code()),
     }
 }

@@ -3,7 +3,7 @@
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use bridges::{
-    ros::{Keys, attachment, frame_id, imu, topic_name},
+    ros::{Message, Node, attachment, frame_id, imu, topic_name},
     soundness::{self, Withheld},
 };
 use clap::Args;
@@ -17,7 +17,7 @@ use super::{BridgeError, Observed, Sender, Sent, rate_hz};
 use crate::remote::Way;
 
 /// The highest number of a domain that ROS 2 allows.
-const DOMAIN_MAX: i64 = 232;
+pub(super) const DOMAIN_MAX: i64 = 232;
 
 /// The command line of `plumb bridge ros`.
 #[derive(Args)]
@@ -65,14 +65,14 @@ struct Publisher {
 impl Publisher {
     fn open(ros: &Ros, link: &Link) -> Result<Self, BridgeError> {
         let (session, identity) = link.identity();
-        let keys = Keys::new(ros.domain, &ros.topic, &session);
-        let outlet = link.carrier(&keys.topic)?;
+        let node = Node::new(ros.domain, &session);
+        let outlet = link.carrier(&node.topic_key(&ros.topic, Message::Imu))?;
         Ok(Self {
             outlet,
             identity,
             frame_id: ros.frame_id.clone(),
             decimator: Decimator::to(Rate::Hz(ros.rate_hz)),
-            _signs: [link.sign(&keys.node)?, link.sign(&keys.publisher)?],
+            _signs: [link.sign(&node.sign())?, link.sign(&node.publisher_sign(&ros.topic, Message::Imu))?],
             sent: Sent::default(),
         })
     }

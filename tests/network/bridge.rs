@@ -7,7 +7,7 @@ use std::{
     sync::LazyLock,
 };
 
-use crate::common::{System, beyond::free_port, plumb, python::python, signal, until};
+use crate::common::{System, attitudes, beyond::free_port, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -128,6 +128,69 @@ fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
     assert!(number("furthest") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{heard}");
     assert!(number("fastest_rad_s") > 0.5 && number("rate_off_rad_s") < 0.05, "{heard}");
     assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{heard}");
+}
+
+#[test]
+fn a_node_of_rmw_zenoh_gives_the_readings_of_a_system() {
+    let Some(python) = &*ROS else { return };
+    let port = free_port();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_imu.py");
+    let mut node = Command::new(python);
+    let node = node.arg(script).arg(port.to_string()).stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut node = node.spawn().unwrap();
+    let mut input = node.stdin.take().unwrap();
+    let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
+    let mut said = move || lines.next().expect("the node has ended").unwrap();
+    assert_eq!(said(), "ready");
+
+    let system = System::new("ingest.source = \"bus\"\ningest.bus.rate_hz = 200");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    let to = format!("tcp/127.0.0.1:{port}");
+    let arguments = ["--system", &system.name, "--connect", &to, "--domain", "7", "--topic", "/vehicle/imu"];
+    until("the system to take readings", || driver::Sensor::open(&system.name).is_ok());
+    let mut bridge = plumb(&["bridge", "ros-sensor", "--json", "--mag", "vehicle/mag"]);
+    let bridge = bridge.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    writeln!(input, "begin").unwrap();
+    until("attitudes", || ticks(&system) > 600);
+    writeln!(input, "end").unwrap();
+    let sent: Value = serde_json::from_str(&said()).unwrap();
+    signal(bridge.id(), Signal::INT);
+    let taken = ended(bridge);
+    println!("{sent}\n{taken}");
+    writeln!(input, "go").unwrap();
+    assert!(node.wait().unwrap().success());
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);
+
+    // All that came since the bridge was there: good ones taken, damaged ones counted.
+    let [imus, messages] = ["imus", "messages"].map(|name| sent[name].as_f64().unwrap());
+    let [readings, refused, unheard, fields] =
+        ["readings", "refused", "unheard", "fields"].map(|name| taken[name].as_f64().unwrap());
+    assert_eq!(run.number("/ticks_in"), readings);
+    assert!(unheard == 0.0 && readings <= imus && readings + refused <= messages, "{sent} {taken}");
+    assert!((refused / readings - (messages - imus) / imus).abs() < 0.02 && fields > readings / 5.0, "{sent} {taken}");
+    let tokens: Vec<(String, String)> = serde_json::from_value(sent["tokens"].clone()).unwrap();
+    for of_type in
+        ["%vehicle%imu/sensor_msgs::msg::dds_::Imu_/RIHS01_", "%vehicle%mag/sensor_msgs::msg::dds_::MagneticField_/"]
+    {
+        let is_it = |key: &str| key.split('/').nth(5) == Some("MS") && key.contains(of_type);
+        assert!(tokens.iter().any(|(kind, key)| kind == "PUT" && is_it(key)), "{of_type}: {tokens:?}");
+    }
+    // It leans to the right by 20°, and turns by 10 °/s.
+    let told = attitudes(&out);
+    let last = &told[told.len() / 2..];
+    let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
+    let lean = 20f64.to_radians();
+    let wanted = [-lean.sin(), 0.0, lean.cos()];
+    let off = |q| up(q).iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let worst = last.iter().map(|(_, q)| off(*q)).fold(0.0, f64::max);
+    assert!(worst < 0.01, "up is off by {worst}");
+    let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    let [(first_s, first), (last_s, end)] = [last[0], last[last.len() - 1]];
+    let rate_deg_s = (yaw(end) - yaw(first)).to_degrees().rem_euclid(360.0) / (last_s - first_s);
+    assert!((rate_deg_s - 10.0).abs() < 0.5, "it turns by {rate_deg_s} °/s");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! ROS 2 over Zenoh, as rmw_zenoh has it: `sensor_msgs/msg/Imu`.
 //!
-//! Input: an attitude and the sample of its tick, in our frames. Output: keys, attachments, CDR (XCDR1, little-endian). Frames: REP 103 and REP 145;
+//! Input: an attitude and the sample of its tick, in our frames. Output: keys, signs of life, attachments, CDR (XCDR1, little-endian). Frames: REP 103 and REP 145;
 //! orientation of forward, left, up in east, north, up; rate and force in forward, left, up, +g upward at rest. Time: `stamp_ns`, since 1970.
 //! Failure: what is no topic's name is refused.
 //!
@@ -13,43 +13,87 @@ use messages::{AttitudeOutput, ImuSample};
 use runtime::frames::attitude_in;
 use serde::Serialize;
 
-/// The type as keys name it.
-const TYPE: &str = "sensor_msgs::msg::dds_::Imu_";
-const TYPE_HASH: &str = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b";
+/// The type as keys name it, and the hash of its definition.
+const IMU: [&str; 2] =
+    ["sensor_msgs::msg::dds_::Imu_", "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"];
+const MAGNETIC_FIELD: [&str; 2] = [
+    "sensor_msgs::msg::dds_::MagneticField_",
+    "RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
+];
 /// Reliable, volatile, the last ten; no deadline, no lifespan, automatic liveliness: what is usual is left out.
 const QOS: &str = "::,10:,:,:,,";
 /// The name of the node.
 const NODE: &str = "plumbline";
 /// Of plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
-/// Of the session's entities: the node, and what it publishes.
-const NODE_NUMBER: u32 = 0;
-const PUBLISHER_NUMBER: u32 = 1;
 /// The longest name of a topic or a frame.
 const NAME_MAX: usize = 200;
 
-/// Under which keys a topic is published.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Keys {
-    /// Of the messages.
-    pub topic: String,
-    /// The node lives.
-    pub node: String,
-    /// The publisher lives.
-    pub publisher: String,
+/// A message of ROS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Message {
+    /// `sensor_msgs/msg/Imu`.
+    Imu,
+    /// `sensor_msgs/msg/MagneticField`.
+    MagneticField,
 }
 
-impl Keys {
-    /// Of a topic's name, without the leading slash, and the Zenoh identity of the session.
-    pub fn new(domain: u8, topic: &str, session: &str) -> Self {
-        let node =
-            |number: u32, kind: &str| format!("@ros2_lv/{domain}/{session}/{NODE_NUMBER}/{number}/{kind}/%/%/{NODE}");
-        let mangled = topic.replace('/', "%");
-        Self {
-            topic: format!("{domain}/{topic}/{TYPE}/{TYPE_HASH}"),
-            node: node(NODE_NUMBER, "NN"),
-            publisher: format!("{}/%{mangled}/{TYPE}/{TYPE_HASH}/{QOS}", node(PUBLISHER_NUMBER, "MP")),
+/// Our node, in a domain and a Zenoh session.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Node {
+    domain: u8,
+    session: String,
+}
+
+impl Message {
+    fn type_and_hash(self) -> [&'static str; 2] {
+        match self {
+            Self::Imu => IMU,
+            Self::MagneticField => MAGNETIC_FIELD,
         }
+    }
+}
+
+impl Node {
+    /// `session` is its Zenoh identity.
+    pub fn new(domain: u8, session: &str) -> Self {
+        Self { domain, session: session.into() }
+    }
+
+    /// Says that it lives.
+    pub fn sign(&self) -> String {
+        self.entity(0, "NN")
+    }
+
+    /// Says that it publishes a topic, which is named without its leading slash.
+    pub fn publisher_sign(&self, topic: &str, message: Message) -> String {
+        self.endpoint(1, "MP", topic, message)
+    }
+
+    /// Says that it reads a topic; `number` tells those that it reads apart.
+    pub fn subscription_sign(&self, number: u32, topic: &str, message: Message) -> String {
+        self.endpoint(number, "MS", topic, message)
+    }
+
+    /// Under which key the messages of a topic are published.
+    pub fn topic_key(&self, topic: &str, message: Message) -> String {
+        let [name, hash] = message.type_and_hash();
+        format!("{}/{topic}/{name}/{hash}", self.domain)
+    }
+
+    /// Under which keys they come, whatever the definition of the type in their version of ROS.
+    pub fn topic_keys(&self, topic: &str, message: Message) -> String {
+        let [name, _] = message.type_and_hash();
+        format!("{}/{topic}/{name}/*", self.domain)
+    }
+
+    fn entity(&self, number: u32, kind: &str) -> String {
+        format!("@ros2_lv/{}/{}/0/{number}/{kind}/%/%/{NODE}", self.domain, self.session)
+    }
+
+    fn endpoint(&self, number: u32, kind: &str, topic: &str, message: Message) -> String {
+        let ([name, hash], mangled) = (message.type_and_hash(), topic.replace('/', "%"));
+        format!("{}/%{mangled}/{name}/{hash}/{QOS}", self.entity(number, kind))
     }
 }
 
@@ -140,11 +184,16 @@ mod tests {
 
     #[test]
     fn keys_and_tokens_are_those_of_rmw_zenoh() {
-        let Keys { topic, node, publisher } = Keys::new(7, "imu/data", "a1b2");
-        let of_type = format!("sensor_msgs::msg::dds_::Imu_/{TYPE_HASH}");
-        assert_eq!(topic, format!("7/imu/data/{of_type}"));
-        assert_eq!(node, "@ros2_lv/7/a1b2/0/0/NN/%/%/plumbline");
-        assert_eq!(publisher, format!("@ros2_lv/7/a1b2/0/1/MP/%/%/plumbline/%imu%data/{of_type}/::,10:,:,:,,"));
+        let node = Node::new(7, "a1b2");
+        let of_type = IMU.join("/");
+        assert_eq!(node.topic_key("imu/data", Message::Imu), format!("7/imu/data/{of_type}"));
+        assert_eq!(node.topic_keys("imu/data", Message::Imu), format!("7/imu/data/{}/*", IMU[0]));
+        assert_eq!(node.sign(), "@ros2_lv/7/a1b2/0/0/NN/%/%/plumbline");
+        let sign = |number: u32, kind: &str| {
+            format!("@ros2_lv/7/a1b2/0/{number}/{kind}/%/%/plumbline/%imu%data/{of_type}/::,10:,:,:,,")
+        };
+        assert_eq!(node.publisher_sign("imu/data", Message::Imu), sign(1, "MP"));
+        assert_eq!(node.subscription_sign(3, "imu/data", Message::Imu), sign(3, "MS"));
     }
 
     #[test]
