@@ -12,6 +12,7 @@ import argparse
 import math
 import os
 import random
+import select
 import signal
 import sys
 import time
@@ -119,12 +120,14 @@ def main():
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     device, other = os.openpty()
-    # The line is there, and raw, whether or not somebody has it open.
     tty.setraw(other)
-    os.set_blocking(device, False)
     if os.path.islink(options.line):
         os.unlink(options.line)
     os.symlink(os.ttyname(other), options.line)
+    # From here on it is seen whether somebody else has the line open.
+    os.close(other)
+    line = select.poll()
+    line.register(device, select.POLLOUT)
     truth = open(options.truth, "w") if options.truth else None
     if truth:
         print("t_s,qw,qx,qy,qz", file=truth)
@@ -137,10 +140,8 @@ def main():
             t_s = round(began * options.speed, 2) + n * STEP_S
             numbers = ",".join(f"{number:.6f}" for number in said(before or attitude, attitude, dice))
             before = attitude
-            try:
+            if any(what & select.POLLOUT and not what & select.POLLHUP for _, what in line.poll(1000)):
                 os.write(device, f"{t_s:.2f},{numbers}\n".encode())
-            except BlockingIOError:
-                pass  # Nobody reads it.
             if truth:
                 print(f"{t_s:.2f}", *(f"{part:.9f}" for part in attitude), sep=",", file=truth)
             due = began + (n + 1) * STEP_S / options.speed
