@@ -2,6 +2,7 @@
 
 use std::{
     fs::{self, File},
+    sync::Arc,
     time::Duration,
 };
 
@@ -17,7 +18,7 @@ const LOOKS: u32 = 3;
 /// The page of wake words, and the lock that says that somebody takes part.
 #[derive(Debug)]
 pub(crate) struct Membership {
-    pub(crate) page: Page,
+    pub(crate) page: Arc<Page>,
     run: u64,
     member: Option<File>,
     system_name: SystemName,
@@ -30,7 +31,7 @@ impl Membership {
         let page = system_name.page()?;
         Ok(Self {
             run: page.run(),
-            page,
+            page: Arc::new(page),
             member: Some(system_name.take_part()?),
             system_name: system_name.clone(),
             parent: getppid(),
