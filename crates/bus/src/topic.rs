@@ -1,6 +1,12 @@
 //! Topics: typed streams in shared memory.
 
-use std::{cell::Cell, fmt, marker::PhantomData, sync::Arc, time::Duration};
+use std::{
+    cell::Cell,
+    fmt,
+    marker::PhantomData,
+    sync::{Arc, atomic::AtomicBool},
+    time::Duration,
+};
 
 use graph::Entry;
 use iceoryx2::{
@@ -52,6 +58,12 @@ impl Bus {
     /// Wakes everybody who waits for any topic, so that a new reader is noticed.
     pub fn wake_all(&self) {
         self.place.page.wake_all();
+    }
+
+    /// To be set when the owner of the name has died, which shows only some time after its children are told: whoever is the last to leave then
+    /// removes what is left of the system.
+    pub fn owner_has_died(&self) -> Arc<AtomicBool> {
+        self.place.owner_has_died.clone()
     }
 
     /// The system is still the one that was joined.
