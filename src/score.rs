@@ -33,7 +33,7 @@ rounds' means counts.\n\n\
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
 and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
-    /// Recordings (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
+    /// Recordings (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), or simulations, as `sim:s1` or `sim:cruise?seed=1..200&gnss=gaps`.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.

@@ -6,7 +6,7 @@ use attitude::{
     gyro::RateKind,
 };
 use graph::Service;
-use scenario::Scenario;
+use scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -171,13 +171,19 @@ pub struct Sim {
     pub rate_hz: f64,
     /// Seed of the noise; the same seed gives the same samples. At most `i64::MAX`.
     pub seed: u64,
-    /// Constant gyro bias on each axis, °/s.
-    pub gyro_bias_deg_s: f64,
-    /// White noise of the accelerometer on each axis and sample, standard deviation, g.
-    pub accel_noise_g: f64,
+    /// What is otherwise than in the scenario, by the names of `scenario::PARAMETERS`.
+    #[serde(default)]
+    pub set: BTreeMap<String, f64>,
 }
 
 impl Sim {
+    /// The scenario as it is set.
+    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
+        let mut scenario = Scenario::named(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
+        self.set.iter().try_for_each(|(name, value)| scenario.set(name, *value))?;
+        Ok(scenario)
+    }
+
     /// What a rate sample of the scenario says about its interval.
     pub fn gyro_samples(&self) -> GyroSamples {
         match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
@@ -304,7 +310,7 @@ impl Default for Launch {
             gateway: Gateway::default(),
             ingest: Ingest {
                 source: Source::Sim,
-                sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
+                sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, set: BTreeMap::new() },
                 replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
                 live: Live::default(),

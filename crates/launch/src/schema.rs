@@ -16,7 +16,7 @@ use crate::{
     walk::{self, Section},
     watch::watches,
 };
-use scenario::Motion;
+use scenario::{Motion, PARAMETERS, Parameter, ScenarioError};
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
@@ -201,8 +201,21 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.choice("scenario", Motion::NAMES.map(named), &mut out.sim.scenario);
         section.number("rate_hz", RATES_HZ, &mut out.sim.rate_hz);
         section.natural("seed", &mut out.sim.seed);
-        section.number("gyro_bias_deg_s", 0.0..=100.0, &mut out.sim.gyro_bias_deg_s);
-        section.number("accel_noise_g", 0.0..=10.0, &mut out.sim.accel_noise_g);
+        for Parameter { name, least, most, .. } in &PARAMETERS {
+            let mut value = 0.0;
+            if section.has(name) && section.number(name, *least..=*most, &mut value) {
+                out.sim.set.insert((*name).into(), value);
+            } else {
+                section.knows(name);
+            }
+        }
+        let refused = out.sim.scenario().err();
+        if let Some((error, key)) = refused.and_then(|error| match &error {
+            ScenarioError::Lacks { key, .. } => Some((error.to_string(), *key)),
+            _ => None,
+        }) {
+            section.report(Problem::new(section.span(key).unwrap_or_default(), error, "not in this scenario"));
+        }
     });
     let (mut file_taken, mut file_span) = (true, None);
     section.section("replay", |section| {
@@ -360,8 +373,7 @@ mod tests {
                     scenario: "tumble".into(),
                     rate_hz: 10_000.0,
                     seed: i64::MAX.unsigned_abs(),
-                    gyro_bias_deg_s: 0.0,
-                    accel_noise_g: 10.0,
+                    set: [("gyro_bias_deg_s".into(), 0.0), ("accel_noise_g".into(), 10.0)].into(),
                 },
                 replay: Replay {
                     file: "flight.csv.gz".into(),
