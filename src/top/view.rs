@@ -3,14 +3,17 @@
 use std::{
     io,
     process::ExitCode,
+    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    thread,
     time::{Duration, Instant},
 };
 
+use control::{ControlError, ControlRequest, ServiceStatus, ask};
 use dashboard::{Facts, Key, Mark, Panel, Picture, Row, Screen, State, trend};
 use observe::top::Moment;
 use runtime::{clock::monotonic_ns, frames::attitude_in};
 
-use super::{Observed, TopCommand, TopError, moment};
+use super::{Observed, TopCommand};
 use crate::{
     fail,
     seeing::{LOOK, Until, drawn::drawn, frame::Shown},
@@ -20,7 +23,7 @@ use crate::{
 const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
 /// Between two looks for a system that has ended, or another of its name.
 const RETURN_INTERVAL: Duration = Duration::from_secs(1);
-const KEYS: &str = "q ends; latency in µs, of each service from its last input on; --lines prints lines";
+const KEYS: &str = "q ends; latencies in µs, of each service from its last input on";
 
 /// Why a view came to its end.
 #[derive(Debug, thiserror::Error)]
@@ -28,13 +31,7 @@ enum ViewError {
     #[error("drawing on the terminal: {0}; --lines prints lines in place of it")]
     Terminal(#[from] io::Error),
     #[error(transparent)]
-    Top(#[from] TopError),
-}
-
-impl From<bus::BusError> for ViewError {
-    fn from(error: bus::BusError) -> Self {
-        Self::Top(error.into())
-    }
+    Bus(#[from] bus::BusError),
 }
 
 /// Draws the system until somebody ends it; one that ends is waited for, as it may be started again.
@@ -48,20 +45,27 @@ pub(super) fn run(command: &TopCommand, observed: Observed) -> ExitCode {
 fn watch(command: &TopCommand, observed: Observed) -> Result<(), ViewError> {
     let mut until = Until::new(|| true, command.seconds);
     let mut view = View::new(&observed.name);
+    let mut supervisor = Supervisor::of(&observed.name);
     let mut observed = Some(observed);
     let mut screen = Screen::open()?;
     let (mut drawn_at, mut asked_at, mut returned_at) = (Instant::now(), Instant::now(), Instant::now());
     let mut stepped_at = Instant::now();
     while !until.is_over() && screen.key()? != Some(Key::End) {
-        std::thread::sleep(LOOK.min(command.interval));
+        thread::sleep(LOOK.min(command.interval));
         if let Some(Observed { top, .. }) = &mut observed {
             top.look()?;
         }
         if asked_at.elapsed() >= command.interval {
             asked_at = Instant::now();
-            if let Some(Observed { observer, top, name }) = &mut observed {
-                view.moment = moment(name, observer, top)?.or(view.moment.take());
+            supervisor.ask();
+        }
+        match (supervisor.answer(), &mut observed) {
+            (Some(Ok(statuses)), Some(Observed { top, name, .. })) => {
+                view.moment = Some(top.moment(name, &statuses));
+                view.is_silent = false;
             }
+            (Some(Err(_)), Some(_)) => view.is_silent = true,
+            _ => {}
         }
         if observed.is_none() && returned_at.elapsed() >= RETURN_INTERVAL {
             returned_at = Instant::now();
@@ -88,17 +92,47 @@ fn watch(command: &TopCommand, observed: Observed) -> Result<(), ViewError> {
     Ok(())
 }
 
+/// The supervisor, asked by a thread of its own: it may take its time, or be frozen.
+struct Supervisor {
+    questions: SyncSender<()>,
+    answers: Receiver<Result<Vec<ServiceStatus>, ControlError>>,
+}
+
+impl Supervisor {
+    fn of(name: &str) -> Self {
+        let (questions, asked) = sync_channel(1);
+        let (answer, answers) = sync_channel(1);
+        let name = name.to_owned();
+        thread::spawn(move || {
+            // Ends with whoever asks.
+            while asked.recv().is_ok() && answer.send(ask(&name, &ControlRequest::Ps)).is_ok() {}
+        });
+        Self { questions, answers }
+    }
+
+    /// Asks how the services are, unless a question is open.
+    fn ask(&mut self) {
+        let _ = self.questions.try_send(());
+    }
+
+    fn answer(&mut self) -> Option<Result<Vec<ServiceStatus>, ControlError>> {
+        self.answers.try_recv().ok()
+    }
+}
+
 /// What is known of the system.
 struct View {
     picture: Picture,
     shown: Shown,
     moment: Option<Moment>,
+    /// The supervisor does not answer.
+    is_silent: bool,
 }
 
 impl View {
     fn new(name: &str) -> Self {
         let picture = Picture { name: name.into(), keys: KEYS, ..Picture::default() };
-        Self { picture, shown: Shown::on_board(name), moment: None }
+        Self { picture, shown: Shown::on_board(name), moment: None, is_silent: false }
     }
 
     /// Takes the attitude and the state.
@@ -116,10 +150,10 @@ impl View {
     }
 
     fn draw(&mut self, screen: &mut Screen, step: bool) -> io::Result<()> {
-        let Self { picture, moment, .. } = self;
+        let Self { picture, moment, is_silent, .. } = self;
         if let Some(moment) = moment {
             // The frame of the panel takes a column at either side.
-            picture.panels = vec![services(moment, screen.columns()?.saturating_sub(2))];
+            picture.panels = vec![services(moment, screen.columns()?.saturating_sub(2), *is_silent)];
             picture.facts = Facts { tick: picture.facts.tick, ..facts(moment) };
         }
         if step {
@@ -140,7 +174,7 @@ fn facts(moment: &Moment) -> Facts {
 }
 
 /// The table of the services; a line of one that does not run is marked.
-fn services(moment: &Moment, columns: usize) -> Panel {
+fn services(moment: &Moment, columns: usize, is_silent: bool) -> Panel {
     let table = moment.table(Some(columns));
     // Its title is in the picture already.
     let mut lines = table.lines().skip(1);
@@ -148,5 +182,6 @@ fn services(moment: &Moment, columns: usize) -> Panel {
     let marks = moment.services.iter().map(|row| if row.state == "running" { Mark::Usual } else { Mark::Bad });
     let marks = marks.chain(std::iter::repeat(Mark::Usual));
     let rows = lines.zip(marks).map(|(text, mark)| Row::new(mark, text));
-    Panel { title: "services".into(), rows: head.into_iter().chain(rows).collect() }
+    let title = if is_silent { "services, as last told: the supervisor does not answer" } else { "services" };
+    Panel { title: title.into(), rows: head.into_iter().chain(rows).collect() }
 }
