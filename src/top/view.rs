@@ -151,13 +151,15 @@ impl View {
 
     fn draw(&mut self, screen: &mut Screen, step: bool) -> io::Result<()> {
         let Self { picture, moment, is_silent, .. } = self;
+        // The frame of the panel takes a column at either side.
+        picture.panels = vec![services(moment.as_ref(), screen.columns()?.saturating_sub(2), *is_silent)];
         if let Some(moment) = moment {
-            // The frame of the panel takes a column at either side.
-            picture.panels = vec![services(moment, screen.columns()?.saturating_sub(2), *is_silent)];
             picture.facts = Facts { tick: picture.facts.tick, ..facts(moment) };
         }
         if step {
-            picture.trends.step(&picture.facts, picture.attitude.as_ref());
+            // What stands still has no trend: a gap says so.
+            let attitude = picture.attitude.as_ref().filter(|_| picture.state == State::Live);
+            picture.trends.step(&picture.facts, attitude);
         }
         screen.draw(picture)
     }
@@ -174,7 +176,13 @@ fn facts(moment: &Moment) -> Facts {
 }
 
 /// The table of the services; a line of one that does not run is marked.
-fn services(moment: &Moment, columns: usize, is_silent: bool) -> Panel {
+fn services(moment: Option<&Moment>, columns: usize, is_silent: bool) -> Panel {
+    let title = match (is_silent, moment) {
+        (true, _) => "services, as last told: the supervisor does not answer",
+        (false, None) => "services: the supervisor is asked",
+        (false, Some(_)) => "services",
+    };
+    let Some(moment) = moment else { return Panel { title: title.into(), rows: Vec::new() } };
     let table = moment.table(Some(columns));
     // Its title is in the picture already.
     let mut lines = table.lines().skip(1);
@@ -182,6 +190,5 @@ fn services(moment: &Moment, columns: usize, is_silent: bool) -> Panel {
     let marks = moment.services.iter().map(|row| if row.state == "running" { Mark::Usual } else { Mark::Bad });
     let marks = marks.chain(std::iter::repeat(Mark::Usual));
     let rows = lines.zip(marks).map(|(text, mark)| Row::new(mark, text));
-    let title = if is_silent { "services, as last told: the supervisor does not answer" } else { "services" };
     Panel { title: title.into(), rows: head.into_iter().chain(rows).collect() }
 }

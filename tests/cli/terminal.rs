@@ -16,6 +16,22 @@ fn top(system: &System, more: &[&str], size: (u16, u16)) -> OnTerminal {
     terminal
 }
 
+/// Processes that stand still, until this is dropped.
+struct Stopped([u32; 2]);
+
+impl Stopped {
+    fn at(pids: [u32; 2]) -> Self {
+        pids.iter().for_each(|pid| signal(*pid, Signal::STOP));
+        Self(pids)
+    }
+}
+
+impl Drop for Stopped {
+    fn drop(&mut self) {
+        self.0.iter().for_each(|pid| signal(*pid, Signal::CONT));
+    }
+}
+
 #[test]
 fn top_shows_a_running_system_at_80_by_24_and_whatever_size_follows() {
     let system = System::new("");
@@ -62,16 +78,15 @@ fn data_that_stop_are_stale_until_they_come_again() {
     let mut terminal = top(&system, &[], (24, 80));
     terminal.shows(&["  live  "]);
     // A supervisor that could would put another in the place of the service that stands still.
-    let stopped = [running.pid(), running.service("course")];
-    stopped.iter().for_each(|pid| signal(*pid, Signal::STOP));
+    let stopped = Stopped::at([running.pid(), running.service("course")]);
     terminal.shows_that("stale data", |text| text.lines().next().is_some_and(|bar| bar.contains("  stale ")));
     terminal.shows(&["the supervisor does not answer"]);
-    stopped.iter().rev().for_each(|pid| signal(*pid, Signal::CONT));
+    drop(stopped);
     terminal.shows_that("live data", |text| text.contains("  live  ") && !text.contains("does not answer"));
     terminal.press("q");
     assert_eq!(terminal.ends().code(), Some(0));
     running.interrupt();
-    drop(running);
+    running.wait();
 }
 
 #[test]

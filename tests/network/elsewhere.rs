@@ -247,7 +247,7 @@ fn a_station_shows_every_vehicle_on_a_terminal_of_80_columns_and_one_in_detail()
     let mut terminal = OnTerminal::start(command, (24, 80));
     let line_of = |text: &str, name: &str| {
         let line = text.lines().find(|line| line.starts_with(&format!("│{name} "))).map(str::to_owned);
-        line.unwrap_or_default()
+        line.unwrap_or_default().trim_end_matches(['│', ' ']).to_owned()
     };
     terminal.shows_that("both vehicles live", |text| {
         ["boat", "car"].iter().all(|name| line_of(text, name).ends_with("live"))

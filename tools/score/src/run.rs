@@ -9,21 +9,26 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use attitude::metrics::Accuracy;
 use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
 use launch::{Launch, Source, counted};
-use messages::Reference;
+use messages::{AttitudeOutput, CourseReference, Reference};
 use pipeline::{Collector, OutFile, is_same_file};
 use runtime::{Pace, RuntimeError, ServiceConfig};
 
 use crate::{
     ScoreError,
     chain::Stages,
+    overlay::{Deviations, Difference, Overlay},
     plot::Figures,
+    report::Report,
     stages::{self, Choice},
     table::{ErrorsDeg, Scores, StageScore, TrialScore, Warning},
     timing::{SAMPLES_MAX, Step, ns_per_update},
     trial::{Gnss, Options, Trial},
+    tune::{self, Tune},
+    verdict::Verdict,
 };
 
 /// Readings between two signs of progress.
@@ -42,27 +47,96 @@ pub struct Request {
     pub out: Option<PathBuf>,
     /// Folder for figures.
     pub plot: Option<PathBuf>,
+    /// The page to be written.
+    pub report: Option<PathBuf>,
+    /// What was asked, as it was typed, for the page.
+    pub command: String,
+    /// The setting whose best value is searched and used.
+    pub tune: Option<Tune>,
 }
 
 /// Runs every stage over every trial. `progress` is told the readings done, and of how many.
 pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scores, ScoreError> {
-    let launches = stages::launches(&request.choice)?;
+    let mut launches = stages::launches(&request.choice)?;
     let trials = trials(request)?;
-    let rows = trials.iter().map(|trial| trial.rows).sum();
-    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect(), warnings: Vec::new() };
-    let mut done = 0;
+    let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
+    let (mut done, of) = (0, rows * if request.tune.is_some() { 1 + tune::LOOKS } else { 1 });
+    let mut tell = |more: u64| {
+        done += more;
+        progress(done.min(of), of);
+    };
+    let tuned = match &request.tune {
+        Some(tune) => tune::search(tune, &trials, &mut launches, &mut tell)?,
+        None => Vec::new(),
+    };
+    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect(), tuned, ..Scores::default() };
+    let (mut overlays, mut heading_is_known) = (Vec::new(), true);
     for trial in &trials {
-        let mut tell = |rows_done| progress(done + rows_done, rows);
-        let (all, warnings) = one(request, trial, &launches, &mut tell)?;
+        let Outcome { all, warnings, overlay, heading } = one(request, trial, &launches, &mut tell)?;
         for (score, stage) in all.into_iter().zip(&mut scores.stages) {
             stage.trials.push(score);
         }
         scores.warnings.extend(warnings.into_iter().map(|text| Warning { trial: trial.name.clone(), text }));
-        done += trial.rows;
+        if let Some(overlay) = overlay {
+            scores.differences.extend(differences(&overlay, &launches));
+            overlays.push(overlay);
+        }
+        heading_is_known &= heading || !trial.has_reference;
     }
-    progress(rows, rows);
     scores.stages.iter_mut().for_each(StageScore::finish);
+    scores.choice = Verdict::of(&scores, heading_is_known);
+    if let Some(path) = &request.report {
+        let command = &request.command;
+        Report { scores: &scores, overlays: &overlays, command, heading_is_known }.write(path)?;
+    }
     Ok(scores)
+}
+
+/// How far the stages are apart where no reference tells which is right.
+fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<Difference> {
+    let Some((first, others)) = launches.split_first().filter(|_| !overlay.has_reference()) else { return Vec::new() };
+    let apart = |(to, deviations): (&Launch, &Deviations)| Difference {
+        trial: overlay.name.clone(),
+        from: first.fuser.stage.clone(),
+        to: to.fuser.stage.clone(),
+        rms: deviations.rms(),
+    };
+    others.iter().zip(&overlay.differences).map(apart).collect()
+}
+
+/// The mean errors of launches over the trials that have a reference.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Errors {
+    pub(crate) mean: ErrorsDeg,
+    /// The course is counted from north at the end of every trial.
+    pub(crate) heading_is_known: bool,
+}
+
+/// The errors of every launch, in one reading of each trial. `tell` is told the readings done.
+pub(crate) fn errors_of(
+    trials: &[Trial],
+    launches: &[Launch],
+    tell: &mut dyn FnMut(u64),
+) -> Result<Vec<Errors>, ScoreError> {
+    let mut found = vec![(Vec::new(), true); launches.len()];
+    for trial in trials.iter().filter(|trial| trial.has_reference) {
+        let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
+        let lane = |config: &ServiceConfig| Lane::new(config, None, None);
+        let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
+        let Some(first) = all.first() else { continue };
+        let mut conditioner = ingest::conditioner(first)?;
+        for reading in trial.readings()? {
+            let Some(sample) = conditioner.condition(&reading?) else { continue };
+            lanes.iter_mut().try_for_each(|lane| lane.offer(&sample))?;
+        }
+        for (lane, (errors, heading)) in lanes.iter().zip(&mut found) {
+            errors.extend(lane.collector.accuracy().rmse());
+            *heading &= lane.heading_is_known();
+        }
+        tell(trial.rows);
+    }
+    let errors = |(errors, heading_is_known)| Errors { mean: ErrorsDeg::of(Accuracy::mean(errors)), heading_is_known };
+    Ok(found.into_iter().map(errors).collect())
 }
 
 fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
@@ -73,6 +147,11 @@ fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
     let mut trials = Vec::new();
     for file in &request.files {
         let trial = Trial::open(file, &request.options)?;
+        if let Some(path) =
+            request.report.as_ref().filter(|path| trial.file().is_some_and(|file| is_same_file(path, file)))
+        {
+            return Err(ScoreError::ReportIsTrial { path: path.clone() });
+        }
         if !names.insert(trial.name.clone()) {
             return Err(ScoreError::NameTwice { name: trial.name });
         }
@@ -81,23 +160,36 @@ fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
     Ok(trials)
 }
 
-/// One trial through every launch, and what is to be said of its readings.
+/// What became of a trial.
+struct Outcome {
+    all: Vec<TrialScore>,
+    warnings: Vec<String>,
+    overlay: Option<Overlay>,
+    /// The course of every launch was counted from north in the end.
+    heading: bool,
+}
+
+/// One trial through every launch, and what is to be said of its readings. `tell` is told the readings done.
 fn one(
     request: &Request,
     trial: &Trial,
     launches: &[Launch],
-    progress: &mut dyn FnMut(u64),
-) -> Result<(Vec<TrialScore>, Vec<String>), ScoreError> {
+    tell: &mut dyn FnMut(u64),
+) -> Result<Outcome, ScoreError> {
     let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let mut lanes = all.iter().map(|config| Lane::new(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
-    let Some(first) = all.first() else { return Ok((Vec::new(), Vec::new())) };
-    let mut conditioner = ingest::conditioner(first)?;
+    let mut lanes = all.iter().map(|config| lane(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
+    let differ = launches.len() > 1 && !trial.has_reference;
+    let mut overlay =
+        (request.report.is_some() || differ).then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
+    let mut conditioner = ingest::conditioner(all.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
     let mut steps = Vec::new();
+    let mut told = 0;
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
         if count.is_multiple_of(PROGRESS_ROWS) {
-            progress(count);
+            tell(count - told);
+            told = count;
         }
         stamps.take(reading.t_ns);
         let Some(sample) = conditioner.condition(&reading) else { continue };
@@ -108,13 +200,21 @@ fn one(
         for lane in &mut lanes {
             lane.offer(&sample)?;
         }
+        if let Some(overlay) = &mut overlay {
+            let tick = sample.imu.header.tick;
+            let attitudes: Vec<_> = lanes.iter().map(|lane| lane.attitude_at(tick)).collect();
+            overlay.take(sample.imu.header.t_end_ns, sample.reference, &attitudes);
+        }
     }
+    tell(trial.rows.saturating_sub(told));
+    overlay.iter_mut().for_each(Overlay::finish);
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
     findings.extend(judge.finish());
     let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
+    let heading = lanes.iter().all(Lane::heading_is_known);
     let scores = lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect::<Result<_, _>>()?;
-    Ok((scores, warnings.collect()))
+    Ok(Outcome { all: scores, warnings: warnings.collect(), overlay, heading })
 }
 
 /// What was refused of a trial, where anything was.
@@ -151,34 +251,49 @@ struct Lane {
     path: pipeline::Path,
     collector: Collector,
     figures: Option<Figures>,
+    newest: Option<AttitudeOutput>,
+}
+
+/// A lane that writes what the request asks for.
+fn lane(request: &Request, trial: &Trial, config: &ServiceConfig) -> Result<Lane, ScoreError> {
+    let place = |folder: &Path, ending: &str| {
+        let several = request.choice.fusers.len() > 1;
+        let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
+        let made = fs::create_dir_all(&folder);
+        made.map_err(|cause| ScoreError::Write { path: folder.clone(), cause })?;
+        Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.file_stem())))
+    };
+    let out = request.out.as_deref().map(|folder| place(folder, ".csv")).transpose()?;
+    if let Some(path) = out.as_ref().filter(|out| trial.file().is_some_and(|file| is_same_file(out, file))) {
+        return Err(ScoreError::OutIsTrial { path: path.clone() });
+    }
+    let figures = match &request.plot {
+        Some(folder) => Some(Figures::new(place(folder, "")?, trial, config)?),
+        None => None,
+    };
+    Lane::new(config, out, figures)
 }
 
 impl Lane {
-    fn new(request: &Request, trial: &Trial, config: &ServiceConfig) -> Result<Self, ScoreError> {
-        let place = |folder: &Path, ending: &str| {
-            let several = request.choice.fusers.len() > 1;
-            let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
-            let made = fs::create_dir_all(&folder);
-            made.map_err(|cause| ScoreError::Write { path: folder.clone(), cause })?;
-            Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.file_stem())))
-        };
-        let out = request.out.as_deref().map(|folder| place(folder, ".csv")).transpose()?;
-        if let Some(path) = out.as_ref().filter(|out| trial.file().is_some_and(|file| is_same_file(out, file))) {
-            return Err(ScoreError::OutIsTrial { path: path.clone() });
-        }
-        let figures = match &request.plot {
-            Some(folder) => Some(Figures::new(place(folder, "")?, trial, config)?),
-            None => None,
-        };
+    fn new(config: &ServiceConfig, out: Option<PathBuf>, figures: Option<Figures>) -> Result<Self, ScoreError> {
         Ok(Self {
             path: pipeline::Path::new(config)?,
             collector: Collector::new(out.map(OutFile::new).as_ref())?,
             figures,
+            newest: None,
         })
     }
 
+    fn attitude_at(&self, tick: u64) -> Option<[f64; 4]> {
+        self.newest.filter(|output| output.header.tick == tick).map(|output| output.quaternion)
+    }
+
+    fn heading_is_known(&self) -> bool {
+        self.newest.is_some_and(|output| output.course_reference != CourseReference::ARBITRARY)
+    }
+
     fn offer(&mut self, sample: &Sample) -> Result<(), RuntimeError> {
-        let Self { path, collector, figures } = self;
+        let Self { path, collector, figures, newest } = self;
         let truth = sample.reference;
         if let Some(truth) = truth {
             let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
@@ -186,6 +301,7 @@ impl Lane {
         }
         path.offer(*sample, &mut |output| {
             collector.attitude(&output);
+            *newest = Some(output);
             if let Some(figures) = figures {
                 figures.take(&sample.imu, truth, &output);
             }
