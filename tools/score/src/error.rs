@@ -139,6 +139,7 @@ impl ScoreError {
             | Self::ReportIsTrial { .. }
             | Self::NothingToTuneBy { .. }
             | Self::OutIsTrial { .. } => 2,
+            Self::Recording(RecordingError::Write { .. }) => 1,
             Self::Recording(_) => 3,
             Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }

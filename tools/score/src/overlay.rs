@@ -95,6 +95,11 @@ impl Overlay {
         angles.chain(deviations).for_each(Curve::finish);
     }
 
+    /// The last time, s.
+    pub(crate) fn end_s(&self) -> f64 {
+        self.stages.iter().flat_map(|angles| &angles.0).map(Curve::end_s).fold(0.0, f64::max)
+    }
+
     /// There was a reference that counted.
     pub(crate) fn has_reference(&self) -> bool {
         self.errors.iter().any(|errors| errors.rms().total.is_some())

@@ -58,6 +58,7 @@ pub struct Request {
 /// Runs every stage over every trial. `progress` is told the readings done, and of how many.
 pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scores, ScoreError> {
     let mut launches = stages::launches(&request.choice)?;
+    request.report.as_deref().map_or(Ok(()), has_folder)?;
     let trials = trials(request)?;
     let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
     let (mut done, of) = (0, rows * if request.tune.is_some() { 1 + tune::LOOKS } else { 1 });
@@ -90,6 +91,12 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scor
         Report { scores: &scores, overlays: &overlays, command, heading_is_known }.write(path)?;
     }
     Ok(scores)
+}
+
+/// There is a folder for the page: better told before the run than after it.
+fn has_folder(path: &Path) -> Result<(), ScoreError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::metadata(folder).map(drop).map_err(|cause| ScoreError::Write { path: path.into(), cause })
 }
 
 /// How far the stages are apart where no reference tells which is right.

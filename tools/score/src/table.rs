@@ -175,6 +175,14 @@ impl fmt::Display for Scores {
                 "\n{trial}: {from} and {to} are apart by total {total}°, heading {heading}°, inclination {inclination}°"
             )?;
         }
+        for Tuned { fuser, setting, unit, least_of, before, best, .. } in &self.tuned {
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            write!(
+                f,
+                "\n{fuser}: {least_of} error {:.3}° with {setting} = {}{unit}, {:.3}° with {} as before",
+                best.error_deg, best.value, before.error_deg, before.value
+            )?;
+        }
         match &self.choice {
             Some(choice) => write!(f, "\n{}", choice.text),
             None => Ok(()),

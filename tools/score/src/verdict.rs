@@ -11,7 +11,7 @@ use crate::{
 const ALIKE: f64 = 0.02;
 
 /// The advice that follows from the scores.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Verdict {
     /// What is best by which error, for people.
     pub text: String,
@@ -35,14 +35,10 @@ impl Verdict {
             return Some(Self { text: text.into(), launch: String::new() });
         };
         let mut text = format!("choose fuser {}", best.fuser);
-        if let Some(Tuned { setting, unit, best, before, .. }) = tuned.iter().find(|tuned| tuned.fuser == best.fuser) {
-            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-            let (value, error_deg) = (best.value, best.error_deg);
-            text += &format!(" with {setting} = {value}{unit}: {name} error {error_deg:.3}°");
-            text += &format!(", {:.3}° with {}{unit} as before", before.error_deg, before.value);
-        } else {
-            text += &format!(": {name} error {deg:.3}°");
+        if let Some(Tuned { setting, unit, best, .. }) = tuned.iter().find(|tuned| tuned.fuser == best.fuser) {
+            text += &format!(" with {setting} = {}{}{unit}", best.value, if unit.is_empty() { "" } else { " " });
         }
+        text += &format!(": {name} error {deg:.3}°");
         if let Some((second, second_deg)) = ranked.get(1) {
             let alike = second_deg - deg <= ALIKE * second_deg;
             let more = if alike { "which is as good" } else { "which is worse" };
@@ -77,4 +73,42 @@ fn piece(stage: &StageScore) -> String {
         }
     }
     lines.join("\n")
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use launch::Launch;
+
+    use super::*;
+    use crate::table::ErrorsDeg;
+
+    fn scores(errors_deg: &[(&str, Option<f64>)]) -> Scores {
+        let stage = |(name, deg): &(&str, Option<f64>)| {
+            let mut launch = Launch::default();
+            launch.fuser.stage = (*name).into();
+            let mut stage = StageScore::new(&launch);
+            stage.mean = ErrorsDeg { total: deg.map(|deg| 10.0 - deg), heading: None, inclination: *deg };
+            stage
+        };
+        Scores { stages: errors_deg.iter().map(stage).collect(), ..Scores::default() }
+    }
+
+    #[test]
+    fn the_least_error_is_chosen_and_the_next_is_told() {
+        let scores = scores(&[("vqf", Some(0.5)), ("wz", Some(0.4)), ("aided", None)]);
+        let verdict = Verdict::of(&scores, false).unwrap();
+        assert_eq!(verdict.text, "choose fuser wz: inclination error 0.400°; next is vqf with 0.500°, which is worse");
+        assert!(verdict.launch.contains("[fuser]\nstage = \"wz\""), "{}", verdict.launch);
+        assert!(Verdict::of(&scores, true).unwrap().text.starts_with("choose fuser vqf: total error 9.500°"));
+    }
+
+    #[test]
+    fn what_nobody_can_tell_is_not_advised() {
+        assert_eq!(Verdict::of(&scores(&[("wz", Some(0.4))]), true), None);
+        let verdict = Verdict::of(&scores(&[("wz", None), ("vqf", None)]), true).unwrap();
+        assert!(verdict.text.starts_with("nothing tells which stage is right") && verdict.launch.is_empty());
+        let alike = Verdict::of(&scores(&[("wz", Some(0.4)), ("vqf", Some(0.404))]), false).unwrap();
+        assert!(alike.text.ends_with("which is as good"), "{}", alike.text);
+    }
 }

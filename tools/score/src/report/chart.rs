@@ -25,6 +25,8 @@ pub(super) struct Chart<'a> {
     pub(super) label: &'a str,
     /// What the horizontal axis shows, with its unit.
     pub(super) across: &'a str,
+    /// From where to where that goes.
+    pub(super) span: (f64, f64),
     /// Equal factors are equally far apart across.
     pub(super) by_factors: bool,
     /// The vertical axis begins at 0.
@@ -88,16 +90,10 @@ impl Axis {
 impl Chart<'_> {
     /// The element; `number` is another for each chart of a page. With it, what was cut off, if anything was.
     pub(super) fn svg(&self, number: usize) -> (String, Option<String>) {
-        let points = || self.lines.iter().flat_map(Line::points);
-        let ends = |of: fn(&(f64, f64)) -> f64| {
-            let least = points().map(|point| of(&point)).fold(f64::INFINITY, f64::min);
-            let most = points().map(|point| of(&point)).fold(f64::NEG_INFINITY, f64::max);
-            (least, most)
-        };
-        if points().next().is_none() {
+        let Some(largest) = self.lines.iter().flat_map(Line::points).map(|point| point.1).reduce(f64::max) else {
             return (String::new(), None);
-        }
-        let (first, last) = ends(|point| point.0);
+        };
+        let (first, last) = self.span;
         let [width, height] = SIZE;
         let across = Axis {
             from: first,
@@ -124,15 +120,13 @@ impl Chart<'_> {
         );
         self.axes(&mut svg, &across, &up);
         let _ = write!(svg, "<g clip-path=\"url(#c{number})\">");
-        // The reference, the last, lies over all.
+        // The reference lies over all, and the first stage over the others.
         let (reference, stages): (Vec<_>, Vec<_>) = self.lines.iter().partition(|line| line.place.is_none());
-        for line in stages.into_iter().chain(reference) {
+        for line in stages.into_iter().rev().chain(reference) {
             draw(&mut svg, line, &across, &up);
         }
         svg.push_str("</g></svg>");
-        let (_, largest) = ends(|point| point.1);
-        let cut = (largest > up.to)
-            .then(|| format!("cut off at {}; the largest is {}", number_of(up.to), number_of(largest)));
+        let cut = (largest > up.to).then(|| format!("cut off at {:.2}; the largest is {largest:.2}", up.to));
         (svg, cut)
     }
 
@@ -223,9 +217,16 @@ mod tests {
         }
         curve.finish();
         let lines = vec![Line::of(&curve, Some(0))];
-        let chart = Chart { label: "error, °", across: "time, s", by_factors: false, from_zero: true, lines };
+        let chart = Chart {
+            label: "error, °",
+            across: "time, s",
+            span: (0.0, 1000.0),
+            by_factors: false,
+            from_zero: true,
+            lines,
+        };
         let (svg, cut) = chart.svg(1);
-        assert!(cut.is_some_and(|cut| cut.ends_with("the largest is 90")));
+        assert!(cut.is_some_and(|cut| cut.ends_with("the largest is 90.00")));
         assert!(svg.contains(">6</text>") && !svg.contains(">80</text>"), "{svg}");
     }
 }

@@ -27,9 +27,9 @@ body{background:var(--back);color:var(--text);font:15px/1.5 system-ui,sans-serif
 h1{font-size:1.5em}h2{font-size:1.25em;margin-top:2em}h3{font-size:1em;margin:1.2em 0 0}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}th,td{padding:.2em .8em;text-align:right;border-bottom:1px solid var(--grid)}\
 th:first-child,td:first-child,.words td{text-align:left}pre,code{font:13px/1.5 ui-monospace,monospace;white-space:pre-wrap;overflow-wrap:anywhere}\
-svg{width:100%;height:auto}svg text{font-size:13px;fill:var(--text)}.grid{stroke:var(--grid)}polyline,svg .key{fill:none;stroke-width:1.5}\
+circle{fill:var(--back)}svg{width:100%;height:auto}svg text{font-size:13px;fill:var(--text)}.grid{stroke:var(--grid)}polyline,svg .key{fill:none;stroke-width:1.5}\
 .advice{border-left:4px solid #0072B2;padding-left:1em}.note{opacity:.8;margin:0}.legend svg{width:40px;height:10px;margin:0 .4em 0 1em}\
-.reference{stroke:var(--text);stroke-dasharray:7 4}.stage0{stroke:#0072B2}.stage1{stroke:#CC79A7;stroke-dasharray:9 2}\
+.reference{stroke:var(--text);stroke-width:1;stroke-dasharray:7 4}.stage0{stroke:#0072B2}.stage1{stroke:#CC79A7;stroke-dasharray:9 2}\
 .stage2{stroke:#009E73;stroke-dasharray:5 2}.stage3{stroke:#E69F00;stroke-dasharray:9 2 2 2}.stage4{stroke:#56B4E9;stroke-dasharray:2 2}\
 .stage5{stroke:#D55E00;stroke-dasharray:12 3 2 3 2 3}";
 
@@ -140,18 +140,20 @@ impl Report<'_> {
         let errors = || points.iter().map(|point| point.1);
         let range = Some((errors().fold(f64::INFINITY, f64::min), errors().fold(f64::NEG_INFINITY, f64::max)));
         let by_factors = points.first().zip(points.last()).is_some_and(|(a, b)| a.0 > 0.0 && b.0 / a.0 >= 10.0);
+        let span = points.first().zip(points.last()).map_or((0.0, 1.0), |(a, b)| (a.0, b.0));
         let place = self.scores.stages.iter().position(|stage| stage.fuser == *fuser);
         let line = Line { place: place.or(Some(0)), parts: vec![points], range, marked: true };
         let across = format!("{setting}{}", if unit.is_empty() { String::new() } else { format!(", {unit}") });
         let label = format!("{least_of} error, °");
-        page.chart(&Chart { label: &label, across: &across, by_factors, from_zero: false, lines: vec![line] });
+        page.chart(&Chart { label: &label, across: &across, span, by_factors, from_zero: false, lines: vec![line] });
     }
 
     fn trial(&self, page: &mut Page, overlay: &Overlay) {
         page.add(&format!("\n<h2>{}</h2>", escaped(&overlay.name)));
+        let span = (0.0, overlay.end_s());
         page.legend(&self.scores.stages, overlay.has_reference());
         let (said, deviations, first) = if overlay.has_reference() {
-            ("error", &overlay.errors, 0)
+            ("error where it counts", &overlay.errors, 0)
         } else {
             ("difference from the first stage", &overlay.differences, 1)
         };
@@ -168,7 +170,14 @@ impl Report<'_> {
                 let line = |(at, deviation): (usize, &Deviations)| Line::of(&deviation.curves[which], Some(at + first));
                 let lines = deviations.iter().enumerate().map(line).collect();
                 let label = format!("{name}, °");
-                page.chart(&Chart { label: &label, across: "time, s", by_factors: false, from_zero: true, lines });
+                page.chart(&Chart {
+                    label: &label,
+                    across: "time, s",
+                    span,
+                    by_factors: false,
+                    from_zero: true,
+                    lines,
+                });
             }
         }
         for (which, label) in ["roll, °", "pitch, °", "yaw, °"].into_iter().enumerate() {
@@ -176,7 +185,7 @@ impl Report<'_> {
             let stages = overlay.stages.iter().enumerate().map(|(at, angles)| line(angles, Some(at)));
             let lines = stages.chain([line(&overlay.reference, None)]).collect();
             page.add(&format!("<h3>{}</h3>", label.trim_end_matches(", °")));
-            page.chart(&Chart { label, across: "time, s", by_factors: false, from_zero: false, lines });
+            page.chart(&Chart { label, across: "time, s", span, by_factors: false, from_zero: false, lines });
         }
     }
 
