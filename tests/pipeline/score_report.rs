@@ -233,12 +233,17 @@ fn the_calibration_and_mounting_of_a_launch_file_are_applied() {
     let plain = scores(folder.path(), &["unit.csv"]);
     let tilt_deg = 1f64.atan2(9.80665).to_degrees();
     assert!((number(&plain, "/stages/0/mean/inclination") - tilt_deg).abs() < 0.1, "{plain}");
-    let launched = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out", "out"]);
+    let launched = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out", "out", "--report", "out.html"]);
     assert!(number(&launched, "/stages/0/mean/inclination") < 1e-3, "{launched}");
     let [.., (_, [w, x, y, _])] = &attitudes(&folder.path().join("out/unit.csv"))[..] else { panic!("no attitude") };
     assert!(w.abs() > 0.999 && x.hypot(*y) < 1e-3, "the body is level, not the unit on its head");
     assert_eq!(launched.pointer("/stages/0/fuser").unwrap(), "madgwick");
     assert_eq!(number(&launched, "/stages/0/settings/fuser.beta_rad_s"), 0.5);
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    let cells = parsed(&page).descendants().filter_map(|node| Some(node.text()?.to_owned())).collect::<Vec<_>>();
+    assert!(cells.iter().any(|cell| cell.contains("bias [1.0, 0.0, 0.0]")), "{cells:?}");
+    assert!(cells.contains(&"[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]".to_owned()), "{cells:?}");
     // Another stage than the file's has its own settings.
     let other = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--fuser", "wz"]);
     assert_eq!(other.pointer("/stages/0/settings").unwrap(), &serde_json::json!({}));

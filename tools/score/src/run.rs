@@ -87,8 +87,8 @@ pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scor
     scores.stages.iter_mut().for_each(StageScore::finish);
     scores.choice = Verdict::of(&scores, heading_is_known);
     if let Some(path) = &request.report {
-        let command = &request.command;
-        Report { scores: &scores, overlays: &overlays, command, heading_is_known }.write(path)?;
+        let (command, ingest) = (&request.command, &request.choice.launch.ingest);
+        Report { scores: &scores, overlays: &overlays, command, ingest, heading_is_known }.write(path)?;
     }
     Ok(scores)
 }

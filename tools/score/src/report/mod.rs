@@ -7,6 +7,8 @@ mod chart;
 
 use std::{fmt::Write, path::Path};
 
+use launch::{Calibration, Ingest, Launch};
+
 use crate::{
     ScoreError,
     overlay::{Angles, Deviations, Overlay},
@@ -39,6 +41,8 @@ pub(crate) struct Report<'a> {
     pub(crate) overlays: &'a [Overlay],
     /// What was asked, as it was typed.
     pub(crate) command: &'a str,
+    /// How readings were calibrated and mounted.
+    pub(crate) ingest: &'a Ingest,
     pub(crate) heading_is_known: bool,
 }
 
@@ -198,10 +202,39 @@ impl Report<'_> {
                 [&stage.fuser, &stage.gyro, &stage.accel, &stage.course].map(|text| escaped(text)).join("</td><td>");
             page.add(&format!("<tr><td>{cells}</td><td>{}</td></tr>", escaped(&set.join(", "))));
         }
+        page.add("</table>");
+        self.readings(page);
         page.add(&format!(
-            "</table><p class=\"note\">Where nothing is set a stage has its defaults: <code>plumb stage list</code>. Stages are ranked by the {name} error{}.</p>",
+            "<p class=\"note\">Where nothing is set a stage has its defaults: <code>plumb stage list</code>. Stages are ranked by the {name} error{}.</p>",
             if self.heading_is_known { "" } else { ", as no heading is known: the course is counted from nowhere" }
         ));
+    }
+}
+
+impl Report<'_> {
+    /// What was done to the readings, where anything was.
+    fn readings(&self, page: &mut Page) {
+        let Ingest { calibration, mounting, .. } = self.ingest;
+        let usual = Launch::default().ingest;
+        let sensors = [
+            ("gyro, rad/s", calibration.gyro, usual.calibration.gyro),
+            ("accelerometer, m/s²", calibration.accel, usual.calibration.accel),
+            ("magnetometer, µT", calibration.mag, usual.calibration.mag),
+        ];
+        let changed = sensors.into_iter().filter(|(_, calibration, usual)| calibration != usual);
+        let mut rows: Vec<_> = changed
+            .map(|(sensor, Calibration { bias, matrix }, _)| (sensor, format!("bias {bias:?}, matrix {matrix:?}")))
+            .collect();
+        if *mounting != usual.mounting {
+            rows.push(("mounting, v_body = M v_sensor", format!("{mounting:?}")));
+        }
+        if !rows.is_empty() {
+            page.add("<table class=\"words\"><tr><th>readings</th><th>as the launch file says</th></tr>");
+            for (name, said) in rows {
+                page.add(&format!("<tr><td>{name}</td><td>{said}</td></tr>"));
+            }
+            page.add("</table>");
+        }
     }
 }
 
