@@ -1,4 +1,4 @@
-//! Standard output: results, and a picture that is drawn anew from time to time.
+//! Standard output: results.
 //!
 //! Whoever reads may close it when that is enough, as `head` does: nothing more is printed then, and nobody complains.
 
@@ -10,7 +10,6 @@ use std::{
 };
 
 use console::Term;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::fail_after_result;
 
@@ -36,40 +35,15 @@ pub(crate) fn error_object(error: &dyn Display) {
     }
 }
 
-/// Where a picture is shown: on a terminal each in the place of the one before, else below it.
-pub(crate) struct Screen {
-    terminal: Term,
-    place: Option<ProgressBar>,
+/// The columns of the terminal that standard output is, if it is one.
+pub(crate) fn columns() -> Option<usize> {
+    let terminal = Term::stdout();
+    terminal.is_term().then(|| terminal.size().1.into())
 }
 
-impl Screen {
-    /// Standard output; `in_place` allows a terminal to be drawn anew.
-    pub(crate) fn new(in_place: bool) -> Self {
-        let terminal = Term::stdout();
-        let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-        let place = (in_place && terminal.is_term())
-            .then(|| ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout()).with_style(style));
-        Self { terminal, place }
-    }
-
-    /// Shows the next picture, for so many columns where it is a terminal; what is wider all the same is cut off.
-    pub(crate) fn show(&self, picture: &dyn Fn(Option<usize>) -> String) -> ControlFlow<ExitCode> {
-        let columns = self.terminal.is_term().then(|| self.terminal.size().1.into());
-        let cut = |line: &str| line.chars().take(columns.unwrap_or(usize::MAX)).collect::<String>();
-        let text = picture(columns).lines().map(cut).collect::<Vec<_>>().join("\n");
-        match &self.place {
-            Some(place) => {
-                place.set_message(text);
-                ControlFlow::Continue(())
-            }
-            None => show(&text),
-        }
-    }
-}
-
-impl Drop for Screen {
-    /// The last picture stays.
-    fn drop(&mut self) {
-        self.place.iter().for_each(ProgressBar::abandon);
-    }
+/// Prints lines, of which a terminal gets what fits into its width.
+pub(crate) fn show_lines(text: &str) -> ControlFlow<ExitCode> {
+    let columns = columns().unwrap_or(usize::MAX);
+    let cut = |line: &str| line.chars().take(columns).collect::<String>();
+    show(&text.lines().map(cut).collect::<Vec<_>>().join("\n"))
 }

@@ -1,7 +1,6 @@
 //! `plumb score`: what stages make of recordings.
 
 use std::{
-    collections::BTreeMap,
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -9,11 +8,12 @@ use std::{
 use ::import::ImportError;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use launch::{GyroSamples, LaunchError, Program};
+use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use score::{
     Request,
     stages::{Choice, Setting},
-    trial::{Gnss, Options},
+    trial::{Gnss, Options, RecordedSamples},
+    tune::Tune,
 };
 
 use crate::{
@@ -48,7 +48,8 @@ pub(crate) struct Score {
     /// Stage of the slot `course`.
     #[arg(long, value_name = "STAGE")]
     course: Option<String>,
-    /// The launch file whose `[stages.NAME]` can be chosen, too [default: ./launch.toml].
+    /// A launch file: its calibration, mounting and limits are applied, its stages with their settings are the usual ones, and its `[stages.NAME]` can
+    /// be chosen, too. Without it, only the `[stages.NAME]` of ./launch.toml can be.
     #[arg(long, value_name = "FILE")]
     launch: Option<PathBuf>,
     /// A parameter of the chosen stages, as `key=value`, `slot.key=value` or `stage.key=value`.
@@ -73,6 +74,14 @@ pub(crate) struct Score {
     /// Write figures to DIR/TRIAL.*.svg; of several fusers to DIR/FUSER/TRIAL.*.svg.
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
+    /// Write one page to send: the attitudes of all stages one over the other with the reference, errors, settings, and which to choose; where there is no
+    /// reference, how far the stages are apart. It holds all it shows, and asks no other host for anything.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Search the value of a parameter of the chosen stages that gives the least error, as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`, and use it: 27
+    /// values, by factors where b is ten times a or more. The total error counts, or the inclination where the course is counted from nowhere.
+    #[arg(long, value_name = "KEY=A..B")]
+    tune: Option<Tune>,
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
@@ -94,7 +103,7 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, plot, json, reading, reference, .. } = score;
+    let Score { out, plot, report, tune, json, reading, reference, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference is that of one recording: score the others by themselves", 2);
     }
@@ -102,8 +111,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
     });
-    let programs = match programs(launch.as_deref(), [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
-        Ok(programs) => programs,
+    let base = match base(launch.as_deref(), [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
+        Ok(base) => base,
         Err(error) => return fail(&error, 3),
     };
     // What is imported is there until the end.
@@ -117,10 +126,19 @@ pub(crate) fn run(score: Score) -> ExitCode {
     });
     let request = Request {
         files: names.collect(),
-        options: Options { gnss, without_field: mag == Switch::Off, reference, gyro_samples },
-        choice: Choice { gyro, accel, course, fusers, programs, settings },
+        options: Options {
+            gnss,
+            without_field: mag == Switch::Off,
+            reference,
+            gyro_samples,
+            recorded_samples: RecordedSamples(base.ingest.replay.gyro_samples),
+        },
+        choice: Choice { gyro, accel, course, fusers, launch: base, settings },
         out,
         plot,
+        report,
+        command: command(),
+        tune,
     };
     let bar = ProgressBar::new(0).with_style(style());
     let scores = score::run(&request, &mut |done, of| {
@@ -144,16 +162,27 @@ fn readable(file: &str, reading: &Reading) -> Result<Option<Readable>, ImportErr
     if file.starts_with("sim:") { Ok(None) } else { Readable::of(Path::new(file), reading).map(Some) }
 }
 
-/// The programs that can be chosen; who asks only for what this executable has needs no launch file.
-fn programs<'a>(
-    launch: Option<&Path>,
-    mut asked: impl Iterator<Item = &'a String>,
-) -> Result<BTreeMap<String, Program>, LaunchError> {
+/// What the launch file says of readings and stages; who names none and asks only for what this executable has needs none.
+fn base<'a>(launch: Option<&Path>, mut asked: impl Iterator<Item = &'a String>) -> Result<Launch, LaunchError> {
     let ours = |asked: &String| conformance::stages().any(|(_, name)| name == asked);
     if launch.is_none() && asked.all(ours) {
-        return Ok(BTreeMap::new());
+        return Ok(Launch::default());
     }
-    Ok(crate::stage::programs(launch)?.stages)
+    let read = crate::stage::programs(launch)?;
+    if launch.is_none() {
+        return Ok(Launch { stages: read.stages, ..Launch::default() });
+    }
+    let Launch { ingest, stages, gyro, accel, fuser, course, north, .. } = read;
+    // What the sensors are made to do wrong is for a system that runs.
+    let ingest = Ingest { faults: Vec::new(), ..ingest };
+    Ok(Launch { ingest, stages, gyro, accel, fuser, course, north, ..Launch::default() })
+}
+
+/// What was typed.
+fn command() -> String {
+    let words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned());
+    let quoted = |word: String| if word.contains([' ', '&', '?', '*']) { format!("\"{word}\"") } else { word };
+    ["plumb".to_owned()].into_iter().chain(words.map(quoted)).collect::<Vec<_>>().join(" ")
 }
 
 /// Drawn on standard error, and only on a terminal.

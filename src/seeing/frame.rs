@@ -1,6 +1,6 @@
 //! The attitude as the launch file wants it shown.
 
-use attitude::frames::QuaternionOrder;
+use attitude::frames::{Frame, QuaternionOrder};
 use control::{ControlRequest, ask};
 use launch::Output;
 use messages::{AttitudeOutput, Layout};
@@ -16,9 +16,18 @@ impl Shown {
     /// As the launch file of a system on this machine says; its own where it does not answer. What comes over the network is in the frame of its
     /// envelope already.
     pub(crate) fn of(system: &System) -> Self {
-        let on_board = system.remote().is_none();
-        let config = on_board.then(|| ask::<ServiceConfig>(&system.name(), &ControlRequest::ServiceConfig).ok());
-        Self(config.flatten().map_or_else(Output::default, |config| config.launch.output))
+        if system.remote().is_none() { Self::on_board(&system.name()) } else { Self(Output::default()) }
+    }
+
+    /// The same of a system on this machine.
+    pub(crate) fn on_board(name: &str) -> Self {
+        let config = ask::<ServiceConfig>(name, &ControlRequest::ServiceConfig).ok();
+        Self(config.map_or_else(Output::default, |config| config.launch.output))
+    }
+
+    /// The frame.
+    pub(crate) fn frame(&self) -> Frame {
+        self.0.frame
     }
 
     /// A message taken apart, an attitude in the frame and order that are named in it: as it came where it `said` so, else as is to be shown.

@@ -2,6 +2,7 @@
 //!
 //! What is shown (`observe`) takes bytes with their layout and does not know whence they come.
 
+pub(crate) mod drawn;
 mod elsewhere;
 pub(crate) mod frame;
 

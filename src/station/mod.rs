@@ -1,9 +1,12 @@
 //! `plumb station`: every vehicle there is to see, and whether all that it sends arrives.
 
 mod csv;
+mod fleet;
+mod lines;
+mod view;
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    error::Error,
     ops::ControlFlow,
     path::PathBuf,
     process::ExitCode,
@@ -14,33 +17,21 @@ use std::{
     time::{Duration, Instant},
 };
 
-use attitude::frames::Frame;
 use clap::Args;
-use graph::Topic;
-use link::{Arrival, Link};
-use messages::{AttitudeOutput, Message};
-use serde_json::{Value, json};
-use wire::{
-    Payload, Refusal, Refusals,
-    command::ControlMessage,
-    keys,
-    v1::{Envelope, GatewayReport},
-};
+use dashboard::Screen;
+use link::{Link, Stream};
+use wire::keys;
 
-use crate::{
-    delivery_tracker::DeliveryTracker,
-    fail,
-    out::{Screen, print},
-    remote::Way,
-};
-use csv::Tables;
+use crate::{fail, out, remote::Way};
+use csv::{CsvError, Tables};
+use fleet::Vehicles;
 
-/// Between two tables on the screen.
+/// Between two tables as lines.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest wait for a message.
 const TURN: Duration = Duration::from_millis(20);
-/// Vehicles that are kept in mind.
-const VEHICLES_MAX: usize = 256;
+/// Messages taken before somebody else has a turn.
+const MESSAGES_MAX: usize = 1000;
 
 /// The command line of `plumb station`.
 #[derive(Args)]
@@ -50,7 +41,7 @@ pub(crate) struct Station {
     /// The vehicle that is shown in detail [default: the first].
     #[arg(long)]
     vehicle: Option<String>,
-    /// How long [default: until Ctrl-C].
+    /// How long [default: until q or Ctrl-C].
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<f64>,
     /// Write a table DIR/VEHICLE/TOPIC.csv of each topic.
@@ -59,22 +50,21 @@ pub(crate) struct Station {
     /// Print JSON at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
+    /// Print a table each second below the one before, also on a terminal.
+    #[arg(long)]
+    lines: bool,
 }
 
-/// What is known of a vehicle.
-#[derive(Default)]
-struct Vehicle {
-    services: BTreeSet<String>,
-    lives: bool,
-    tracks: BTreeMap<String, DeliveryTracker>,
-    attitude: Option<AttitudeOutput>,
-    /// In which it is.
-    frame: Frame,
-    refusals: Refusals,
+/// What comes in, and what is known of it.
+struct Sight {
+    messages: Stream,
+    signs: Stream,
+    tables: Option<Tables>,
+    vehicles: Vehicles,
+    ends: Arc<AtomicBool>,
+    since: Instant,
+    seconds: Option<f64>,
 }
-
-/// The vehicles in sight by their names.
-type Vehicles = BTreeMap<String, Vehicle>;
 
 /// Looks at vehicles until it is to end.
 pub(crate) fn run(station: &Station) -> ExitCode {
@@ -88,8 +78,8 @@ pub(crate) fn run(station: &Station) -> ExitCode {
         Ok(link) => link,
         Err(error) => return fail(&error, error.exit_code()),
     };
-    match watch(station, &link, &ends) {
-        Ok((vehicles, _)) if station.json => print(&report(&vehicles)),
+    match watch(station, &link, ends) {
+        Ok((vehicles, _)) if station.json => out::print(&fleet::report(&vehicles)),
         Ok((_, shown)) => shown.break_value().unwrap_or(ExitCode::SUCCESS),
         Err(error) => fail(&error, 1),
     }
@@ -98,153 +88,57 @@ pub(crate) fn run(station: &Station) -> ExitCode {
 fn watch(
     station: &Station,
     link: &Link,
-    ends: &AtomicBool,
-) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn std::error::Error>> {
-    let messages = link.stream(&keys::key("*", "*"))?;
-    let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
-    let mut tables = station.csv.as_deref().map(Tables::in_folder);
-    let mut vehicles = Vehicles::new();
-    let (screen, mut shown) = (Screen::new(true), ControlFlow::Continue(()));
-    let (since, mut shown_at) = (Instant::now(), Instant::now());
-    let over = || station.seconds.is_some_and(|limit_s| since.elapsed().as_secs_f64() > limit_s);
-    while shown.is_continue() && !ends.load(Ordering::SeqCst) && !over() {
-        while let Some(sign) = signs.next(Duration::ZERO) {
-            see(&mut vehicles, &sign);
-        }
-        if let Some(message) = messages.next(TURN) {
-            take(&mut vehicles, &message, tables.as_mut())?;
-        }
+    ends: Arc<AtomicBool>,
+) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
+    let mut sight = Sight {
+        messages: link.stream(&keys::key("*", "*"))?,
+        signs: link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?,
+        tables: station.csv.as_deref().map(Tables::in_folder),
+        vehicles: Vehicles::new(),
+        ends,
+        since: Instant::now(),
+        seconds: station.seconds,
+    };
+    let shown = if !station.json && !station.lines && Screen::is_there() {
+        view::show(&mut sight, station.vehicle.as_deref())?;
+        ControlFlow::Continue(())
+    } else {
+        show_lines(&mut sight, station)?
+    };
+    sight.tables.map_or(Ok(()), Tables::finish)?;
+    link.close();
+    Ok((sight.vehicles, shown))
+}
+
+fn show_lines(sight: &mut Sight, station: &Station) -> Result<ControlFlow<ExitCode>, CsvError> {
+    let (mut shown, mut shown_at) = (ControlFlow::Continue(()), Instant::now());
+    while shown.is_continue() && !sight.is_over() {
+        sight.look()?;
         if shown_at.elapsed() > SHOW_INTERVAL && !station.json {
             shown_at = Instant::now();
-            shown = screen.show(&|_| table(&vehicles, station.vehicle.as_deref()));
+            shown = out::show_lines(&lines::table(&sight.vehicles, station.vehicle.as_deref()));
         }
     }
-    tables.map_or(Ok(()), Tables::finish)?;
-    link.close();
-    Ok((vehicles, shown))
+    Ok(shown)
 }
 
-/// A vehicle by its name, as long as there are not too many.
-fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
-    let has_room = vehicles.len() < VEHICLES_MAX;
-    (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
-}
-
-fn see(vehicles: &mut Vehicles, sign: &Arrival) {
-    let Some((name, rest)) = keys::parts(&sign.key) else { return };
-    let Some(vehicle) = known(vehicles, name) else { return };
-    match rest.strip_prefix(keys::LIVE).map(|service| service.trim_start_matches('/')) {
-        Some("") => vehicle.lives = sign.is_there,
-        Some(service) if sign.is_there => drop(vehicle.services.insert(service.into())),
-        Some(service) => drop(vehicle.services.remove(service)),
-        None => {}
+impl Sight {
+    fn is_over(&self) -> bool {
+        let over = self.seconds.is_some_and(|limit_s| self.since.elapsed().as_secs_f64() > limit_s);
+        over || self.ends.load(Ordering::SeqCst)
     }
-}
 
-fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), csv::CsvError> {
-    let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
-    let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
-    if topic == keys::GATEWAY {
-        if let Err(refusal) = vehicle.report(&message.bytes) {
-            vehicle.refusals.count(&refusal);
+    /// Takes what has come, and waits a little where nothing has.
+    fn look(&mut self) -> Result<(), CsvError> {
+        while let Some(sign) = self.signs.next(Duration::ZERO) {
+            fleet::see(&mut self.vehicles, &sign);
         }
-        return Ok(());
-    }
-    let Some(topic) = Topic::named(topic) else { return Ok(()) };
-    messages::dispatch!(topic, M => vehicle.take::<M>(name, &message.bytes, tables))
-}
-
-impl Vehicle {
-    /// Takes messages of a topic to the counts and into a table.
-    fn take<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut Tables>) -> Result<(), csv::CsvError> {
-        let topic = M::TOPIC.name;
-        match (self.samples::<M>(topic, bytes), tables) {
-            (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),
-            (Ok(_), None) => Ok(()),
-            (Err(refusal), _) => {
-                self.refusals.count(&refusal);
-                Ok(())
-            }
+        let mut wait = TURN;
+        for _ in 0..MESSAGES_MAX {
+            let Some(message) = self.messages.next(wait) else { break };
+            wait = Duration::ZERO;
+            fleet::take(&mut self.vehicles, &message, self.tables.as_mut())?;
         }
-    }
-
-    fn samples<M: Payload>(&mut self, topic: &str, bytes: &[u8]) -> Result<Vec<M>, Refusal> {
-        let (envelope, samples) = wire::open::<M>(bytes)?;
-        self.track(topic, &envelope, samples.len());
-        if topic == AttitudeOutput::TOPIC.name
-            && let Some(newest) = samples.last()
-        {
-            self.attitude = AttitudeOutput::decoded(&newest.encoded()).ok();
-            self.frame = envelope.frame_said().map(|(frame, _)| frame).unwrap_or_default();
-        }
-        Ok(samples)
-    }
-
-    fn report(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
-        let report = GatewayReport::decoded(bytes)?;
-        self.track(keys::GATEWAY, &report.envelope.unwrap_or_default(), 1);
         Ok(())
     }
-
-    fn track(&mut self, topic: &str, envelope: &Envelope, samples: usize) {
-        self.tracks.entry(topic.into()).or_default().take(envelope, samples as u64);
-    }
-
-    fn lost(&self) -> u64 {
-        self.tracks.values().map(|track| track.lost_messages).sum()
-    }
-}
-
-fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
-    if vehicles.is_empty() {
-        return "no vehicle yet".into();
-    }
-    let mut lines = vec![format!("{:<17}{:<6}{:>9}{:>8}  {}", "vehicle", "lives", "messages", "lost", "services")];
-    for (name, vehicle) in vehicles {
-        let messages: u64 = vehicle.tracks.values().map(|track| track.messages).sum();
-        let lives = if vehicle.lives { "yes" } else { "no" };
-        let services: Vec<_> = vehicle.services.iter().map(String::as_str).collect();
-        lines.push(format!("{name:<17}{lives:<6}{messages:>9}{:>8}  {}", vehicle.lost(), services.join(" ")));
-    }
-    let shown =
-        detail.or(vehicles.keys().next().map(String::as_str)).and_then(|name| Some((name, vehicles.get(name)?)));
-    if let Some((name, vehicle)) = shown {
-        lines.push(format!(
-            "{name}: {}",
-            vehicle.attitude.as_ref().map_or("no attitude yet".into(), |output| attitude(output, vehicle.frame))
-        ));
-        lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEAD));
-        for (topic, track) in &vehicle.tracks {
-            lines.push(format!("  {topic:<11}{track}"));
-        }
-    }
-    lines.join("\n")
-}
-
-fn attitude(output: &AttitudeOutput, frame: Frame) -> String {
-    let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, course_rad, course_reference, .. } = *output;
-    let [yaw, pitch, roll, course] = [yaw_rad, pitch_rad, roll_rad, course_rad].map(f64::to_degrees);
-    let reference = course_reference.name();
-    format!(
-        "yaw {yaw:+7.2}°  pitch {pitch:+6.2}°  roll {roll:+7.2}°  course {course:5.1}° ({reference})  {}",
-        frame.name()
-    )
-}
-
-fn report(vehicles: &Vehicles) -> Value {
-    let vehicle = |(name, vehicle): (&String, &Vehicle)| {
-        let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| track.json(topic)).collect();
-        let attitude = vehicle.attitude.map(|output| {
-            json!({
-                "tick": output.header.tick, "t_s": output.header.t_end_ns as f64 * 1e-9, "quaternion": output.quaternion,
-                "frame": vehicle.frame.name(),
-                "course_deg": output.course_rad.to_degrees(), "course_reference": output.course_reference.name(),
-            })
-        });
-        json!({
-            "vehicle": name, "lives": vehicle.lives, "services": vehicle.services, "attitude": attitude,
-            "lost_messages": vehicle.lost(), "refused": vehicle.refusals.total(), "topics": tracks,
-        })
-    };
-    json!({ "vehicles": vehicles.iter().map(vehicle).collect::<Vec<_>>() })
 }

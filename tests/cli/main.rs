@@ -9,5 +9,6 @@ mod keys;
 mod means;
 mod output;
 mod seeing;
+mod terminal;
 mod up;
 mod warnings;

@@ -1,11 +1,11 @@
-//! Standard output: whoever has read enough is no error, whoever cannot be written to is; and pictures on a terminal.
+//! Standard output: whoever has read enough is no error, whoever cannot be written to is.
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},
     process::{Command, Stdio},
 };
 
-use crate::common::{Running, System, on_a_terminal, plumb, until};
+use crate::common::{Running, System, plumb};
 
 /// What a command said that was read until so many lines had come; it ended with 0.
 fn read(mut command: Command, lines: usize) -> String {
@@ -79,25 +79,4 @@ fn a_result_that_cannot_be_written_is_an_error() {
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains("printing the result: No space left on device"), "{said}");
     }
-}
-
-#[test]
-fn top_fits_the_terminal_and_is_drawn_in_place() {
-    let system = System::new("");
-    let running = started(&system);
-    let top = |how: &[&str]| on_a_terminal(&[&["top", "--system", &system.name, "--interval", "0.2"], how].concat());
-    let drawn = top(&["--seconds", "1.5"]);
-    assert!(drawn.contains("\u{1b}["), "nothing was drawn anew: {drawn:?}");
-    let heads: Vec<_> = drawn.split("service").skip(1).collect();
-    assert!(heads.len() > 2 && heads.iter().all(|head| !head.contains("stage")), "{drawn}");
-    let mut below = String::new();
-    until("the fuser to be seen at work twice", || {
-        below = top(&["--count", "2"]);
-        below.lines().filter(|line| line.starts_with("fuser") && line.contains("running")).count() == 2
-    });
-    let lines: Vec<_> = below.lines().collect();
-    assert!(lines.iter().all(|line| line.chars().count() <= 80), "{below}");
-    assert_eq!(lines.iter().filter(|line| line.starts_with("service")).count(), 2, "{below}");
-    running.interrupt();
-    running.wait().assert_whole();
 }

@@ -8,7 +8,9 @@ use std::{
 use crate::common::{
     Running, System,
     beyond::{endpoint, free_port, gateway, with_gateway},
-    on_a_terminal, plumb, signal, until,
+    plumb, signal,
+    terminal::OnTerminal,
+    until,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -235,14 +237,38 @@ fn an_observation_ends_when_its_vehicle_stays_away() {
 }
 
 #[test]
-fn a_station_is_drawn_in_place_and_fits_a_terminal_of_80_columns() {
+fn a_station_shows_every_vehicle_on_a_terminal_of_80_columns_and_one_in_detail() {
     let vehicle = Vehicle::start("");
-    let drawn = on_a_terminal(&["station", "--connect", &vehicle.endpoint, "--seconds", "4.5"]);
-    // What is drawn anew begins where the cursor was taken back to.
-    let pictures: Vec<_> = drawn.split("\u{1b}[").filter(|picture| picture.contains("lost messages")).collect();
-    assert!(pictures.len() > 1, "{drawn:?}");
-    let last = pictures.last().unwrap();
-    assert!(last.contains("attitude") && last.contains("boat: yaw"), "{last:?}");
-    assert_eq!(last.matches("vehicle").count(), 1, "each picture takes the place of the one before: {last:?}");
+    let port = free_port();
+    let other = with_gateway(port, "vehicle = \"car\"\n");
+    let other_runs = other.start(&[]);
+    let ends = [vehicle.endpoint.clone(), endpoint(&other)];
+    let command = plumb(&["station", "--connect", &ends[0], "--connect", &ends[1]]);
+    let mut terminal = OnTerminal::start(command, (24, 80));
+    let line_of = |text: &str, name: &str| {
+        let line = text.lines().find(|line| line.starts_with(&format!("│{name} "))).map(str::to_owned);
+        line.unwrap_or_default().trim_end_matches(['│', ' ']).to_owned()
+    };
+    terminal.shows_that("both vehicles live", |text| {
+        ["boat", "car"].iter().all(|name| line_of(text, name).ends_with("live"))
+    });
+    let bar = |text: &str| text.lines().next().unwrap_or_default().to_owned();
+    let text =
+        terminal.shows_that("the boat in detail", |text| bar(text).starts_with("boat  live  lost 0  latency p50"));
+    for words in ["horizon", "attitude, enu-rfu", "last minute", "lost messages", "what arrives of boat", "course"] {
+        assert!(text.contains(words), "{words:?}: {text}");
+    }
+    // Arrow down, then up again.
+    terminal.press("\u{1b}[B");
+    terminal.shows(&["what arrives of car"]);
+    terminal.press("\u{1b}[A");
+    terminal.shows(&["what arrives of boat"]);
     vehicle.end();
+    let text = terminal.shows(&["ended: its gateway is out of reach"]);
+    assert!(line_of(&text, "car").ends_with("live"), "{text}");
+    terminal.press("q");
+    assert_eq!(terminal.ends().code(), Some(0));
+    until("the terminal to be given back", || terminal.is_given_back());
+    other_runs.interrupt();
+    other_runs.wait().assert_whole();
 }

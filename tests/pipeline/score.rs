@@ -11,7 +11,7 @@ const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 
 /// A body at rest and level, whose reference is turned by `heading_deg` and tilted by `tilt_deg` about east; rows that do not
 /// count have references that would spoil any score.
-fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
+pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     let (sin, cos) = (0.5 * heading_deg).to_radians().sin_cos();
     let (tilt_sin, tilt_cos) = (0.5 * tilt_deg).to_radians().sin_cos();
     // q = tilt * heading, both in earth axes.
@@ -28,29 +28,29 @@ fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     text
 }
 
-fn folder_with(files: &[(&str, String)]) -> TempDir {
+pub(crate) fn folder_with(files: &[(&str, String)]) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     files.iter().for_each(|(name, text)| fs::write(folder.path().join(name), text).unwrap());
     folder
 }
 
-fn score(folder: &Path, arguments: &[&str]) -> Output {
+pub(crate) fn score(folder: &Path, arguments: &[&str]) -> Output {
     plumb(&["score"]).current_dir(folder).args(arguments).output().unwrap()
 }
 
 /// The last line of standard output.
-fn scores(folder: &Path, arguments: &[&str]) -> Value {
+pub(crate) fn scores(folder: &Path, arguments: &[&str]) -> Value {
     let output = score(folder, &[arguments, &["--json"]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_str(String::from_utf8(output.stdout).unwrap().lines().last().unwrap()).unwrap()
 }
 
-fn number(scores: &Value, pointer: &str) -> f64 {
+pub(crate) fn number(scores: &Value, pointer: &str) -> f64 {
     scores.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {pointer} in {scores}"))
 }
 
 /// It ended with this code and said each of these on standard error, and nothing for scripts.
-fn assert_refused(folder: &Path, arguments: &[&str], code: i32, said: &[&str]) {
+pub(crate) fn assert_refused(folder: &Path, arguments: &[&str], code: i32, said: &[&str]) {
     let output = score(folder, arguments);
     let people = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(code), "{people}");

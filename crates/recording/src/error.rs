@@ -95,7 +95,11 @@ impl fmt::Display for Position {
 
 /// Readings have columns of many names, and there is a way to read them.
 fn hint(known: &[&str]) -> &'static str {
-    if known.contains(&"gx") { "; name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…" } else { "" }
+    if known.contains(&"gx") {
+        "; name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…"
+    } else {
+        ""
+    }
 }
 
 /// What is wrong at a place.

@@ -20,7 +20,7 @@ mod time;
 mod writer;
 
 pub use error::{Fault, Position, RecordingError};
-pub use output::unfinished;
+pub use output::{unfinished, write_whole};
 pub use reader::{Reader, Reference, Row};
 pub use reference::{GAP_NS, References};
 pub use survey::{Survey, survey};

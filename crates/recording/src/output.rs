@@ -103,6 +103,13 @@ impl Drop for Output {
     }
 }
 
+/// Writes a file as a whole: it is there with all of the text, that only this user may read, or as it was.
+pub fn write_whole(path: &Path, text: &str) -> Result<(), RecordingError> {
+    let mut output = Output::create(path)?;
+    output.write(text)?;
+    output.finish()
+}
+
 /// Where a file is written until it is whole. Whatever lies there is taken away.
 pub fn unfinished(path: &Path) -> PathBuf {
     let mut beside = path.as_os_str().to_owned();

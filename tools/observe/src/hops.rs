@@ -18,8 +18,8 @@ const LATENCY_MAX_NS: u64 = 60_000_000_000;
 pub struct Hops {
     seen: Vec<Seen>,
     fresh: Vec<(Service, Header)>,
-    each: Vec<Histogram<u64>>,
-    whole: Histogram<u64>,
+    each: [Latencies; Service::PATH.len()],
+    whole: Latencies,
     newest: [Option<Header>; Service::PATH.len()],
     /// Whose outputs each service waits for.
     sources: [Vec<Service>; Service::PATH.len()],
@@ -45,13 +45,11 @@ pub struct LatencyUs {
 
 impl Default for Hops {
     fn default() -> Self {
-        // The bounds are constants that a histogram takes.
-        let histogram = || Histogram::new_with_max(LATENCY_MAX_NS, 3).unwrap_or_else(|_| unreachable!("3 digits"));
         Self {
             seen: vec![Seen { tick: u64::MAX, ..Seen::default() }; TICKS],
             fresh: Vec::new(),
-            each: vec![histogram(); Service::PATH.len()],
-            whole: histogram(),
+            each: Default::default(),
+            whole: Latencies::default(),
             newest: [None; Service::PATH.len()],
             // Only what is on the path has a place here.
             sources: Service::PATH.map(|service| service.sources().filter(|source| !source.is_beside()).collect()),
@@ -83,10 +81,10 @@ impl Hops {
             let complete = seen.tick == header.tick && inputs.clone().all(|sent_ns| sent_ns != 0);
             if complete {
                 let from_ns = inputs.max().unwrap_or(header.t_born_ns);
-                self.each[service as usize].saturating_record(header.t_sent_ns.saturating_sub(from_ns));
+                self.each[service as usize].add(header.t_sent_ns.saturating_sub(from_ns));
             }
             if service == Service::Course {
-                self.whole.saturating_record(header.t_sent_ns.saturating_sub(header.t_born_ns));
+                self.whole.add(header.t_sent_ns.saturating_sub(header.t_born_ns));
             }
         }
     }
@@ -98,17 +96,34 @@ impl Hops {
 
     /// What was measured since the last time: of each service, and from birth to attitude.
     pub fn report(&mut self) -> ([Option<LatencyUs>; Service::PATH.len()], Option<LatencyUs>) {
-        let each = Service::PATH.map(|service| LatencyUs::take(&mut self.each[service as usize]));
-        (each, LatencyUs::take(&mut self.whole))
+        let each = Service::PATH.map(|service| self.each[service as usize].take());
+        (each, self.whole.take())
     }
 }
 
-impl LatencyUs {
-    fn take(histogram: &mut Histogram<u64>) -> Option<Self> {
+/// Latencies since they were last asked for.
+#[derive(Debug)]
+pub struct Latencies(Histogram<u64>);
+
+impl Default for Latencies {
+    fn default() -> Self {
+        // The bounds are constants that a histogram takes.
+        Self(Histogram::new_with_max(LATENCY_MAX_NS, 3).unwrap_or_else(|_| unreachable!("3 digits")))
+    }
+}
+
+impl Latencies {
+    /// Takes one, ns.
+    pub fn add(&mut self, ns: u64) {
+        self.0.saturating_record(ns);
+    }
+
+    /// What they were since the last time; `None` where there was none.
+    pub fn take(&mut self) -> Option<LatencyUs> {
         let us = |ns: u64| ns as f64 * 1e-3;
-        let [p50, p99] = [0.5, 0.99].map(|share| us(histogram.value_at_quantile(share)));
-        let latency = (!histogram.is_empty()).then(|| Self { p50, p99, max: us(histogram.max()) });
-        histogram.reset();
+        let [p50, p99] = [0.5, 0.99].map(|share| us(self.0.value_at_quantile(share)));
+        let latency = (!self.0.is_empty()).then(|| LatencyUs { p50, p99, max: us(self.0.max()) });
+        self.0.reset();
         latency
     }
 }

@@ -2,8 +2,9 @@
 
 use bus::{BusError, Observer, Tap};
 use control::ServiceStatus;
+use graph::Topic;
 use launch::Service;
-use messages::Header;
+use messages::{AttitudeOutput, EventKind, Header, SystemEvent};
 use runtime::clock::monotonic_ns;
 use serde::Serialize;
 
@@ -17,7 +18,10 @@ use crate::{
 pub struct Top {
     /// From the end of the path to its beginning: an output is read before what it was made of, so that no input is missed.
     taps: Vec<(Service, Tap)>,
+    events: Tap,
     hops: Hops,
+    attitude: Option<AttitudeOutput>,
+    end: Option<SystemEvent>,
     processes: Processes,
     /// The newest of each service at the last moment; at first, the first that came.
     before: [Option<Header>; Service::PATH.len()],
@@ -75,7 +79,10 @@ impl Top {
         let taps = outputs.map(|(service, topic)| Ok((service, observer.tap(topic)?)));
         Ok(Self {
             taps: taps.collect::<Result<_, BusError>>()?,
+            events: observer.tap(Topic::Event)?,
             hops: Hops::default(),
+            attitude: None,
+            end: None,
             processes,
             before: [None; Service::PATH.len()],
             owner_pid,
@@ -92,10 +99,27 @@ impl Top {
                     self.before[*service as usize].get_or_insert(header);
                     self.hops.take(*service, header);
                 }
+                if *service == Service::Course {
+                    self.attitude = bytemuck::try_pod_read_unaligned(bytes).ok().or(self.attitude);
+                }
             })?;
         }
+        self.events.drain(&mut |bytes| {
+            let event = bytemuck::try_pod_read_unaligned(bytes).ok();
+            self.end = event.filter(|event: &SystemEvent| event.kind == EventKind::FINISHED).or(self.end);
+        })?;
         self.hops.settle();
         Ok(())
+    }
+
+    /// The newest attitude, in our frames.
+    pub fn attitude(&self) -> Option<&AttitudeOutput> {
+        self.attitude.as_ref()
+    }
+
+    /// What ended the system before its time, or that it came to its end; `None` until its supervisor says so.
+    pub fn end(&self) -> Option<&str> {
+        self.end.as_ref().map(|event| if event.why().is_empty() { "it came to its end" } else { event.why() })
     }
 
     /// What was seen since the last moment, with what the supervisor says.

@@ -100,6 +100,20 @@ pub enum ScoreError {
         /// The file.
         path: PathBuf,
     },
+    /// The page would be written over the recording.
+    #[error("writing {path}: that is the recording itself; give --report another name")]
+    ReportIsTrial {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No error tells which value is best.
+    #[error(
+        "tuning {key}: no trial has a reference that counts, so no value is better than another; --reference names one"
+    )]
+    NothingToTuneBy {
+        /// The parameter.
+        key: String,
+    },
     /// A slot could not be filled.
     #[error(transparent)]
     Slot(#[from] RuntimeError),
@@ -129,7 +143,10 @@ impl ScoreError {
             | Self::FixesOfOne { .. }
             | Self::NameTwice { .. }
             | Self::Seeds { .. }
+            | Self::ReportIsTrial { .. }
+            | Self::NothingToTuneBy { .. }
             | Self::OutIsTrial { .. } => 2,
+            Self::Recording(RecordingError::Write { .. }) => 1,
             Self::Recording(_) => 3,
             Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
         }

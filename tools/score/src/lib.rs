@@ -1,7 +1,7 @@
 //! Scores: what stages make of recordings, against their reference attitude, and what a step of them costs.
 //!
 //! Input: files or simulations, and the stages to run over them side by side. Output: errors per trial and their mean, time per
-//! update, attitudes as CSV, figures as SVG. Time: the samples' own; the clock only to time the stages. Failure: what was asked
+//! update, attitudes as CSV, figures as SVG, a page of all of it as HTML, the best value of a setting. Time: the samples' own; the clock only to time the stages. Failure: what was asked
 //! for and does not exist, a file that cannot be read or written.
 //!
 //! | module | what it holds |
@@ -14,19 +14,25 @@
 //! | [`mod@run`] | the stages over the trials, through the slots of the running system |
 //! | [`timing`] | nanoseconds per update of the bare stages |
 //! | [`table`] | the scores, for people and for scripts |
+//! | [`tune`], [`verdict`] | the best value of a setting; which stage and setting to choose |
+//! | [`overlay`], `report` | the attitudes of all stages one over the other; the page |
 //! | [`plot`] | figures of a run |
 #![forbid(unsafe_code)]
 
 pub mod catalogue;
 pub mod chain;
 mod error;
+pub mod overlay;
 pub mod plot;
+mod report;
 pub mod run;
 pub mod seeds;
 pub mod stages;
 pub mod table;
 pub mod timing;
 pub mod trial;
+pub mod tune;
+pub mod verdict;
 
 pub use error::ScoreError;
 pub use run::{Request, run};

@@ -6,14 +6,14 @@
 use std::{collections::BTreeMap, str::FromStr};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter};
-use launch::{Launch, Program, Service};
+use launch::{Launch, Service};
 
 use crate::{ScoreError, catalogue::Told, chain::Stages};
 
 /// Jaro-Winkler similarity from which a name is another one misspelt.
 const NEAR: f64 = 0.8;
 
-/// The stages asked for. What is not named is the slot's default.
+/// The stages asked for. What is not named is as the launch has it.
 #[derive(Debug, Clone, Default)]
 pub struct Choice {
     /// Of the slot `gyro`.
@@ -24,9 +24,9 @@ pub struct Choice {
     pub course: Option<String>,
     /// Of the slot `fuser`, side by side.
     pub fusers: Vec<String>,
-    /// Stages that are programs of their own, by name: they can be asked for, too.
-    pub programs: BTreeMap<String, Program>,
-    /// Parameters that are to differ from their defaults.
+    /// Calibration, mounting and limits, the usual stages with their settings, and the stages that are programs of their own.
+    pub launch: Launch,
+    /// Parameters that are to differ.
     pub settings: Vec<Setting>,
 }
 
@@ -57,7 +57,7 @@ impl FromStr for Setting {
 
 /// One launch for each fuser asked for, with the default limits of the source.
 pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
-    let mut common = Launch { stages: choice.programs.clone(), ..Launch::default() };
+    let mut common = choice.launch.clone();
     name(&mut common, Service::Gyro, choice.gyro.as_deref(), &Gyro::NAMES)?;
     name(&mut common, Service::Accel, choice.accel.as_deref(), &Accelerometer::NAMES)?;
     name(&mut common, Service::Course, choice.course.as_deref(), &Course::NAMES)?;
@@ -88,12 +88,15 @@ fn name(
     if !is_program && !known.contains(&found) {
         return Err(ScoreError::Stage { slot, found: found.into(), near: near(found, known.iter().copied()), known });
     }
-    filling(launch, slot).stage = found.into();
+    let filling = filling(launch, slot);
+    if filling.stage != found {
+        *filling = launch::Stage { stage: found.into(), set: BTreeMap::new() };
+    }
     Ok(())
 }
 
 /// Gives the setting to every launch with a stage that has the parameter.
-fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
+pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
     let Setting { of, key, value } = setting;
     let meant = |slot: Service, stage: &str| of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
     let mut places: Vec<Service> = Vec::new();

@@ -7,14 +7,21 @@ use launch::Launch;
 use serde::Serialize;
 
 use crate::seeds::{QUANTILES, Spread};
+use crate::{overlay::Difference, tune::Tuned, verdict::Verdict};
 
 /// The scores of every chain of stages.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Scores {
     /// One for each fuser.
     pub stages: Vec<StageScore>,
     /// What is to be said of the trials before their scores are believed.
     pub warnings: Vec<Warning>,
+    /// What a search for the best value of a setting has found; the scores are with that value.
+    pub tuned: Vec<Tuned>,
+    /// How far the stages are apart over the trials without a reference.
+    pub differences: Vec<Difference>,
+    /// Which stage and setting to choose, where there is a choice.
+    pub choice: Option<Verdict>,
 }
 
 /// What is to be said of a trial.
@@ -168,7 +175,25 @@ impl fmt::Display for Scores {
             write!(f, "\n{}", line(name, &stage.fuser, &stage.mean, stage.ns_per_update))?;
             name = "";
         }
-        Ok(())
+        for Difference { trial, from, to, rms } in &self.differences {
+            let [total, heading, inclination] = [rms.total, rms.heading, rms.inclination].map(|deg| number(deg, 3));
+            write!(
+                f,
+                "\n{trial}: {from} and {to} are apart by total {total}°, heading {heading}°, inclination {inclination}°"
+            )?;
+        }
+        for Tuned { fuser, setting, unit, least_of, before, best, .. } in &self.tuned {
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            write!(
+                f,
+                "\n{fuser}: {least_of} error {:.3}° with {setting} = {}{unit}, {:.3}° with {} as before",
+                best.error_deg, best.value, before.error_deg, before.value
+            )?;
+        }
+        match &self.choice {
+            Some(choice) => write!(f, "\n{}", choice.text),
+            None => Ok(()),
+        }
     }
 }
 
@@ -196,7 +221,7 @@ mod tests {
         let mut stage = StageScore::new(&Launch::default());
         stage.trials = vec![trial("one", Some(1.0)), trial("two", Some(2.0)), trial("no_truth", None)];
         stage.finish();
-        Scores { stages: vec![stage], warnings: Vec::new() }
+        Scores { stages: vec![stage], ..Scores::default() }
     }
 
     #[test]

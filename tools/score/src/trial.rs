@@ -28,6 +28,16 @@ pub enum Gnss {
     File(PathBuf),
 }
 
+/// What a rate sample of a recording says: the mean of its interval where nobody knows better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordedSamples(pub GyroSamples);
+
+impl Default for RecordedSamples {
+    fn default() -> Self {
+        Self(GyroSamples::Means)
+    }
+}
+
 /// How trials are read.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
@@ -37,8 +47,10 @@ pub struct Options {
     pub without_field: bool,
     /// The true attitude of a recording, in a file of its own, in place of what the recording says.
     pub reference: Option<PathBuf>,
-    /// What a rate sample says; where nothing is said, a recording's is the mean of its interval.
+    /// What a rate sample says, of recordings and simulations.
     pub gyro_samples: Option<GyroSamples>,
+    /// What a recording's says where that is not said.
+    pub recorded_samples: RecordedSamples,
 }
 
 /// A recording or a simulation.
@@ -87,7 +99,7 @@ impl Trial {
             rate_hz: survey.rate_hz,
             rows: survey.rows,
             has_reference: survey.has_reference || options.reference.is_some(),
-            gyro_samples: options.gyro_samples.unwrap_or(GyroSamples::Means),
+            gyro_samples: options.gyro_samples.unwrap_or(options.recorded_samples.0),
             source: Source::Recording { file: file.into(), fixes },
             options: options.clone(),
         })

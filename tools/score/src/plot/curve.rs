@@ -18,8 +18,13 @@ pub(crate) struct Curve {
 impl Curve {
     /// A curve of about so many samples.
     pub(crate) fn new(samples: u64) -> Self {
+        Self::in_bins(samples, BINS)
+    }
+
+    /// The same in so many bins.
+    pub(crate) fn in_bins(samples: u64, bins: u64) -> Self {
         Self {
-            samples_per_bin: samples.div_ceil(BINS).max(1),
+            samples_per_bin: samples.div_ceil(bins).max(1),
             taken: 0,
             least: None,
             largest: None,
@@ -63,6 +68,15 @@ impl Curve {
     pub(crate) fn range(&self) -> Option<(f64, f64)> {
         let values = || self.points.iter().map(|(_, value)| *value).filter(|value| !value.is_nan());
         Some((values().reduce(f64::min)?, values().reduce(f64::max)?))
+    }
+
+    /// Between which all but so many hundredths of the points at either end lie; a spike does not count.
+    pub(crate) fn robust_range(&self, hundredths: f64) -> Option<(f64, f64)> {
+        let mut values: Vec<_> = self.points.iter().map(|(_, value)| *value).filter(|value| !value.is_nan()).collect();
+        values.sort_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        let spared = (last as f64 * hundredths * 0.01) as usize;
+        Some((values[spared], values[last - spared]))
     }
 
     /// The last time, s.

@@ -11,7 +11,7 @@
 //! | `NAME.sphere.svg` | the up vector on the Riemann sphere, and the plane of w |
 //! | `NAME.error.svg` | inclination, heading and total error, where there is a reference |
 
-mod curve;
+pub(crate) mod curve;
 mod panel;
 mod record;
 mod sphere;

@@ -1,0 +1,147 @@
+//! The vehicles in sight, and whether all that they send arrives.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::Instant,
+};
+
+use attitude::frames::Frame;
+use graph::Topic;
+use link::Arrival;
+use messages::{AttitudeOutput, Message};
+use observe::hops::Latencies;
+use serde_json::{Value, json};
+use wire::{
+    Payload, Refusal, Refusals,
+    command::ControlMessage,
+    keys,
+    v1::{Envelope, GatewayReport},
+};
+
+use super::csv::{CsvError, Tables};
+use crate::delivery_tracker::DeliveryTracker;
+
+/// Vehicles that are kept in mind.
+const VEHICLES_MAX: usize = 256;
+
+/// What is known of a vehicle.
+#[derive(Default)]
+pub(super) struct Vehicle {
+    pub(super) services: BTreeSet<String>,
+    pub(super) lives: bool,
+    pub(super) tracks: BTreeMap<String, DeliveryTracker>,
+    pub(super) attitude: Option<AttitudeOutput>,
+    /// In which it is.
+    pub(super) frame: Frame,
+    /// When the newest attitude came, here.
+    pub(super) attitude_at: Option<Instant>,
+    /// From birth to attitude, of the attitudes that came since this was looked at.
+    pub(super) latencies: Latencies,
+    refusals: Refusals,
+}
+
+/// The vehicles in sight by their names.
+pub(super) type Vehicles = BTreeMap<String, Vehicle>;
+
+/// A vehicle by its name, as long as there are not too many.
+fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
+    let has_room = vehicles.len() < VEHICLES_MAX;
+    (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
+}
+
+pub(super) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
+    let Some((name, rest)) = keys::parts(&sign.key) else { return };
+    let Some(vehicle) = known(vehicles, name) else { return };
+    match rest.strip_prefix(keys::LIVE).map(|service| service.trim_start_matches('/')) {
+        Some("") => vehicle.lives = sign.is_there,
+        Some(service) if sign.is_there => drop(vehicle.services.insert(service.into())),
+        Some(service) => drop(vehicle.services.remove(service)),
+        None => {}
+    }
+}
+
+pub(super) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), CsvError> {
+    let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
+    let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
+    if topic == keys::GATEWAY {
+        if let Err(refusal) = vehicle.report(&message.bytes) {
+            vehicle.refusals.count(&refusal);
+        }
+        return Ok(());
+    }
+    let Some(topic) = Topic::named(topic) else { return Ok(()) };
+    messages::dispatch!(topic, M => vehicle.take::<M>(name, &message.bytes, tables))
+}
+
+impl Vehicle {
+    /// Takes messages of a topic to the counts and into a table.
+    fn take<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut Tables>) -> Result<(), CsvError> {
+        let topic = M::TOPIC.name;
+        match (self.samples::<M>(topic, bytes), tables) {
+            (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),
+            (Ok(_), None) => Ok(()),
+            (Err(refusal), _) => {
+                self.refusals.count(&refusal);
+                Ok(())
+            }
+        }
+    }
+
+    fn samples<M: Payload>(&mut self, topic: &str, bytes: &[u8]) -> Result<Vec<M>, Refusal> {
+        let (envelope, samples) = wire::open::<M>(bytes)?;
+        self.track(topic, &envelope, samples.len());
+        if topic == AttitudeOutput::TOPIC.name {
+            let outputs =
+                samples.iter().filter_map(|sample| bytemuck::try_pod_read_unaligned(bytemuck::bytes_of(sample)).ok());
+            for output in outputs {
+                self.take_attitude(output);
+            }
+            self.frame = envelope.frame_said().map(|(frame, _)| frame).unwrap_or_default();
+        }
+        Ok(samples)
+    }
+
+    fn take_attitude(&mut self, output: AttitudeOutput) {
+        self.latencies.add(output.header.t_sent_ns.saturating_sub(output.header.t_born_ns));
+        self.attitude_at = Some(Instant::now());
+        self.attitude = Some(output);
+    }
+
+    fn report(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
+        let report = GatewayReport::decoded(bytes)?;
+        self.track(keys::GATEWAY, &report.envelope.unwrap_or_default(), 1);
+        Ok(())
+    }
+
+    fn track(&mut self, topic: &str, envelope: &Envelope, samples: usize) {
+        self.tracks.entry(topic.into()).or_default().take(envelope, samples as u64);
+    }
+
+    /// Messages that came.
+    pub(super) fn messages(&self) -> u64 {
+        self.tracks.values().map(|track| track.messages).sum()
+    }
+
+    /// Messages lost on the way.
+    pub(super) fn lost(&self) -> u64 {
+        self.tracks.values().map(|track| track.lost_messages).sum()
+    }
+}
+
+pub(super) fn report(vehicles: &Vehicles) -> Value {
+    let vehicle = |(name, vehicle): (&String, &Vehicle)| {
+        let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| track.json(topic)).collect();
+        let attitude = vehicle.attitude.map(|output| {
+            json!({
+                "tick": output.header.tick, "t_s": output.header.t_end_ns as f64 * 1e-9, "quaternion": output.quaternion,
+                "frame": vehicle.frame.name(),
+                "course_deg": output.course_rad.to_degrees(), "course_reference": output.course_reference.name(),
+            })
+        });
+        json!({
+            "vehicle": name, "lives": vehicle.lives, "services": vehicle.services, "attitude": attitude,
+            "lost_messages": vehicle.lost(), "refused": vehicle.refusals.total(), "topics": tracks,
+        })
+    };
+    json!({ "vehicles": vehicles.iter().map(vehicle).collect::<Vec<_>>() })
+}

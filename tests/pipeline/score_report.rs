@@ -1,0 +1,251 @@
+//! `plumb score --report`, `--tune` and `--launch`: a page that says what the scores say and asks nobody, the value that is best by every other score,
+//! and the calibration that the running system applies.
+use std::{
+    fs,
+    os::unix::fs::{PermissionsExt, symlink},
+    path::Path,
+};
+
+use roxmltree::{Document, Node, ParsingOptions};
+use serde_json::Value;
+
+use super::score::{assert_refused, at_rest, folder_with, number, score, scores};
+use crate::common::{attitudes, data};
+
+/// Turns of a body that nobody knows, with a gyro whose bias the stages take differently.
+fn without_reference() -> String {
+    let row = |i: i32| {
+        let t_s = f64::from(i) * 0.01;
+        let (sin, cos) = (0.4 * t_s).sin_cos();
+        format!("{t_s},{},0.02,0,0,{},{}\n", 0.02 + 0.1 * cos, 3.0 * sin, 9.3 * cos.abs().max(0.5))
+    };
+    "t_s,gx,gy,gz,ax,ay,az\n".to_owned() + &(0..3000).map(row).collect::<String>()
+}
+
+fn page(path: &Path) -> String {
+    let mode = fs::metadata(path).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600, "the page is this user's alone");
+    fs::read_to_string(path).unwrap()
+}
+
+fn parsed(page: &str) -> Document<'_> {
+    Document::parse_with_options(page, ParsingOptions { allow_dtd: true, ..ParsingOptions::default() }).unwrap()
+}
+
+/// It has all that it shows, and there is nothing in it that could be asked for.
+fn assert_self_contained(page: &str) {
+    let document = parsed(page);
+    for node in document.descendants() {
+        let name = node.tag_name().name();
+        assert!(!["script", "img", "link", "iframe", "object", "embed", "base", "form"].contains(&name), "{name}");
+        let asks = ["src", "href", "action", "srcset", "data", "poster"];
+        assert!(node.attributes().all(|it| !asks.contains(&it.name()) && !it.name().starts_with("on")), "{node:?}");
+    }
+    for word in ["://", "@import", "url(h", "url(/", "url(\""] {
+        assert!(!page.contains(word), "{word}");
+    }
+    let policy = document.descendants().find(|node| node.attribute("http-equiv") == Some("Content-Security-Policy"));
+    assert!(policy.is_some_and(|policy| policy.attribute("content").unwrap().starts_with("default-src 'none'")));
+}
+
+fn texts<'d>(document: &'d Document<'_>, element: &str) -> Vec<&'d str> {
+    document.descendants().filter(|node| node.has_tag_name(element)).filter_map(|node| node.text()).collect()
+}
+
+/// The classes of the lines of each chart over time.
+fn lines_of(document: &Document<'_>) -> Vec<Vec<String>> {
+    let charts =
+        document.descendants().filter(|node| node.has_tag_name("svg") && node.attribute("aria-label").is_some());
+    let class = |node: Node<'_, '_>| node.attribute("class").unwrap().to_owned();
+    let of = |chart: Node<'_, '_>| {
+        let mut lines: Vec<_> = chart.descendants().filter(|node| node.has_tag_name("polyline")).map(class).collect();
+        lines.sort();
+        lines.dedup();
+        lines
+    };
+    charts.map(of).collect()
+}
+
+#[test]
+fn a_report_shows_every_stage_over_the_reference_with_the_errors_that_are_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let trial = "sim:s1?duration_s=20&rate_hz=100";
+    let scores = scores(folder.path(), &[trial, "--fuser", "wz", "--fuser", "vqf", "--report", "out.html"]);
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    let document = parsed(&page);
+    assert_eq!(texts(&document, "h2"), ["Errors", trial, "Settings"]);
+    let titles = texts(&document, "h3");
+    for (at, error) in ["inclination", "heading", "total"].into_iter().enumerate() {
+        let [wz, vqf] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/mean/{error}")));
+        assert_eq!(titles[at], format!("{error} error where it counts, RMS: wz {wz:.3}°, vqf {vqf:.3}°"));
+    }
+    assert_eq!(titles[3..], ["roll", "pitch", "yaw"]);
+    let both = ["stage0", "stage1"].map(str::to_owned);
+    let all = ["reference", "stage0", "stage1"].map(str::to_owned);
+    let lines = lines_of(&document);
+    assert!(lines[..3].iter().all(|lines| *lines == both) && lines[3..].iter().all(|lines| *lines == all), "{lines:?}");
+    assert_eq!(lines.len(), 6);
+    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
+    assert!(advice.starts_with("choose fuser wz: inclination error"), "{advice}");
+    assert!(texts(&document, "p").contains(&advice), "{page}");
+}
+
+#[test]
+fn the_launch_file_of_the_advice_is_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = ["sim:s1?duration_s=20&rate_hz=100", "--fuser", "madgwick", "--tune", "beta_rad_s=0.005..0.5"];
+    let scores = scores(folder.path(), &arguments);
+    let launch = scores.pointer("/choice/launch").and_then(Value::as_str).unwrap();
+    fs::write(folder.path().join("chosen.toml"), launch).unwrap();
+    let again = super::score::scores(folder.path(), &[arguments[0], "--launch", "chosen.toml"]);
+    assert_eq!(again.pointer("/stages/0/fuser").unwrap(), "madgwick");
+    assert_eq!(again.pointer("/stages/0/mean"), scores.pointer("/stages/0/mean"));
+}
+
+#[test]
+fn without_a_reference_the_report_tells_how_far_the_stages_are_apart() {
+    let folder = folder_with(&[("plain.csv", without_reference()), ("turned.csv", at_rest(30.0, 0.0))]);
+    let arguments = ["plain.csv", "--fuser", "wz", "--fuser", "madgwick", "--report", "out.html"];
+    let scores = scores(folder.path(), &arguments);
+    let apart = number(&scores, "/differences/0/inclination");
+    assert!(apart > 0.01, "{scores}");
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    let document = parsed(&page);
+    let title = format!("inclination difference from the first stage, RMS: madgwick {apart:.3}°");
+    assert!(texts(&document, "h3").contains(&title.as_str()), "{:?}", texts(&document, "h3"));
+    let lines = lines_of(&document);
+    assert_eq!(lines[0], ["stage1"]);
+    assert_eq!(lines[3], ["stage0", "stage1"]);
+    let text = String::from_utf8(score(folder.path(), &arguments).stdout).unwrap();
+    assert!(
+        text.contains("nothing tells which stage is right") && text.contains("wz and madgwick are apart"),
+        "{text}"
+    );
+    assert_refused(
+        folder.path(),
+        &["plain.csv", "--fuser", "madgwick", "--tune", "beta_rad_s=0..1"],
+        2,
+        &["reference"],
+    );
+}
+
+#[test]
+fn a_real_recording_makes_a_page() {
+    let Some(data) = data() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let trial = data.join("broad/07_undisturbed_fast_rotation_B.csv.gz");
+    let arguments = [trial.to_str().unwrap(), "--fuser", "wz", "--fuser", "vqf", "--report", "out.html"];
+    let scores = scores(folder.path(), &arguments);
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    assert!(page.len() < 1 << 20, "{} bytes", page.len());
+    let total = number(&scores, "/stages/0/mean/total");
+    let document = parsed(&page);
+    assert!(texts(&document, "h3").iter().any(|title| title.contains(&format!("wz {total:.3}°"))));
+    // With a magnetometer the heading is known, and counts.
+    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
+    assert!(advice.contains("total error"), "{advice}");
+}
+
+#[test]
+fn a_page_is_put_in_the_place_of_a_link_and_never_in_that_of_a_recording() {
+    let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0)), ("precious.txt", "mine".into())]);
+    symlink(folder.path().join("precious.txt"), folder.path().join("out.html")).unwrap();
+    scores(folder.path(), &["turned.csv", "--report", "out.html"]);
+    assert_eq!(fs::read_to_string(folder.path().join("precious.txt")).unwrap(), "mine");
+    assert!(!fs::symlink_metadata(folder.path().join("out.html")).unwrap().is_symlink());
+    assert_self_contained(&page(&folder.path().join("out.html")));
+    let said = ["turned.csv", "that is the recording itself", "--report"];
+    assert_refused(folder.path(), &["turned.csv", "--report", "turned.csv"], 2, &said);
+    assert_eq!(fs::read_to_string(folder.path().join("turned.csv")).unwrap(), at_rest(30.0, 0.0));
+    let nowhere = ["turned.csv", "--report", "nowhere/out.html"];
+    assert_refused(folder.path(), &nowhere, 1, &["nowhere/out.html"]);
+}
+
+#[test]
+fn what_a_recording_is_called_stands_for_itself_in_a_page() {
+    let folder = folder_with(&[("<b onload='x'>&.csv", at_rest(30.0, 0.0))]);
+    scores(folder.path(), &["<b onload='x'>&.csv", "--report", "out.html"]);
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    assert!(texts(&parsed(&page), "h2").contains(&"<b onload='x'>&"));
+}
+
+#[test]
+fn a_search_finds_the_value_that_no_other_score_beats() {
+    let folder = tempfile::tempdir().unwrap();
+    let trial = ["sim:s1?duration_s=30&rate_hz=100", "--fuser", "madgwick"];
+    let tuned =
+        scores(folder.path(), &[&trial[..], &["--tune", "beta_rad_s=0.001..1", "--report", "out.html"]].concat());
+    let best = number(&tuned, "/tuned/0/best/value");
+    let least = number(&tuned, "/tuned/0/best/error_deg");
+    assert_eq!(tuned.pointer("/tuned/0/setting").unwrap(), "fuser.beta_rad_s");
+    assert_eq!(tuned.pointer("/tuned/0/at_end").unwrap(), false);
+    let of = |value: f64| {
+        let scores = scores(folder.path(), &[&trial[..], &["--set", &format!("beta_rad_s={value}")]].concat());
+        number(&scores, "/stages/0/mean/inclination")
+    };
+    assert!((of(best) - least).abs() < 1e-9, "what is told of the best value is its score");
+    assert_eq!(number(&tuned, "/stages/0/mean/inclination"), of(best), "the scores are with the best value");
+    assert!((number(&tuned, "/tuned/0/before/error_deg") - of(0.08)).abs() < 1e-9);
+    for value in [0.001, 0.003, 0.01, 0.0125, 0.0135, 0.017, 0.02, 0.03, 0.08, 0.2, 1.0] {
+        assert!(of(value) >= least * 0.995, "{value} is better than {best}: {} < {least}", of(value));
+    }
+    let page = page(&folder.path().join("out.html"));
+    let document = parsed(&page);
+    let points = document.descendants().filter(|node| node.has_tag_name("circle")).count();
+    assert_eq!(points, tuned.pointer("/tuned/0/curve").and_then(Value::as_array).unwrap().len());
+    assert!(points > 20 && texts(&document, "h2").contains(&"fuser.beta_rad_s of madgwick"));
+}
+
+#[test]
+fn a_search_says_when_the_best_is_beyond_its_range_and_what_it_cannot_search() {
+    let folder = tempfile::tempdir().unwrap();
+    let trial = "sim:s1?duration_s=20&rate_hz=100";
+    let scores = scores(folder.path(), &[trial, "--fuser", "madgwick", "--tune", "fuser.beta_rad_s=0.5..1"]);
+    assert_eq!(number(&scores, "/tuned/0/best/value"), 0.08, "the value before is one of those");
+    let scores = super::score::scores(
+        folder.path(),
+        &[trial, "--fuser", "madgwick", "--set", "beta_rad_s=0.9", "--tune", "beta_rad_s=0.5..1"],
+    );
+    assert_eq!(number(&scores, "/tuned/0/best/value"), 0.5);
+    let advice = scores.pointer("/choice/text").and_then(Value::as_str).unwrap();
+    assert!(advice.contains("at the end of the range: look beyond it"), "{advice}");
+    for (range, said) in [
+        ("beta_rad_s=0..11", "expected 0 to 10 rad/s, found 11"),
+        ("beta=0..1", "did you mean `beta_rad_s`?"),
+        ("beta_rad_s=1..0", "with a below b"),
+    ] {
+        assert_refused(folder.path(), &[trial, "--fuser", "madgwick", "--tune", range], 2, &[said]);
+    }
+}
+
+#[test]
+fn the_calibration_and_mounting_of_a_launch_file_are_applied() {
+    // A unit that lies on its head, forward, right, down, and whose accelerometer reads 1 m/s² too much forwards.
+    let level = "0,0.7071067811865476,0.7071067811865476,0";
+    let row = |i: i32| format!("{},0,0,0,1,0,-9.80665,{level},1\n", f64::from(i) * 0.01);
+    let text = "t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n".to_owned() + &(0..500).map(row).collect::<String>();
+    let launch = "[ingest.mounting]\naxes = \"frd\"\n[ingest.calibration.accel]\nbias = [1.0, 0.0, 0.0]\n[fuser]\nstage = \"madgwick\"\n[fuser.set]\nbeta_rad_s = 0.5\n";
+    let folder = folder_with(&[("unit.csv", text), ("my.toml", launch.into())]);
+    let plain = scores(folder.path(), &["unit.csv"]);
+    let tilt_deg = 1f64.atan2(9.80665).to_degrees();
+    assert!((number(&plain, "/stages/0/mean/inclination") - tilt_deg).abs() < 0.1, "{plain}");
+    let launched = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out", "out", "--report", "out.html"]);
+    assert!(number(&launched, "/stages/0/mean/inclination") < 1e-3, "{launched}");
+    let [.., (_, [w, x, y, _])] = &attitudes(&folder.path().join("out/unit.csv"))[..] else { panic!("no attitude") };
+    assert!(w.abs() > 0.999 && x.hypot(*y) < 1e-3, "the body is level, not the unit on its head");
+    assert_eq!(launched.pointer("/stages/0/fuser").unwrap(), "madgwick");
+    assert_eq!(number(&launched, "/stages/0/settings/fuser.beta_rad_s"), 0.5);
+    let page = page(&folder.path().join("out.html"));
+    assert_self_contained(&page);
+    let cells = parsed(&page).descendants().filter_map(|node| Some(node.text()?.to_owned())).collect::<Vec<_>>();
+    assert!(cells.iter().any(|cell| cell.contains("bias [1.0, 0.0, 0.0]")), "{cells:?}");
+    assert!(cells.contains(&"[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]".to_owned()), "{cells:?}");
+    // Another stage than the file's has its own settings.
+    let other = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--fuser", "wz"]);
+    assert_eq!(other.pointer("/stages/0/settings").unwrap(), &serde_json::json!({}));
+    assert!(number(&other, "/stages/0/mean/inclination") < 1e-3, "{other}");
+}
