@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
+    cockpit::Cockpit,
     fault::Fault,
     gateway::Gateway,
     live::{Clock, Serial, Stream, Udp},
@@ -39,6 +40,8 @@ pub struct Launch {
     pub output: Output,
     /// What goes beyond the board, if the gateway is among the services.
     pub gateway: Gateway,
+    /// Where the system is shown, if the cockpit is among the services.
+    pub cockpit: Cockpit,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
     /// Programs of the user's own that may fill a slot, by name.
@@ -285,6 +288,7 @@ impl Default for Launch {
             faults: false,
             output: Output::default(),
             gateway: Gateway::default(),
+            cockpit: Cockpit::default(),
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
@@ -318,7 +322,7 @@ impl Launch {
     /// What fills a slot; `None` for a service that has no stage.
     pub fn slot(&self, service: Service) -> Option<&Stage> {
         match service {
-            Service::Ingest | Service::Gateway | Service::Drivers => None,
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&self.gyro),
             Service::Accel => Some(&self.accel),
             Service::Fuser => Some(&self.fuser),
@@ -329,7 +333,7 @@ impl Launch {
     /// What fills a slot, to be swapped.
     pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
         match service {
-            Service::Ingest | Service::Gateway | Service::Drivers => None,
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&mut self.gyro),
             Service::Accel => Some(&mut self.accel),
             Service::Fuser => Some(&mut self.fuser),

@@ -12,6 +12,7 @@
 //! | [`batch`] | samples in an envelope by which a loss is proved |
 //! | `frame` | in which frame samples are |
 //! | [`command`] | what a running system can be asked |
+//! | [`cockpit`] | what the cockpit's page is told and asks for |
 //! | [`keys`] | where everything is found |
 //! | [`refusal`] | why bytes are no message |
 //! | [`schema`] | the descriptors, for whoever has no copy of the files |
@@ -19,6 +20,7 @@
 #![forbid(unsafe_code)]
 
 pub mod batch;
+pub mod cockpit;
 pub mod command;
 mod field;
 mod frame;
