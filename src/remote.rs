@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use control::{Outcome, ServiceStatus, SwapReport};
+use control::{Outcome, ServiceStatus, SwapReport, Trouble};
 use link::{
     Endpoints, Link, LinkError,
     endpoints::{Tls, is_secured},
@@ -160,10 +160,24 @@ fn request_id() -> String {
 }
 
 fn status(of: v1::ServiceStatus) -> ServiceStatus {
-    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
+    let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } = of;
     let said = |text: String| Some(text).filter(|text| !text.is_empty());
     let pid = Some(pid).filter(|pid| *pid != 0);
-    ServiceStatus { service, stage: said(stage), state, pid, restarts, incarnation, epoch, ticks, lost, at: said(at) }
+    let trouble = |v1::Trouble { kind, found, remedy }| Trouble { kind, found, remedy };
+    let troubles = troubles.into_iter().map(trouble).collect();
+    ServiceStatus {
+        service,
+        stage: said(stage),
+        state,
+        pid,
+        restarts,
+        incarnation,
+        epoch,
+        ticks,
+        lost,
+        at: said(at),
+        troubles,
+    }
 }
 
 fn report(answer: SwapAnswer) -> SwapReport {

@@ -14,4 +14,5 @@ mod orchestrated;
 mod output;
 mod replay;
 mod score;
+mod sources;
 mod warm_start;

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 
 pub use client::{ControlError, ask};
 pub use server::ControlSocket;
-pub use supervision::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
+pub use supervision::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest, Trouble};
 pub use swap::Outcome;
 
 /// A request or an answer, bytes.

@@ -74,9 +74,20 @@ pub enum Value {
         velocity_m_s: [f64; 3],
         /// Its standard deviation per axis, m/s, where it is told.
         sd_m_s: Option<f64>,
-        /// Latitude, rad, north positive, where it is told.
-        latitude_rad: Option<f64>,
+        /// Where the receiver is.
+        place: Place,
     },
+}
+
+/// Where a receiver is, as far as it tells.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Place {
+    /// Geodetic latitude, rad, north positive.
+    pub latitude_rad: Option<f64>,
+    /// Longitude, rad, east positive.
+    pub longitude_rad: Option<f64>,
+    /// Altitude above the sea, m, upwards.
+    pub altitude_m: Option<f64>,
 }
 
 /// A time as a device tells it.
@@ -112,7 +123,26 @@ pub struct Counts {
     pub skipped_bytes: u64,
 }
 
-/// Of a latitude in degrees; `None` of what is none.
-pub(crate) fn latitude_rad(latitude_deg: f64) -> Option<f64> {
-    (-90.0..=90.0).contains(&latitude_deg).then(|| latitude_deg.to_radians())
+impl std::ops::Add for Counts {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            frames: self.frames + other.frames,
+            refused: self.refused + other.refused,
+            skipped_bytes: self.skipped_bytes + other.skipped_bytes,
+        }
+    }
+}
+
+impl Place {
+    /// Of degrees and metres; what cannot be is not told.
+    pub(crate) fn of(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Self {
+        let within = |angle_deg: f64, most_deg: f64| (angle_deg.abs() <= most_deg).then(|| angle_deg.to_radians());
+        Self {
+            latitude_rad: within(latitude_deg, 90.0),
+            longitude_rad: within(longitude_deg, 180.0),
+            altitude_m: Some(altitude_m).filter(|altitude_m| altitude_m.is_finite()),
+        }
+    }
 }

@@ -9,7 +9,7 @@
 //! | --- | --- |
 //! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force; they must be among the columns. Blank or `nan` is handed on as NaN; a line without any of the six has none |
 //! | `mx`, `my`, `mz` | field, in the lines where all three are numbers |
-//! | `ve`, `vn`, `vu` or `vd`, `lat` | a fix, in the lines where the velocity is there and is not the one before it again |
+//! | `ve`, `vn`, `vu` or `vd`, `lat`, `lon`, `alt` | a fix, in the lines where the velocity is there and is not the one before it again |
 //! | `t` | the time: from 1970 if it is beyond 2001-09-09, else since the device's start, before which it is a two's complement; a counter that begins again if it is said to be |
 //! | others | passed over |
 //!
@@ -29,9 +29,8 @@ use mapping::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Value,
+    DeviceTime, Measurement, Place, Value,
     framed::{Format, Seen},
-    latitude_rad,
 };
 
 /// With its newline.
@@ -53,7 +52,7 @@ pub struct Lines {
     period_ns: Option<u64>,
     places: Option<Places>,
     is_begun: bool,
-    last_fix: Option<[u64; 4]>,
+    last_fix: Option<[u64; 6]>,
 }
 
 /// What lines are made of.
@@ -96,7 +95,10 @@ impl Lines {
     /// What `settings` say.
     pub fn new(settings: &Settings) -> Result<Self, LinesError> {
         let mapping = settings.mapping.clone();
-        let period_ns = settings.time_bits.map(|bits| period_ns(bits, &mapping)).transpose()?;
+        let period_ns = settings
+            .time_bits
+            .map(|bits| mapping.period_ns(bits.into()).ok_or(LinesError::Bits { bits }))
+            .transpose()?;
         let named = settings.columns.as_ref().map(|columns| {
             let columns: Vec<_> = columns.iter().map(|column| column.trim()).collect();
             Places::of(&mapping, &columns).map_err(|target| {
@@ -150,17 +152,17 @@ impl Lines {
         };
         let (rate, force) = (row.numbers(places.rate)?, row.numbers(places.force)?);
         let (field, velocity) = (row.whole(places.field)?, row.whole(places.velocity)?);
-        let latitude_deg = match places.latitude {
-            Some(index) => row.number(index)?,
-            None => f64::NAN,
-        };
+        let mut place = [f64::NAN; 3];
+        for (part, index) in place.iter_mut().zip(places.position) {
+            *part = index.map_or(Some(f64::NAN), |index| row.number(index))?;
+        }
         if let Some(velocity) = velocity {
-            let [east, north, up] = velocity;
-            let said = [east, north, up, latitude_deg].map(f64::to_bits);
+            let ([east, north, up], [latitude_deg, longitude_deg, altitude_m]) = (velocity, place);
+            let said = [east, north, up, latitude_deg, longitude_deg, altitude_m].map(f64::to_bits);
             if self.last_fix.replace(said) != Some(said) {
-                let latitude_rad = latitude_rad(latitude_deg);
+                let place = Place::of(latitude_deg, longitude_deg, altitude_m);
                 let velocity_m_s = self.mapping.velocity_m_s(velocity);
-                found.push(Measurement { time, value: Value::Fix { velocity_m_s, sd_m_s: None, latitude_rad } });
+                found.push(Measurement { time, value: Value::Fix { velocity_m_s, sd_m_s: None, place } });
             }
         }
         if !rate.iter().chain(&force).all(|number| number.is_nan()) {
@@ -255,7 +257,7 @@ struct Places {
     force: [usize; 3],
     field: Option<[usize; 3]>,
     velocity: Option<[usize; 3]>,
-    latitude: Option<usize>,
+    position: [Option<usize>; 3],
 }
 
 impl Places {
@@ -269,7 +271,7 @@ impl Places {
             names.iter().position(is_it).ok_or(target)
         };
         let three = |[x, y, z]: [&'static str; 3]| Ok([place(x)?, place(y)?, place(z)?]);
-        let [latitude, _, _] = POSITION;
+        let [latitude, longitude, altitude] = POSITION;
         let one = |target| if mapping.column(target).is_some() { may_be(mapping, place(target)) } else { Ok(None) };
         let group = |targets| may_be(mapping, three(targets));
         Ok(Self {
@@ -279,7 +281,7 @@ impl Places {
             force: three(FORCE)?,
             field: if mapping.has_field() { group(FIELD)? } else { None },
             velocity: mapping.velocity().map_or(Ok(None), group)?,
-            latitude: one(latitude)?,
+            position: [one(latitude)?, one(longitude)?, one(altitude)?],
         })
     }
 }
@@ -290,12 +292,4 @@ fn may_be<T>(mapping: &Mapping, found: Result<T, &'static str>) -> Result<Option
         Err(target) if mapping.is_said() => Err(target),
         found => Ok(found.ok()),
     }
-}
-
-/// After which a counter of so many bits begins again, ns.
-fn period_ns(bits: u8, mapping: &Mapping) -> Result<u64, LinesError> {
-    let count_ns = u32::try_from(mapping.time_digits()).ok().and_then(|digits| 10u64.checked_pow(digits));
-    let counts = (1..64).contains(&bits).then(|| 1u64 << bits);
-    let period_ns = counts.zip(count_ns).and_then(|(counts, count_ns)| counts.checked_mul(count_ns));
-    period_ns.filter(|period_ns| i64::try_from(*period_ns).is_ok()).ok_or(LinesError::Bits { bits })
 }

@@ -29,9 +29,8 @@ use mavlink::{
 };
 
 use crate::{
-    DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
+    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
-    latitude_rad,
 };
 
 const BEGIN_1: u8 = 0xfe;
@@ -109,9 +108,11 @@ pub struct RawScale {
     pub field_ut: f64,
 }
 
-/// mrad/s, mg, mgauss.
-const SCALED: RawScale =
-    RawScale { rate_rad_s: 1e-3, force_m_s2: STANDARD_GRAVITY_M_S2 / 1000.0, field_ut: UT_PER_MGAUSS };
+impl RawScale {
+    /// mrad/s, mg, mgauss: as ArduPilot sends RAW_IMU, and everybody the scaled messages.
+    pub const ARDUPILOT: Self =
+        Self { rate_rad_s: 1e-3, force_m_s2: STANDARD_GRAVITY_M_S2 / 1000.0, field_ut: UT_PER_MGAUSS };
+}
 
 impl Mavlink {
     /// What `settings` say.
@@ -255,7 +256,7 @@ macro_rules! scaled {
             let time = Some(since_boot(said.time_boot_ms));
             let field = [said.xmag, said.ymag, said.zmag];
             let (rate, force) = ([said.xgyro, said.ygyro, said.zgyro], [said.xacc, said.yacc, said.zacc]);
-            Some(Measurement { time, value: SCALED.imu(rate, force, field) })
+            Some(Measurement { time, value: RawScale::ARDUPILOT.imu(rate, force, field) })
         }
     )* };
 }
@@ -296,19 +297,22 @@ fn receiver(said: &GPS_RAW_INT_DATA) -> Option<Measurement> {
     let value = Value::Fix {
         velocity_m_s: [speed_m_s * east, speed_m_s * north, 0.0],
         sd_m_s: Some(sd_m_s),
-        latitude_rad: latitude_rad(f64::from(said.lat) / 1e7),
+        place: place(said.lat, said.lon, said.alt),
     };
     Some(Measurement { time: time_of_us(said.time_usec), value })
 }
 
 fn estimate(said: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
     let [north, east, down] = [said.vx, said.vy, said.vz].map(|part| f64::from(part) / 100.0);
-    let value = Value::Fix {
-        velocity_m_s: [east, north, -down],
-        sd_m_s: None,
-        latitude_rad: latitude_rad(f64::from(said.lat) / 1e7),
-    };
+    let value =
+        Value::Fix { velocity_m_s: [east, north, -down], sd_m_s: None, place: place(said.lat, said.lon, said.alt) };
     Some(Measurement { time: Some(since_boot(said.time_boot_ms)), value })
+}
+
+/// Of units of 1e-7° and of mm.
+fn place(latitude: i32, longitude: i32, altitude_mm: i32) -> Place {
+    let degrees = |angle: i32| f64::from(angle) / 1e7;
+    Place::of(degrees(latitude), degrees(longitude), f64::from(altitude_mm) / 1000.0)
 }
 
 fn since_boot(ms: u32) -> DeviceTime {

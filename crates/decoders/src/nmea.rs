@@ -1,8 +1,8 @@
 //! Receivers that speak NMEA 0183: RMC and VTG.
 //!
 //! A sentence is `$`, five letters, fields with commas between them, `*` and the exclusive or of all between in two hexadecimal digits.
-//! RMC becomes a fix: speed over ground and course as velocity east and north, latitude, date and time as time since 1970. VTG does
-//! as long as no RMC came: it has the same speed and course, and neither time nor latitude. Other sentences are counted.
+//! RMC becomes a fix: speed over ground and course as velocity east and north, latitude, longitude, date and time as time since 1970. VTG does
+//! as long as no RMC came: it has the same speed and course, and neither time nor place. Other sentences are counted.
 //!
 //! **The vertical velocity is in neither.** It is given as 0 with a standard deviation of [`crate::VERTICAL_SD_M_S`] for all three
 //! components, which suits what moves on ground and water; what climbs needs a receiver that tells it, as UBX does.
@@ -11,9 +11,8 @@
 //! leaves the course away: below [`STANDING_M_S`] the velocity is then 0, above it there is no fix.
 
 use crate::{
-    DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
+    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
-    latitude_rad,
 };
 
 /// Between `$` and `*`; the standard has 79, receivers exceed it a little.
@@ -65,12 +64,11 @@ impl Nmea {
             "RMC" => {
                 self.has_rmc = true;
                 let (time, status, mode) = (fields.nth(0), fields.nth(1), fields.nth(11));
-                let value =
-                    (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.latitude_rad(2)))??;
+                let value = (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.place(2)))??;
                 Some(Measurement { time: unix(fields.nth(8), time), value })
             }
             "VTG" if !self.has_rmc && is_measured(fields.nth(8)) => {
-                Some(Measurement { time: None, value: fields.velocity(4, 0, None)? })
+                Some(Measurement { time: None, value: fields.velocity(4, 0, Place::default())? })
             }
             _ => None,
         }
@@ -99,7 +97,7 @@ impl<'a> Fields<'a> {
         }
     }
 
-    fn velocity(&self, knots: usize, course: usize, latitude_rad: Option<f64>) -> Option<Value> {
+    fn velocity(&self, knots: usize, course: usize, place: Place) -> Option<Value> {
         let speed_m_s = self.number(knots)?? * M_S_PER_KNOT;
         let (east, north) = match self.number(course)? {
             Some(course_deg) => course_deg.to_radians().sin_cos(),
@@ -107,17 +105,23 @@ impl<'a> Fields<'a> {
             None => return None,
         };
         let velocity_m_s = [speed_m_s * east, speed_m_s * north, 0.0];
-        Some(Value::Fix { velocity_m_s, sd_m_s: Some(VERTICAL_SD_M_S), latitude_rad })
+        Some(Value::Fix { velocity_m_s, sd_m_s: Some(VERTICAL_SD_M_S), place })
     }
 
-    /// Degrees and minutes, `ddmm.mm`, then N or S.
-    fn latitude_rad(&self, index: usize) -> Option<f64> {
+    /// Latitude, N or S, longitude, E or W.
+    fn place(&self, index: usize) -> Place {
+        let told = |angle_deg: Option<f64>| angle_deg.unwrap_or(f64::NAN);
+        Place::of(told(self.degrees(index, "N", "S")), told(self.degrees(index + 2, "E", "W")), f64::NAN)
+    }
+
+    /// Degrees and minutes, `dddmm.mm`, then a letter.
+    fn degrees(&self, index: usize, positive: &str, negative: &str) -> Option<f64> {
         let together = decimal(self.nth(index))?;
         let degrees = (together / 100.0).floor();
-        let latitude_rad = latitude_rad(degrees + (together - degrees * 100.0) / 60.0)?;
+        let angle_deg = degrees + (together - degrees * 100.0) / 60.0;
         match self.nth(index + 1) {
-            "N" => Some(latitude_rad),
-            "S" => Some(-latitude_rad),
+            letter if letter == positive => Some(angle_deg),
+            letter if letter == negative => Some(-angle_deg),
             _ => None,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! A frame is 0xB5 0x62, class, id, a length of two bytes, payload, and two sums (Fletcher's). NAV-PVT in its form of 92 bytes, which
 //! receivers from u-blox 8 on send, becomes a fix: `velN`, `velE`, `velD` as velocity east, north, up; `sAcc` as standard deviation;
-//! `lat`, unless it is said to be invalid; date and time as time since 1970, if both are valid. A fix in two dimensions, whose vertical
+//! `lat`, `lon`, `hMSL`, unless they are said to be invalid; date and time as time since 1970, if both are valid. A fix in two dimensions, whose vertical
 //! velocity is assumed, has a standard deviation of [`crate::VERTICAL_SD_M_S`] or more. Without `gnssFixOK` there is no fix. Other
 //! frames are counted; NMEA and RTCM between them are bytes of no frame.
 
@@ -16,9 +16,8 @@ use ublox::{
 };
 
 use crate::{
-    DeviceTime, Measurement, VERTICAL_SD_M_S, Value,
+    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
     framed::{Format, Seen},
-    latitude_rad,
 };
 
 const BEGIN: u8 = 0xb5;
@@ -81,7 +80,11 @@ fn fix(said: &NavPvtRef<'_>) -> Option<Measurement> {
     let value = Value::Fix {
         velocity_m_s: [said.vel_east(), said.vel_north(), -said.vel_down()],
         sd_m_s: Some(said.speed_accuracy().max(least_sd_m_s)),
-        latitude_rad: latitude_rad(said.latitude()).filter(|_| !said.flags3().invalid_llh()),
+        place: if said.flags3().invalid_llh() {
+            Place::default()
+        } else {
+            Place::of(said.latitude(), said.longitude(), said.height_msl())
+        },
     };
     Some(Measurement { time: unix(said), value })
 }

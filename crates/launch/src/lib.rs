@@ -9,6 +9,7 @@
 //! | `schema` | which keys there are, and what each may be |
 //! | `filling` | what may fill a slot |
 //! | `live` | sources that are read while they send |
+//! | `format` | how the bytes of a port are to be read |
 //! | `source_uri` | a source in one line |
 //! | `sensors` | how the sensors are calibrated and mounted |
 //! | `output` | in which frame the attitude leaves the system |
@@ -27,6 +28,7 @@ mod cockpit;
 mod endpoint;
 mod fault;
 mod filling;
+mod format;
 mod gateway;
 mod gateway_section;
 mod live;
@@ -46,8 +48,9 @@ pub use graph::Service;
 pub use cockpit::Cockpit;
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
+pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Rate, Tls};
-pub use live::{Clock, Format, Serial, Stream, Udp};
+pub use live::{Clock, IioDevice, Live, Port, Ported, ReceiverSource, Stream};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
     Source, Stage, StateFile, TOPIC_MESSAGES_MAX,

@@ -7,13 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
-    cockpit::Cockpit,
-    fault::Fault,
-    gateway::Gateway,
-    live::{Clock, Serial, Stream, Udp},
-    output::Output,
-    program::Program,
-    watch::Watch,
+    cockpit::Cockpit, fault::Fault, gateway::Gateway, live::Live, output::Output, program::Program, watch::Watch,
 };
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
@@ -117,12 +111,8 @@ pub struct Ingest {
     pub replay: Replay,
     /// The samples another process publishes.
     pub bus: BusSource,
-    /// What comes on standard input.
-    pub stdin: Stream,
-    /// What comes in datagrams.
-    pub udp: Udp,
-    /// What comes over a serial line.
-    pub serial: Serial,
+    /// What is read while it is sent.
+    pub live: Live,
     /// What is flagged.
     pub limits: Limits,
     /// What the sensors' readings are in the sensors' axes.
@@ -249,8 +239,14 @@ pub enum Source {
     Stdin,
     /// Datagrams.
     Udp,
+    /// A connection.
+    Tcp,
     /// A serial line.
     Serial,
+    /// An autopilot.
+    Mavlink,
+    /// A device of Linux industrial I/O.
+    Iio,
 }
 
 /// What a rate sample says about its interval.
@@ -294,9 +290,7 @@ impl Default for Launch {
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
                 replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
-                stdin: Stream::of(Clock::Device),
-                udp: Udp { listen: "127.0.0.1:14560".into(), stream: Stream::of(Clock::Host) },
-                serial: Serial { port: PathBuf::new(), baud: 115_200, stream: Stream::of(Clock::Host) },
+                live: Live::default(),
                 limits: Limits {
                     rate_max_deg_s: 2000.0,
                     force_max_g: 16.0,

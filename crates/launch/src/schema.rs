@@ -234,13 +234,6 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
             ..Problem::new(span, "ingest.replay.file: a replay needs a file, none is named", "no file to replay")
         });
     }
-    if out.source == Source::Serial && out.serial.port.as_os_str().is_empty() && !section.has_problems() {
-        let span = section.span("source").unwrap_or_default();
-        section.report(Problem {
-            help: Some(r#"name the device file: port = "/dev/ttyUSB0" in [ingest.serial]"#.into()),
-            ..Problem::new(span, "ingest.serial.port: a serial line needs a port, none is named", "no port to read")
-        });
-    }
 }
 
 fn state_file(text: &str) -> Option<StateFile> {

@@ -13,13 +13,16 @@ use crate::{
 };
 
 /// The key that the place of each kind stands for.
-const PLACES: [(&str, Option<&str>); 6] = [
+const PLACES: [(&str, Option<&str>); 9] = [
     ("sim", Some("scenario")),
     ("replay", Some("file")),
     ("bus", None),
     ("stdin", None),
     ("udp", Some("listen")),
+    ("tcp", Some("connect")),
     ("serial", Some("port")),
+    ("mavlink", Some("endpoint")),
+    ("iio", Some("device")),
 ];
 
 impl Launch {
@@ -97,20 +100,23 @@ fn halves(line: &str) -> (&str, &str) {
 
 impl Source {
     /// Every source with its name.
-    pub(crate) const NAMES: [(&str, Self); 6] = [
+    pub(crate) const NAMES: [(&str, Self); 9] = [
         ("sim", Self::Sim),
         ("replay", Self::Replay),
         ("bus", Self::Bus),
         ("stdin", Self::Stdin),
         ("udp", Self::Udp),
+        ("tcp", Self::Tcp),
         ("serial", Self::Serial),
+        ("mavlink", Self::Mavlink),
+        ("iio", Self::Iio),
     ];
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Clock, GyroSamples, Service};
+    use crate::{Clock, GyroSamples, Port, Service};
 
     fn with(line: &str) -> Launch {
         let mut launch = Launch::default();
@@ -134,6 +140,22 @@ mod tests {
             (
                 "udp:[::1]:9?clock=device",
                 "ingest = { source = \"udp\", udp = { listen = \"[::1]:9\", clock = \"device\" } }",
+            ),
+            (
+                "serial:/dev/a?format=witmotion&range_g=8&baud=9600",
+                "ingest = { source = \"serial\", serial = { port = \"/dev/a\", format = \"witmotion\", range_g = 8, baud = 9600 } }",
+            ),
+            (
+                "tcp:imu.local:5555?map=gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz&units=deg/s,g&frame=frd",
+                "ingest = { source = \"tcp\", tcp = { connect = \"imu.local:5555\", map = \"gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz\", units = \"deg/s,g\", frame = \"frd\" } }",
+            ),
+            (
+                "mavlink:serial:/dev/ttyACM0?baud=57600&imu=raw_imu&fix=off&system=3",
+                "ingest = { source = \"mavlink\", mavlink = { endpoint = \"serial:/dev/ttyACM0\", baud = 57600, imu = \"raw_imu\", fix = \"off\", system = 3 } }",
+            ),
+            (
+                "iio:lsm6dsm_gyro?accel_device=lsm6dsm_accel&rate_hz=104",
+                "ingest = { source = \"iio\", iio = { device = \"lsm6dsm_gyro\", accel_device = \"lsm6dsm_accel\", rate_hz = 104 } }",
             ),
             (
                 "serial:/dev/ttyUSB0?format=csv&baud=115200&gyro_samples=instants",
@@ -161,6 +183,11 @@ mod tests {
         assert_eq!(launch.services.last(), Some(&Service::Drivers));
         launch.set_source("bus").unwrap();
         assert_eq!(launch.services, Service::PATH);
+        launch.ingest.live.receiver.port = Some(Port::Tcp("gnss:1".into()));
+        for (source, is_driven) in [("sim", false), ("replay:a.csv", false), ("bus", true), ("udp", true)] {
+            launch.set_source(source).unwrap();
+            assert_eq!(launch.services.contains(&Service::Drivers), is_driven, "{source}");
+        }
         let refused = Launch::parse("launch.toml", "services = [\"drivers\"]").unwrap_err().to_string();
         assert!(refused.contains("unknown value \"drivers\""), "{refused}");
     }
@@ -170,8 +197,9 @@ mod tests {
         let text = "ingest.udp = { listen = \"0.0.0.0:7\", clock = \"device\", gyro_samples = \"instants\" }";
         let mut launch = Launch::parse("launch.toml", text).unwrap();
         launch.set_source("udp?rate_hz=50").unwrap();
-        let udp = &launch.ingest.udp;
-        assert_eq!((udp.listen.as_str(), udp.stream.clock, udp.stream.rate_hz), ("0.0.0.0:7", Clock::Device, 50.0));
+        let udp = &launch.ingest.live.udp;
+        assert_eq!(udp.port, Some(Port::Udp("0.0.0.0:7".into())));
+        assert_eq!((udp.stream.clock, udp.stream.rate_hz), (Clock::Device, 50.0));
         assert_eq!(udp.stream.gyro_samples, GyroSamples::Instants);
     }
 
@@ -181,7 +209,19 @@ mod tests {
             ("serail:/dev/a", "did you mean \"serial\"?"),
             ("serial:/dev/a?bauds=9600", "did you mean \"baud\"?"),
             ("serial:/dev/a?baud=fast", "expected an integer, found a string"),
-            ("serial", "ingest.serial.port: a serial line needs a port"),
+            ("serial", "name it: port = \"/dev/ttyUSB0\" in [ingest.serial]"),
+            ("tcp", "name it: connect"),
+            ("iio", "name it: device"),
+            ("tcp:host", "a host and a port"),
+            ("mavlink:udpout:1.2.3.4:5", "\"udpin:127.0.0.1:14540\""),
+            ("serial:/dev/a?format=witmotoin", "did you mean \"witmotion\"?"),
+            ("serial:/dev/a?format=rvc&range_g=8", "unknown key \"range_g\""),
+            ("serial:/dev/a?map=gx=wx", "found no gy, gz, ax, ay, az"),
+            ("serial:/dev/a?units=dgr/s", "did you mean \"deg/s\"?"),
+            ("serial:/dev/a?frame=xyz", "found \"xyz\""),
+            ("serial:/dev/a?columns=t,gx,gy,gz,ax,ay", "found no \"az\" among them"),
+            ("serial:/dev/a?units=s&time_bits=60", "a counter that begins again within 292 years"),
+            ("sim:s1?receiver=1", "unknown key \"receiver\""),
             ("udp:nowhere", "an address and a port"),
             ("stdin:/dev/a", "unknown key \"place\""),
             ("sim:s9", "unknown value \"s9\""),

@@ -10,7 +10,8 @@ const TARGETS: [&str; 21] = [
     "lon", "alt",
 ];
 /// What a column is taken for by its name alone.
-const OWN_NAMES: [&str; 14] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "ve", "vn", "vu", "lat"];
+const OWN_NAMES: [&str; 16] =
+    ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz", "ve", "vn", "vu", "lat", "lon", "alt"];
 /// Those that must be there in files.
 const NEEDED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
 /// Those that must be there in what arrives at its own time.
@@ -233,6 +234,19 @@ impl Mapping {
     /// The column mapped to a target.
     pub fn column(&self, target: &str) -> Option<&str> {
         self.columns.iter().find(|(other, _)| *other == target).map(|(_, column)| column.as_str())
+    }
+
+    /// What is mapped, and to which column.
+    pub fn columns(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        self.columns.iter().map(|(target, column)| (*target, column.as_str()))
+    }
+
+    /// After which a counter of so many bits, in the unit of the time, begins again, ns; none of a counter that lasts longer than a
+    /// time in nanoseconds can.
+    pub fn period_ns(&self, bits: u64) -> Option<u64> {
+        let count_ns = u32::try_from(self.time_digits).ok().and_then(|digits| 10u64.checked_pow(digits))?;
+        let counts = (1..64).contains(&bits).then(|| 1u64 << bits)?;
+        counts.checked_mul(count_ns).filter(|period_ns| i64::try_from(*period_ns).is_ok())
     }
 
     /// Whether the magnetic field is mapped.

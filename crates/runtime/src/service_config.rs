@@ -119,9 +119,7 @@ impl ServiceConfig {
             Source::Sim => self.launch.ingest.sim.gyro_samples(),
             Source::Replay => self.launch.ingest.replay.gyro_samples,
             Source::Bus => self.launch.ingest.bus.gyro_samples,
-            Source::Stdin => self.launch.ingest.stdin.gyro_samples,
-            Source::Udp => self.launch.ingest.udp.stream.gyro_samples,
-            Source::Serial => self.launch.ingest.serial.stream.gyro_samples,
+            _ => self.launch.ingest.stream().map_or(GyroSamples::Means, |stream| stream.gyro_samples),
         }
     }
 }

@@ -46,7 +46,7 @@ use {
 
 pub use event::{Action, Config, Event, Failure, OutputProgress, Reply, Resume, Spawn};
 pub use process::{ProcessEntry, ProcessTable};
-pub use request::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest};
+pub use request::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest, Trouble};
 
 /// All that the supervisor of one system knows and decides.
 #[derive(Debug)]
@@ -164,6 +164,10 @@ impl Supervision {
                 self.announce(format!("{service}: {what}"));
                 Reply::Done
             }
+            ControlRequest::Troubles { service, troubles } => {
+                self.table.has_troubles(&service, troubles);
+                Reply::Done
+            }
             ControlRequest::At { service, at } => {
                 self.announce(format!("{service}: {at}"));
                 // What stands behind `#` gives rights to whoever reads it: it is for people at the terminal, and not for all who ask.
@@ -192,6 +196,7 @@ impl Supervision {
                 ticks: told(|health| health.ticks),
                 lost: told(|health| health.lost),
                 at: entry.address().map(str::to_owned),
+                troubles: entry.troubles().to_vec(),
             }
         };
         self.entries().map(status).collect()

@@ -6,12 +6,15 @@ use launch::{Restart, Service};
 use messages::{Health, State};
 
 use crate::{
-    Action, Resume,
+    Action, Resume, Trouble,
     restart_policy::{FIRST_HEALTH_LIMIT, RestartPolicy},
 };
 
 /// A service that can wait and says nothing for so long is killed: it may have to wait for the machine.
 const SILENCE_BESIDE: Duration = Duration::from_secs(5);
+
+/// Of a service at once.
+const TROUBLES_MAX: usize = 16;
 
 /// The services of a system, in the order of [`Service::ALL`].
 #[derive(Debug)]
@@ -40,6 +43,7 @@ pub struct ProcessEntry {
     /// The decision that its next process begins under, and the first tick that it publishes.
     pub(crate) ownership: Option<(u32, u64)>,
     at: Option<String>,
+    troubles: Vec<Trouble>,
 }
 
 /// One process.
@@ -130,6 +134,14 @@ impl ProcessTable {
         }
     }
 
+    /// A service has said what is wrong with what it reads.
+    pub(crate) fn has_troubles(&mut self, service: &str, mut troubles: Vec<Trouble>) {
+        if let Some(service) = Service::named(service) {
+            troubles.truncate(TROUBLES_MAX);
+            self.entry_mut(service).troubles = troubles;
+        }
+    }
+
     /// Takes what a service says of itself; the last words of the dead are left out.
     pub(crate) fn on_health(&mut self, health: Health, now: Duration) {
         let Some(entry) = self.entries.get_mut(health.service as usize) else { return };
@@ -181,6 +193,7 @@ impl ProcessTable {
             (entry.process, entry.candidate) = (None, None);
             entry.retired.clear();
             (entry.due, entry.ownership, entry.at) = (None, None, None);
+            entry.troubles.clear();
         }
     }
 }
@@ -222,6 +235,11 @@ impl ProcessEntry {
     /// Where it can be reached.
     pub(crate) fn address(&self) -> Option<&str> {
         self.at.as_deref()
+    }
+
+    /// What is wrong with what it reads.
+    pub(crate) fn troubles(&self) -> &[Trouble] {
+        &self.troubles
     }
 
     /// What it does, in a word, where one that says nothing for `silence` is silent.
@@ -270,6 +288,7 @@ impl ProcessEntry {
         let its = |process: &mut Process| process.incarnation == incarnation;
         if let Some(process) = self.process.take_if(its) {
             self.at = None;
+            self.troubles.clear();
             return Some(Ended::Owner(process));
         }
         let candidate = self.candidate.take_if(its);

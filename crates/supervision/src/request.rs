@@ -30,6 +30,13 @@ pub enum ControlRequest {
         /// A line.
         what: String,
     },
+    /// A service says what is wrong with what it reads, all of it.
+    Troubles {
+        /// Which one.
+        service: String,
+        /// Nothing if all is well.
+        troubles: Vec<Trouble>,
+    },
     /// A service says where it can be reached.
     At {
         /// Which one.
@@ -37,6 +44,17 @@ pub enum ControlRequest {
         /// Its address.
         at: String,
     },
+}
+
+/// Something that is wrong with what a service reads.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Trouble {
+    /// What it is, in a word; one of a kind at a time.
+    pub kind: String,
+    /// What was found.
+    pub found: String,
+    /// What to do about it.
+    pub remedy: String,
 }
 
 /// What the report of a running system and its file lack.
@@ -144,4 +162,6 @@ pub struct ServiceStatus {
     pub lost: u64,
     /// Where it can be reached.
     pub at: Option<String>,
+    /// What is wrong with what it reads.
+    pub troubles: Vec<Trouble>,
 }

@@ -11,6 +11,7 @@
 //! | [`payload`] | a topic's message as protobuf, and back |
 //! | [`batch`] | samples in an envelope by which a loss is proved |
 //! | `frame` | in which frame samples are |
+//! | [`measurement`] | what a program sends that has sensors |
 //! | [`command`] | what a running system can be asked |
 //! | [`cockpit`] | what the cockpit's page is told and asks for |
 //! | [`keys`] | where everything is found |
@@ -25,6 +26,7 @@ pub mod command;
 mod field;
 mod frame;
 pub mod keys;
+pub mod measurement;
 pub mod payload;
 pub mod refusal;
 pub mod schema;

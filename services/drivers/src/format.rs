@@ -3,17 +3,67 @@
 use decoders::{
     Decoder,
     framed::Framed,
-    lines::{Lines, LinesError, Settings},
+    lines::{Lines, Settings},
+    mavlink::{self, Mavlink, RawScale},
+    nmea::Nmea,
+    rvc::Rvc,
+    ubx::Ubx,
+    witmotion::{Ranges, WitMotion},
+    xsens::Xsens,
 };
-use launch::Format;
+use launch::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat};
+
+use crate::{DriversError, protobuf::Protobuf};
 
 /// A decoder of what a device sends, before its first byte.
-pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, LinesError> {
-    match format {
-        // Half a line where a port is opened in the midst of one is left out by whoever opens it.
-        Format::Csv => {
-            let settings = Settings { begins_whole: true, ..Settings::default() };
-            Ok(Box::new(Framed::new(Lines::new(&settings)?)))
+pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, DriversError> {
+    Ok(match format {
+        Format::Csv(columns) => Box::new(Framed::new(lines(columns)?)),
+        Format::Protobuf => Box::new(Framed::new(Protobuf)),
+        Format::WitMotion(launch::WitMotion { range_g, range_deg_s, field_unit_ut }) => {
+            let field_ut = Some(*field_unit_ut).filter(|unit_ut| *unit_ut > 0.0);
+            Box::new(Framed::new(WitMotion::new(Ranges { force_g: *range_g, rate_deg_s: *range_deg_s, field_ut })))
         }
+        Format::Xsens { field_unit_ut } => Box::new(Framed::new(Xsens::new(*field_unit_ut))),
+        Format::Rvc => Box::new(Framed::new(Rvc::default())),
+        Format::Mavlink(autopilot) => Box::new(Framed::new(Mavlink::new(settings(autopilot)))),
+    })
+}
+
+/// A decoder of what a receiver sends, before its first byte.
+pub(crate) fn receiver(format: ReceiverFormat) -> Box<dyn Decoder> {
+    match format {
+        ReceiverFormat::Ubx => Box::new(Framed::new(Ubx)),
+        ReceiverFormat::Nmea => Box::new(Framed::new(Nmea::default())),
+    }
+}
+
+fn lines(columns: &Columns) -> Result<Lines, DriversError> {
+    let settings = Settings {
+        mapping: columns.mapping()?,
+        columns: columns.names(),
+        time_bits: u8::try_from(columns.time_bits).ok().filter(|bits| *bits > 0),
+        // Half a line where a port is opened in the midst of one is left out by whoever opens it.
+        begins_whole: true,
+    };
+    Ok(Lines::new(&settings)?)
+}
+
+fn settings(Autopilot { system, imu, fix }: &Autopilot) -> mavlink::Settings {
+    mavlink::Settings {
+        system: u8::try_from(*system).ok().filter(|system| *system > 0),
+        imu: imu.map(|imu| match imu {
+            ImuMessage::HighresImu => mavlink::ImuMessage::HighresImu,
+            ImuMessage::ScaledImu => mavlink::ImuMessage::ScaledImu,
+            ImuMessage::ScaledImu2 => mavlink::ImuMessage::ScaledImu2,
+            ImuMessage::ScaledImu3 => mavlink::ImuMessage::ScaledImu3,
+            ImuMessage::RawImu => mavlink::ImuMessage::RawImu,
+        }),
+        fix: match fix {
+            Some(FixMessage::GpsRawInt) => mavlink::FixMessage::GpsRawInt,
+            Some(FixMessage::GlobalPositionInt) => mavlink::FixMessage::GlobalPositionInt,
+            None => mavlink::FixMessage::Nothing,
+        },
+        raw: Some(RawScale::ARDUPILOT),
     }
 }

@@ -1,41 +1,67 @@
 //! The service `drivers`: reads the devices of a live source and gives what they measure to ingest.
 //!
-//! Input: bytes on standard input, in datagrams or over a serial line. Output: the topics `sensor` and `receiver`. Time: that of the device as it
-//! is, or fitted to CLOCK_MONOTONIC ([`driver::clock_fit`]), as the launch file says. Failure: a port that is not there or goes away is told with
-//! the remedy and opened again after a pause that doubles; bytes that are no message of the format are counted. What waits, as a pipe does, is
-//! read only as fast as ingest takes it.
+//! Input: bytes on standard input, in datagrams, over a connection, a serial line or industrial I/O; and those of a satellite receiver beside them. Output: the topics `sensor` and
+//! `receiver`. Time: that of the device as it is, or fitted to CLOCK_MONOTONIC ([`driver::clock_fit`]), as the launch file says. Failure: a
+//! port that is not there or goes away is told with the remedy and opened again after a pause that doubles; bytes that are no message of
+//! the format are counted; what is wrong with a device is told to the supervisor. What waits, as a pipe does, is read only as fast as ingest
+//! takes it.
 //!
 //! | module | what it holds |
 //! | --- | --- |
-//! | `port` | the ways in: standard input, datagrams, a serial line |
+//! | `input` | what measurements come from |
+//! | `stream` | a device whose bytes come over a port |
+//! | `iio` | a device of Linux industrial I/O |
+//! | `receiver` | a satellite receiver beside the source |
+//! | `port` | the ways in: standard input, datagrams, a connection, a serial line |
 //! | `line` | a port that is opened again when it goes away |
 //! | `format` | the decoder of a format |
+//! | `protobuf` | messages of the schema in a stream |
 //! | `beginning` | the header of a text, for a process that goes on in the midst of it |
 //! | `outlet` | measurements as readings and fixes, with their times, to ingest |
+//! | `troubles` | what is wrong with a device |
+//! | `teller` | what people and the supervisor are told |
 #![forbid(unsafe_code)]
 
 mod beginning;
 mod format;
+mod iio;
+mod input;
 mod line;
 mod outlet;
 mod port;
+mod protobuf;
+mod receiver;
+mod stream;
+mod teller;
+mod troubles;
 
-use std::{thread, time::Duration};
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 use bus::BusError;
 use decoders::lines::LinesError;
-use launch::{Service, Source};
+use launch::{Ingest, Service, Source};
+use mapping::MappingError;
 use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use beginning::Beginning;
-use line::{Line, Taken};
+use iio::IioInput;
+use input::{Input, Step};
 use outlet::Outlet;
+use receiver::Receiver;
+use stream::Stream;
+use teller::Teller;
+use troubles::Watch;
 
 /// The longest wait for bytes, before the service says how it is.
 const WAIT: Duration = Duration::from_millis(50);
 /// The wait for ingest to take what it has.
 const ROOM_WAIT: Duration = Duration::from_micros(500);
+/// From one look at how the devices do to the next.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// Why the drivers ended.
 #[derive(Debug, thiserror::Error)]
@@ -46,74 +72,81 @@ pub enum DriversError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The columns are none.
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
     /// The format has settings that are none.
     #[error(transparent)]
     Lines(#[from] LinesError),
-    /// The source has no port.
-    #[error("reading a device: the source of this launch file has no port")]
-    NoPort,
+    /// A thread could not be started.
+    #[error("starting a thread of the drivers: {0}")]
+    Thread(#[from] std::io::Error),
 }
 
 /// The service.
 pub fn run() -> Result<(), DriversError> {
     let mut context = ServiceContext::join(Service::Drivers)?;
     let ingest = context.config.launch.ingest.clone();
-    let stream = *ingest.stream().ok_or(DriversError::NoPort)?;
-    let mut decoder = format::decoder(&stream.format)?;
-    let mut outlet = Outlet::open(&context, &stream)?;
-    let mut line = Line::new(&ingest, context.config.launch.name.clone(), context.config.resume.is_some());
-    // The last line of a datagram, or of all, may lack its end.
-    let line_end: &[u8] = if stream.format.is_text() { b"\n" } else { b"" };
+    let mut outlet = Outlet::open(&context, ingest.stream())?;
+    let mut source = source(&ingest, &context)?;
+    let receiver = Receiver::start(&ingest.live.receiver)?;
+    let mut teller = Teller::start(context.config.launch.name.clone())?;
+    let (mut of_source, mut of_receiver) = (Watch::new(""), Watch::new("receiver-"));
+    let mut next_look = Instant::now() + LOOK;
     let mut found = Vec::new();
-    let mut beginning = Beginning::open(&context)?;
-    // What an earlier process has sent of it is not sent again.
-    decoder.push(beginning.text(), &mut found);
-    found.clear();
-    // The first line is the rest of one.
-    let mut is_cut = false;
     let mut state = State::READY;
     while !context.ends() {
-        let refused = decoder.counts().refused;
+        let report = source.as_ref().map(|source| source.report());
+        let clock = outlet.clock_health();
+        let clock_steps = clock.resets + clock.backsteps;
+        if Instant::now() >= next_look {
+            next_look = Instant::now() + LOOK;
+            let mut troubles = report.clone().map_or(Vec::new(), |report| of_source.look(report, clock_steps));
+            troubles.extend(receiver.iter().flat_map(|receiver| of_receiver.look(receiver.report(), 0)));
+            teller.troubles(troubles);
+        }
         context.publish_health(state, |health| {
-            (health.ticks, health.refused) = (outlet.sent(), refused);
-            let clock = outlet.clock_health();
+            health.ticks = outlet.sent();
+            health.refused = report.map_or(0, |report| report.counts.refused);
             health.clock_offset_ns = clock.offset_ns;
             health.clock_jitter_ns = clock.jitter_ns as u64;
-            health.clock_steps = clock.resets + clock.backsteps;
+            health.clock_steps = clock_steps;
         })?;
         outlet.deliver_history()?;
         if !outlet.empty()? {
             thread::sleep(ROOM_WAIT);
             continue;
         }
-        match line.take(WAIT) {
-            Taken::Bytes { bytes, begin_anywhere } => {
+        match source.as_mut().map(|source| source.take(WAIT, &mut found)).transpose()? {
+            Some(Step::Given { after_absence }) => {
                 state = State::RUNNING;
-                // Half a line may look like a whole one, with half a number.
-                is_cut |= begin_anywhere && stream.format.is_text();
-                let end: &[u8] = if ingest.source == Source::Udp { line_end } else { b"" };
-                decoder.push(bytes, &mut found);
-                decoder.push(end, &mut found);
-                if stream.format.is_text() {
-                    beginning.see(bytes, false)?;
-                    beginning.see(end, !found.is_empty())?;
-                }
-                if is_cut && !found.is_empty() {
-                    found.remove(0);
-                    is_cut = false;
+                if after_absence {
+                    outlet.interrupt();
                 }
             }
-            Taken::Nothing => {}
-            Taken::End if state != State::FINISHED => {
-                decoder.push(line_end, &mut found);
-                // Not before all of it has been sent.
-                state = if found.is_empty() { State::FINISHED } else { state };
-            }
-            Taken::End => thread::sleep(WAIT),
+            // Not before all of it has been sent.
+            Some(Step::End) if state != State::FINISHED => state = State::FINISHED,
+            Some(Step::End) => thread::sleep(WAIT),
+            Some(Step::Nothing) => {}
+            None => found.extend(receiver.iter().find_map(|receiver| receiver.take(WAIT))),
         }
+        found.extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.take(Duration::ZERO))));
         let arrival_ns = monotonic_ns().cast_signed();
         found.drain(..).for_each(|measurement| outlet.add(&measurement, arrival_ns));
     }
     let sent = outlet.sent();
     Ok(context.publish_last_health(|health| health.ticks = sent)?)
+}
+
+/// What the source is read from; none where it is not read here.
+fn source(ingest: &Ingest, context: &ServiceContext) -> Result<Option<Box<dyn Input>>, DriversError> {
+    if ingest.source == Source::Iio {
+        return Ok(Some(Box::new(IioInput::new(ingest.live.iio.clone()))));
+    }
+    let (Some(stream), Some(port)) = (ingest.stream(), ingest.port()) else { return Ok(None) };
+    let format = stream.format.clone();
+    let beginning = format.is_text().then(|| Beginning::open(context)).transpose()?;
+    let (name, goes_on) = (format.name(), context.config.resume.is_some());
+    let make = Box::new(move || format::decoder(&format));
+    Ok(Some(Box::new(Stream::open(port.clone(), name, goes_on, beginning, make)?)))
 }

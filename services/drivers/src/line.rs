@@ -5,32 +5,46 @@ use std::{
     time::{Duration, Instant},
 };
 
-use control::ControlRequest;
-use launch::{Ingest, Service, Source};
+use launch::Port;
 
-use crate::port::{Given, Port};
+use crate::port::{Given, OpenPort};
 
 /// Bytes read at once, at most.
 const BYTES: usize = 1 << 16;
 /// From one attempt to open the port to the next: at first, and at most.
 const PAUSE: Duration = Duration::from_millis(100);
 const PAUSE_MAX: Duration = Duration::from_secs(5);
-/// How long the supervisor is sought for, to be told something.
-const TELL_LIMIT: Duration = Duration::from_secs(5);
 
-/// The port of the source, whether or not it is there.
+/// A port, whether or not it is there.
 pub(crate) struct Line {
-    ingest: Ingest,
-    system: String,
-    port: Option<Port>,
+    port: Port,
+    open: Option<OpenPort>,
     bytes: Vec<u8>,
     pause: Duration,
     again: Instant,
-    /// Why it is not there, as the supervisor was told.
-    told: Option<String>,
+    absence: Option<Absence>,
     /// An earlier process has read of the same input.
     goes_on: bool,
-    begins_anywhere: bool,
+    begins: Option<Begin>,
+    strangers: u64,
+}
+
+/// Why a port is not there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Absence {
+    /// What the system said.
+    pub(crate) found: String,
+    /// What to do about it.
+    pub(crate) remedy: &'static str,
+}
+
+/// How bytes stand to those before them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Begin {
+    /// They are the first since the port was opened, and begin with a whole message.
+    Whole,
+    /// They are the first since the port was opened, and may begin in the midst of a message.
+    Anywhere,
 }
 
 /// What was taken of it.
@@ -39,8 +53,8 @@ pub(crate) enum Taken<'a> {
     Bytes {
         /// What came.
         bytes: &'a [u8],
-        /// They are the first since the port was opened, and may begin in the midst of a message.
-        begin_anywhere: bool,
+        /// Nothing if they go on from those before them.
+        begin: Option<Begin>,
     },
     /// None within the limit.
     Nothing,
@@ -49,52 +63,64 @@ pub(crate) enum Taken<'a> {
 }
 
 impl Line {
-    pub(crate) fn new(ingest: &Ingest, system: String, goes_on: bool) -> Self {
+    pub(crate) fn new(port: Port, goes_on: bool) -> Self {
         Self {
-            ingest: ingest.clone(),
-            system,
-            port: None,
+            port,
+            open: None,
             bytes: vec![0; BYTES],
             pause: PAUSE,
             again: Instant::now(),
-            told: None,
+            absence: None,
             goes_on,
-            begins_anywhere: false,
+            begins: None,
+            strangers: 0,
         }
+    }
+
+    pub(crate) fn port(&self) -> &Port {
+        &self.port
+    }
+
+    /// Why it is not there, if it is not.
+    pub(crate) fn absence(&self) -> Option<&Absence> {
+        self.absence.as_ref()
+    }
+
+    /// Datagrams of others than the one that is heard.
+    pub(crate) fn strangers(&self) -> u64 {
+        self.strangers + self.open.as_ref().map_or(0, OpenPort::strangers)
     }
 
     /// Takes what is there, or comes within the limit. A port that is not there is sought for again when its pause has passed.
     pub(crate) fn take(&mut self, limit: Duration) -> Taken<'_> {
         let now = Instant::now();
-        if self.port.is_none() {
+        if self.open.is_none() {
             if now < self.again {
                 thread::sleep((self.again - now).min(limit));
                 return Taken::Nothing;
             }
-            match Port::open(&self.ingest) {
-                Ok(port) => {
-                    self.port = Some(port);
-                    self.begins_anywhere = match self.ingest.source {
-                        Source::Serial => true,
-                        Source::Stdin => self.goes_on,
-                        _ => false,
-                    };
-                    if self.told.is_some() {
-                        self.tell(format!("{} is open", place(&self.ingest)));
-                    }
+            match OpenPort::open(&self.port) {
+                Ok(open) => {
+                    self.open = Some(open);
+                    self.absence = None;
+                    self.begins = Some(match self.port {
+                        Port::Serial { .. } => Begin::Anywhere,
+                        Port::Stdin if self.goes_on => Begin::Anywhere,
+                        _ => Begin::Whole,
+                    });
                 }
                 Err(error) => self.give_up(&error),
             }
         }
-        let Some(port) = &mut self.port else { return Taken::Nothing };
-        match port.read(&mut self.bytes, limit) {
+        let Some(open) = &mut self.open else { return Taken::Nothing };
+        match open.read(&mut self.bytes, limit) {
             Ok(Given::Bytes(count)) => {
-                (self.pause, self.told) = (PAUSE, None);
+                self.pause = PAUSE;
                 let bytes = self.bytes.get(..count).unwrap_or_default();
-                Taken::Bytes { bytes, begin_anywhere: std::mem::take(&mut self.begins_anywhere) }
+                Taken::Bytes { bytes, begin: self.begins.take() }
             }
             Ok(Given::Nothing) => Taken::Nothing,
-            Ok(Given::End) if self.ingest.source == Source::Stdin => Taken::End,
+            Ok(Given::End) if self.port == Port::Stdin => Taken::End,
             Ok(Given::End) => {
                 self.give_up(&io::Error::other("it was closed at the other end"));
                 Taken::Nothing
@@ -106,49 +132,27 @@ impl Line {
         }
     }
 
-    /// The port is not there. That is told once for each cause.
     fn give_up(&mut self, error: &io::Error) {
-        self.port = None;
+        self.strangers = self.strangers();
+        self.open = None;
         self.again = Instant::now() + self.pause;
         self.pause = (self.pause * 2).min(PAUSE_MAX);
-        let why = error.to_string();
-        if self.told.as_ref() != Some(&why) {
-            let place = place(&self.ingest);
-            self.tell(format!("reading {place}: {why}; {}; it is tried again", remedy(&self.ingest, error)));
-            self.told = Some(why);
-        }
-    }
-
-    fn tell(&self, what: String) {
-        let (system, deadline) = (self.system.clone(), Instant::now() + TELL_LIMIT);
-        let news = ControlRequest::Tell { service: Service::Drivers.name().into(), what };
-        thread::spawn(move || {
-            while control::ask::<()>(&system, &news).is_err() && Instant::now() < deadline {
-                thread::sleep(Duration::from_millis(100));
-            }
-        });
-    }
-}
-
-/// The port, for people.
-fn place(ingest: &Ingest) -> String {
-    match ingest.source {
-        Source::Udp => format!("datagrams to {}", ingest.udp.listen),
-        Source::Serial => ingest.serial.port.display().to_string(),
-        _ => "standard input".into(),
+        self.absence = Some(Absence { found: error.to_string(), remedy: remedy(&self.port, error) });
     }
 }
 
 /// What to do where the port is not there.
-fn remedy(ingest: &Ingest, error: &io::Error) -> &'static str {
-    match (ingest.source, error.kind()) {
-        (Source::Udp, io::ErrorKind::AddrInUse) => "another program has the port: end it, or set another `listen`",
-        (Source::Udp, _) => "set `listen` in [ingest.udp] to an address of this machine and a free port",
-        (Source::Serial, io::ErrorKind::PermissionDenied) => {
+fn remedy(port: &Port, error: &io::Error) -> &'static str {
+    match (port, error.kind()) {
+        (Port::Udp(_), io::ErrorKind::AddrInUse) => "another program has the port: end it, or set another `listen`",
+        (Port::Udp(_), _) => "name an address of this machine and a free port",
+        (Port::Tcp(_), io::ErrorKind::ConnectionRefused) => "start the program that listens there",
+        (Port::Tcp(_), _) => "see that the host is there and that its name, address and port are right",
+        (Port::Serial { .. }, io::ErrorKind::PermissionDenied) => {
             "give this user the right to it: sudo usermod -aG dialout USER, and log in again"
         }
-        (Source::Serial, io::ErrorKind::ResourceBusy) => "another program has it open: end that",
-        (Source::Serial, _) => "plug the device in, and look at `port` in [ingest.serial]",
-        _ => "give the supervisor something to read: PROGRAM | plumb up --source stdin",
+        (Port::Serial { .. }, io::ErrorKind::ResourceBusy) => "another program has it open: end that",
+        (Port::Serial { .. }, _) => "plug the device in, and see that its name is right: ls /dev/serial/by-id",
+        (Port::Stdin, _) => "give the supervisor something to read: PROGRAM | plumb up --source stdin",
     }
 }

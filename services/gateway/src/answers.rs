@@ -8,7 +8,7 @@ use runtime::clock::monotonic_ns;
 use wire::{
     command::ControlMessage,
     keys, schema,
-    v1::{ServiceStatus, Services, SwapAnswer, SwapRequest},
+    v1::{ServiceStatus, Services, SwapAnswer, SwapRequest, Trouble},
 };
 
 use crate::{Shared, locked, sender::Last, worker_pool::WorkerPool};
@@ -77,7 +77,11 @@ fn swap(question: &Question, shared: &Shared) {
 }
 
 fn status(of: control::ServiceStatus) -> ServiceStatus {
-    let control::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at } = of;
+    let control::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } =
+        of;
     let (stage, at) = (stage.unwrap_or_default(), at.unwrap_or_default());
-    ServiceStatus { service, stage, state, pid: pid.unwrap_or_default(), restarts, incarnation, epoch, ticks, lost, at }
+    let trouble = |control::Trouble { kind, found, remedy }| Trouble { kind, found, remedy };
+    let troubles = troubles.into_iter().map(trouble).collect();
+    let pid = pid.unwrap_or_default();
+    ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
 }

@@ -135,7 +135,13 @@ impl Readings {
                 let Replay { file, gnss, mag, .. } = &launch.ingest.replay;
                 Ok(Self::Replay(Box::new(Recorded::open(file, fixes_of(file, gnss).as_deref(), *mag)?)))
             }
-            Source::Bus | Source::Stdin | Source::Udp | Source::Serial => Err(SourceError::NoBus),
+            Source::Bus
+            | Source::Stdin
+            | Source::Udp
+            | Source::Tcp
+            | Source::Serial
+            | Source::Mavlink
+            | Source::Iio => Err(SourceError::NoBus),
         }
     }
 }

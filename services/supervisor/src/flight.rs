@@ -35,7 +35,17 @@ impl std::fmt::Debug for Flight {
 }
 
 /// The sources in the order of their numbers in the event that begins a run.
-const SOURCES: [Source; 6] = [Source::Sim, Source::Replay, Source::Bus, Source::Stdin, Source::Udp, Source::Serial];
+const SOURCES: [Source; 9] = [
+    Source::Sim,
+    Source::Replay,
+    Source::Bus,
+    Source::Stdin,
+    Source::Udp,
+    Source::Serial,
+    Source::Tcp,
+    Source::Mavlink,
+    Source::Iio,
+];
 const RATE: &str = "rate_hz";
 const SOURCE: &str = "source";
 

@@ -94,11 +94,6 @@ impl Plan {
             }
         }
         let (rate_hz, rows, has_reference) = match launch.ingest.source {
-            Source::Sim => (launch.ingest.sim.rate_hz, None, true),
-            Source::Bus => (launch.ingest.bus.rate_hz, None, false),
-            Source::Stdin => (launch.ingest.stdin.rate_hz, None, false),
-            Source::Udp => (launch.ingest.udp.stream.rate_hz, None, false),
-            Source::Serial => (launch.ingest.serial.stream.rate_hz, None, false),
             Source::Replay => {
                 let file = &launch.ingest.replay.file;
                 let is_read = |out: &&PathBuf| {
@@ -109,6 +104,11 @@ impl Plan {
                 }
                 let survey = recording::survey(file)?;
                 (survey.rate_hz, Some(survey.rows), survey.has_reference)
+            }
+            // All others declare their rate.
+            source => {
+                let rate_hz = launch.ingest.declared_rate_hz().unwrap_or(launch.ingest.sim.rate_hz);
+                (rate_hz, None, source == Source::Sim)
             }
         };
         if launch.ingest.source == Source::Stdin && io::stdin().is_terminal() {

@@ -122,9 +122,10 @@ fn head(plan: &Plan) -> String {
         Source::Sim => format!("simulation {}", launch.ingest.sim.scenario),
         Source::Replay => plan.recording.as_ref().unwrap_or(&launch.ingest.replay.file).display().to_string(),
         Source::Bus => "sensors on the bus".into(),
-        Source::Stdin => "standard input".into(),
-        Source::Udp => format!("datagrams to {}", launch.ingest.udp.listen),
-        Source::Serial => launch.ingest.serial.port.display().to_string(),
+        Source::Iio => launch.ingest.live.iio.device.clone(),
+        Source::Stdin | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink => {
+            launch.ingest.port().map_or_else(String::new, ToString::to_string)
+        }
     };
     let pace = match plan.config.pace {
         Pace::Max => ", as fast as possible".into(),

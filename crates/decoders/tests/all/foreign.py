@@ -57,7 +57,7 @@ def mavlink(file, version):
             if kind >= 2 and course != 65535:
                 angle = math.radians(course / 100)
                 velocity = [speed / 100 * math.sin(angle), speed / 100 * math.cos(angle), 0.0]
-                said("fix", clock, us * 1000, *velocity, 1.0, math.radians(-37.775))
+                said("fix", clock, us * 1000, *velocity, 1.0, math.radians(-37.775), math.radians(144.96), 30.0)
 
 
 def scaled(file):
@@ -74,7 +74,7 @@ def scaled(file):
         said("imu", "boot", n * 20_000_000, *(part / 1000 for part in rate), *(part / 1000 * GRAVITY for part in force), *microtesla)
         vx, vy, vz = (dice.randrange(-3000, 3000) for _ in range(3))
         link.global_position_int_send(n * 20, 481000000, 115000000, 500000, 0, vx, vy, vz, 0)
-        said("fix", "boot", n * 20_000_000, vy / 100, vx / 100, -vz / 100, NAN, math.radians(48.1))
+        said("fix", "boot", n * 20_000_000, vy / 100, vx / 100, -vz / 100, NAN, math.radians(48.1), math.radians(11.5), 500.0)
 
 
 def ubx(file):
@@ -89,15 +89,15 @@ def ubx(file):
         message = UBXMessage(
             "NAV", "NAV-PVT", GET, iTOW=n * 100, year=date[0], month=date[1], day=date[2], hour=date[3], min=date[4],
             second=date[5], validDate=is_valid, validTime=1, nano=nano, fixType=kind, gnssFixOk=is_good, lon=144.96,
-            lat=-37.775, velN=north, velE=east, velD=down, sAcc=accuracy, invalidLlh=no_place,
+            lat=-37.775, hMSL=30123, velN=north, velE=east, velD=down, sAcc=accuracy, invalidLlh=no_place,
         )
         file.write(message.serialize())
         file.write(UBXMessage("NAV", "NAV-POSLLH", GET, iTOW=n, lat=1.0, lon=2.0).serialize())
         if kind in (2, 3, 4) and is_good:
             ns = calendar.timegm(date) * 1_000_000_000 + nano
             sd = max(accuracy / 1000, 1.0 if kind == 2 else 0.0)
-            place = NAN if no_place else math.radians(-37.775)
-            said("fix", "unix" if is_valid else "none", ns if is_valid else 0, east / 1000, north / 1000, -down / 1000, sd, place)
+            place = [NAN] * 3 if no_place else [math.radians(-37.775), math.radians(144.96), 30.123]
+            said("fix", "unix" if is_valid else "none", ns if is_valid else 0, east / 1000, north / 1000, -down / 1000, sd, *place)
 
 
 def nmea(file):
@@ -108,7 +108,7 @@ def nmea(file):
     dice = random.Random(8)
     # Before the first RMC, VTG counts.
     file.write(NMEAMessage("GN", "VTG", GET, cogt=90.0, sogn=10.0, posMode="A").serialize())
-    said("fix", "none", 0, 10 * 1852 / 3600, 0.0, 0.0, 1.0, NAN)
+    said("fix", "none", 0, 10 * 1852 / 3600, 0.0, 0.0, 1.0, NAN, NAN, NAN)
     for n in range(300):
         time = datetime.time(n % 24, n % 60, (7 * n) % 60, n % 100 * 10_000)
         date = datetime.date(2026, 1 + n % 12, 1 + n % 28)
@@ -124,7 +124,7 @@ def nmea(file):
             ns = calendar.timegm((date.year, date.month, date.day, time.hour, time.minute, time.second)) * 1_000_000_000
             speed_m_s, angle = speed * 1852 / 3600, math.radians(course)
             velocity = speed_m_s * math.sin(angle), speed_m_s * math.cos(angle), 0.0
-            said("fix", "unix", ns + time.microsecond * 1000, *velocity, 1.0, math.radians(-37.775 if south else 48.1))
+            said("fix", "unix", ns + time.microsecond * 1000, *velocity, 1.0, math.radians(-37.775 if south else 48.1), math.radians(144.96), NAN)
 
 
 with open(sys.argv[2], "wb") as out:

@@ -8,7 +8,7 @@ use std::{
 };
 
 use decoders::{
-    Counts, Decoder, DeviceTime, Framed, Measurement, Value,
+    Counts, Decoder, DeviceTime, Framed, Measurement, Place, Value,
     mavlink::{FixMessage, Mavlink, Settings},
     nmea::Nmea,
     ubx::Ubx,
@@ -51,9 +51,17 @@ fn measurement(line: &str) -> Measurement {
             field_ut: Some(three(6)).filter(|field| !field[0].is_nan()),
         },
         "field" => Value::Field(three(0)),
-        _ => Value::Fix { velocity_m_s: three(0), sd_m_s: told(numbers[3]), latitude_rad: told(numbers[4]) },
+        _ => Value::Fix {
+            velocity_m_s: three(0),
+            sd_m_s: told(numbers[3]),
+            place: place(told(numbers[4]), told(numbers[5]), told(numbers[6])),
+        },
     };
     Measurement { time, value }
+}
+
+fn place(latitude_rad: Option<f64>, longitude_rad: Option<f64>, altitude_m: Option<f64>) -> Place {
+    Place { latitude_rad, longitude_rad, altitude_m }
 }
 
 /// All numbers of a value; what is not told is NaN.
@@ -62,8 +70,9 @@ fn numbers(value: &Value) -> Vec<f64> {
     match *value {
         Value::Imu { rate_rad_s, force_m_s2, field_ut } => [rate_rad_s, force_m_s2, field_ut.unwrap_or(none)].concat(),
         Value::Field(field_ut) => field_ut.to_vec(),
-        Value::Fix { velocity_m_s, sd_m_s, latitude_rad } => {
-            [&velocity_m_s[..], &[sd_m_s.unwrap_or(f64::NAN), latitude_rad.unwrap_or(f64::NAN)]].concat()
+        Value::Fix { velocity_m_s, sd_m_s, place } => {
+            let rest = [sd_m_s, place.latitude_rad, place.longitude_rad, place.altitude_m];
+            [&velocity_m_s[..], &rest.map(|part| part.unwrap_or(f64::NAN))].concat()
         }
     }
 }

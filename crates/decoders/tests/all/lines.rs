@@ -1,7 +1,7 @@
 //! Lines of numbers, in the words of `plumb import`.
 
 use decoders::{
-    Counts, DeviceTime, Framed, Measurement, Value,
+    Counts, DeviceTime, Framed, Measurement, Place, Value,
     lines::{Lines, LinesError, Settings},
 };
 use mapping::Mapping;
@@ -110,9 +110,9 @@ fn a_fix_beside_the_rows_is_handed_on_once() {
                 3,,,,,,,,,,\n4,,,,,,,4,5,6,\n";
     let (found, counts) = read(&said(&maps, "", "rfu"), text);
     let fixes: Vec<_> = found.iter().filter(|found| matches!(found.value, Value::Fix { .. })).collect();
-    let latitude_rad = Some((-37.5f64).to_radians());
-    let first = Value::Fix { velocity_m_s: [1.0, 2.0, -3.0], sd_m_s: None, latitude_rad };
-    let second = Value::Fix { velocity_m_s: [4.0, 5.0, -6.0], sd_m_s: None, latitude_rad: None };
+    let place = Place { latitude_rad: Some((-37.5f64).to_radians()), ..Place::default() };
+    let first = Value::Fix { velocity_m_s: [1.0, 2.0, -3.0], sd_m_s: None, place };
+    let second = Value::Fix { velocity_m_s: [4.0, 5.0, -6.0], sd_m_s: None, place: Place::default() };
     assert_eq!(fixes.iter().map(|fix| fix.value).collect::<Vec<_>>(), [first, second]);
     assert_eq!((found.len(), counts.frames, counts.refused), (4, 5, 0));
 }

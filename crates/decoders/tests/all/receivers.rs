@@ -14,13 +14,12 @@ fn of(sentences: &[&str]) -> Vec<Measurement> {
 fn the_sentence_that_everybody_quotes_is_read() {
     let quoted = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n";
     let (found, counts) = decoded(Box::new(Framed::new(Nmea::default())), [&quoted[..]]);
-    let Value::Fix { velocity_m_s: [east, north, up], sd_m_s, latitude_rad } = found[0].value else {
-        panic!("{found:?}")
-    };
+    let Value::Fix { velocity_m_s: [east, north, up], sd_m_s, place } = found[0].value else { panic!("{found:?}") };
     assert!((east.hypot(north) - 11.5236).abs() < 1e-4 && up == 0.0, "{found:?}");
     assert!((east.atan2(north).to_degrees() - 84.4).abs() < 1e-9, "{found:?}");
-    assert!((latitude_rad.unwrap().to_degrees() - 48.1173).abs() < 1e-9, "{found:?}");
-    assert_eq!(sd_m_s, Some(1.0));
+    assert!((place.latitude_rad.unwrap().to_degrees() - 48.1173).abs() < 1e-9, "{found:?}");
+    assert!((place.longitude_rad.unwrap().to_degrees() - (11.0 + 31.0 / 60.0)).abs() < 1e-9, "{found:?}");
+    assert_eq!((sd_m_s, place.altitude_m), (Some(1.0), None));
     assert_eq!(found[0].time, Some(DeviceTime::Unix { now_ns: 764_426_119_000_000_000 }));
     assert_eq!((counts.frames, counts.refused, counts.skipped_bytes), (1, 0, 2));
 }
@@ -40,8 +39,8 @@ fn a_receiver_that_stands_has_a_velocity_and_one_without_a_course_has_none() {
 fn a_latitude_beyond_a_pole_is_none() {
     let latitude = |text: &str| {
         let found = of(&[&format!("GPRMC,000000,A,{text},N,01100.0,E,1.0,90.0,010126,,,A")]);
-        let Value::Fix { latitude_rad, .. } = found[0].value else { panic!("{found:?}") };
-        latitude_rad.map(|rad| rad.to_degrees().round())
+        let Value::Fix { place, .. } = found[0].value else { panic!("{found:?}") };
+        place.latitude_rad.map(|rad| rad.to_degrees().round())
     };
     assert_eq!([latitude("9000.0"), latitude("9001.0"), latitude("")], [Some(90.0), None, None]);
 }

@@ -166,3 +166,34 @@ fn the_offset_is_that_of_the_clocks() {
     let (_, health) = counted(|t_ns| 100 * S + t_ns);
     assert!((health.offset_ns + 99 * S).abs() < 2, "{}", health.offset_ns);
 }
+
+/// Samples without a stamp at 120 Hz of a device that was said to have 100, read eight at a time.
+fn unstamped(fit: &mut ClockFit, from: i64, count: i64) -> Vec<(i64, i64)> {
+    const TRUE_NS: i64 = S / 120;
+    let read_ns = |i: i64| (i / 8 + 1) * 8 * TRUE_NS;
+    (from..from + count).map(|i| (i * TRUE_NS, fit.push(None, read_ns(i)))).collect()
+}
+
+#[test]
+fn samples_without_a_stamp_that_come_together_are_spread_evenly_at_the_rate_that_is_found() {
+    let mut fit = ClockFit::with_rate(100.0);
+    let times = unstamped(&mut fit, 0, 120 * 20);
+    let settled = &times[120 * 10..];
+    for pair in settled.windows(2) {
+        let interval_ms = (pair[1].1 - pair[0].1) as f64 * 1e-6;
+        assert!((interval_ms - 1000.0 / 120.0).abs() < 0.9, "{interval_ms} ms");
+    }
+    let worst = settled.iter().map(|(true_ns, t_ns)| (t_ns - true_ns).abs()).max();
+    assert!(worst < Some(8 * S / 120), "{worst:?} ns late");
+    assert!((fit.health().drift_ppm + 1e6 / 6.0).abs() < 2000.0, "{} ppm", fit.health().drift_ppm);
+}
+
+#[test]
+fn after_an_interruption_the_time_is_that_of_arrival_again() {
+    let mut fit = ClockFit::with_rate(120.0);
+    let before = unstamped(&mut fit, 0, 120 * 3);
+    fit.interrupt();
+    let after = unstamped(&mut fit, 120 * 3 + 60, 16);
+    assert!(after[0].1 - before[before.len() - 1].1 > 400 * MS, "half a second is missing");
+    assert!(after.windows(2).all(|pair| pair[1].1 > pair[0].1));
+}

@@ -15,7 +15,7 @@ pub(crate) fn place(launch: &Launch, live: bool) -> Option<PathBuf> {
     match (&launch.state_file, launch.ingest.source) {
         (StateFile::Off, _) | (_, Source::Replay | Source::Stdin) | (StateFile::Auto, Source::Sim) => None,
         (StateFile::File(path), _) => Some(path.clone()),
-        (StateFile::Auto, Source::Bus | Source::Udp | Source::Serial) => {
+        (StateFile::Auto, Source::Bus | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink | Source::Iio) => {
             folder(|name| env::var_os(name)).map(|folder| folder.join(file(launch)))
         }
     }

@@ -47,12 +47,14 @@ pub(super) enum Unusable {
 
 /// What tells one set of sensors from another: where they are read, how they are calibrated and how they sit.
 pub(super) fn sensors(ingest: &Ingest) -> u64 {
-    let Ingest { source, sim, bus, udp, serial, calibration, mounting, .. } = ingest;
+    let Ingest { source, sim, bus, live, calibration, mounting, .. } = ingest;
     let source = match source {
         Source::Sim => serde_json::json!({ "sim": sim }),
         Source::Replay | Source::Stdin | Source::Bus => serde_json::json!({ "bus": bus }),
-        Source::Udp => serde_json::json!({ "udp": udp }),
-        Source::Serial => serde_json::json!({ "serial": serial }),
+        Source::Iio => serde_json::json!({ "iio": live.iio }),
+        Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink => {
+            serde_json::json!([ingest.port(), ingest.stream()])
+        }
     };
     hash(HASH_START, serde_json::json!([source, calibration, mounting]).to_string().as_bytes())
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use bus::{BusError, Observer};
-use control::{RecordStatus, ServiceStatus};
+use control::{RecordStatus, ServiceStatus, Trouble};
 use graph::Topic;
 use judge::{Fields, Finding, Judge};
 use launch::{Service, Source};
@@ -89,6 +89,7 @@ impl Seen {
     /// What is to be said about it, with what the supervisor says and what was to run.
     pub fn checks(&self, statuses: &[ServiceStatus], config: &ServiceConfig) -> Vec<Check> {
         let mut checks: Vec<_> = statuses.iter().map(service).collect();
+        checks.extend(statuses.iter().flat_map(troubles));
         checks.extend(self.rates(config));
         checks.extend(self.still.checks());
         checks.extend(self.input());
@@ -174,6 +175,12 @@ fn service(status: &ServiceStatus) -> Check {
     }
 }
 
+/// What is wrong with what the service reads.
+fn troubles(status: &ServiceStatus) -> impl Iterator<Item = Check> {
+    let check = |trouble: &Trouble| Check::problem("source", &trouble.found, &trouble.remedy);
+    status.troubles.iter().map(check)
+}
+
 fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &ServiceConfig) -> Check {
     let check = "rates";
     let report = flow.report();
@@ -220,6 +227,7 @@ mod tests {
             ticks: 10,
             lost,
             at: None,
+            troubles: Vec::new(),
         }
     }
 
