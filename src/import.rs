@@ -54,6 +54,23 @@ impl Reading {
         let mapping = (!maps.is_empty()).then(|| Mapping::parse(maps, units.as_deref(), frame.as_deref()));
         Ok(Options { mapping: mapping.transpose()?, topics: topics.clone() })
     }
+
+    /// Something was said of what is read.
+    pub(crate) fn is_said(&self) -> bool {
+        let Self { maps, units, frame, topics } = self;
+        !maps.is_empty() || units.is_some() || frame.is_some() || !topics.is_empty()
+    }
+
+    /// The line of a source that sends such lines: what is said here, as keys of its section.
+    pub(crate) fn source(&self, line: &str) -> String {
+        let map = (!self.maps.is_empty()).then(|| self.maps.join(","));
+        let keys = [("map", map), ("units", self.units.clone()), ("frame", self.frame.clone())];
+        let said = keys.into_iter().filter_map(|(key, value)| Some((key, value?)));
+        said.fold(line.to_owned(), |line, (key, value)| {
+            let sign = if line.contains('?') { '&' } else { '?' };
+            format!("{line}{sign}{key}={value}")
+        })
+    }
 }
 
 pub(crate) fn run(Import { files, out, reading }: Import) -> ExitCode {
@@ -76,7 +93,8 @@ fn as_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, I
     {
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
-        return Ok(format!("{}: {} samples at {:.1} Hz", out.display(), survey.rows, survey.rate_hz));
+        let samples = launch::counted(survey.rows, "sample");
+        return Ok(format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz));
     }
     let (readable, summary) = Readable::imported(files, options)?;
     to_mcap(&readable.path, out)?;
@@ -130,8 +148,9 @@ fn with_a_bar(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summar
 /// What came of an import, for people.
 pub(crate) fn told(summary: &Summary, name: &Path) -> String {
     let Summary { format, rows, rate_hz, duration_s, field_rows, reference_rows, fixes, notes, .. } = summary;
+    let (samples, fixes) = (launch::counted(*rows, "sample"), launch::counted(*fixes, "fix"));
     let head = format!(
-        "{}: {format}, {rows} samples at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes} fixes",
+        "{}: {format}, {samples} at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes}",
         name.display()
     );
     notes.iter().fold(head, |text, note| format!("{text}\n  {note}"))

@@ -2,6 +2,8 @@
 #![forbid(unsafe_code)]
 
 mod bench;
+mod bridge;
+mod calibrate;
 mod delivery_tracker;
 mod doctor;
 mod import;
@@ -46,8 +48,15 @@ enum Command {
     Score(Box<score::Score>),
     /// Make a recording of another system into one of ours.
     Import(import::Import),
+    /// Find the errors of a sensor unit from its own readings, and print them as a piece of `launch.toml`.
+    Calibrate(Box<calibrate::Calibrate>),
     /// Record a running system to an MCAP file, which viewers open as it is.
     Record(record::Record),
+    /// Send the attitude of a running system to the programs of others.
+    Bridge {
+        #[command(subcommand)]
+        command: bridge::Bridge,
+    },
     /// Say what a recording holds: a flight (MCAP), a CSV, a log of another system.
     Info(info::Info),
     /// Look at the stages there are, and test them.
@@ -118,7 +127,9 @@ pub fn main() -> ExitCode {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
         Command::Import(import) => import::run(import),
+        Command::Calibrate(calibrate) => calibrate::run(*calibrate),
         Command::Record(record) => record::run(&record),
+        Command::Bridge { command } => bridge::run(&command),
         Command::Info(info) => info::run(&info),
         Command::Stage { command } => stage::run(command),
         Command::Swap(swap) => swap::swap(swap),

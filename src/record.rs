@@ -208,14 +208,16 @@ pub(crate) struct FlightRecorder {
     launch_file: Option<PathBuf>,
     /// The source in one line that takes the place of the launch file's.
     source: Option<String>,
+    /// Likewise the receiver.
+    receiver: Option<String>,
     recorder: Option<Recorder>,
 }
 
 impl FlightRecorder {
     /// Each start makes one file in `folder`.
-    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>) -> Self {
+    pub(crate) fn new(folder: &Path, launch_file: Option<&Path>, source: Option<&str>, receiver: Option<&str>) -> Self {
         let (launch_file, source) = (launch_file.map(Path::to_owned), source.map(str::to_owned));
-        Self { folder: folder.to_owned(), launch_file, source, recorder: None }
+        Self { folder: folder.to_owned(), launch_file, source, receiver: receiver.map(str::to_owned), recorder: None }
     }
 }
 
@@ -234,9 +236,9 @@ impl supervisor::Recorder for FlightRecorder {
         let heading = Heading {
             launch_file: self.launch_file.clone(),
             launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
-                match &self.source {
-                    Some(line) => launch::with_source(&text, line),
-                    None => Some(text),
+                match (self.source.as_deref(), self.receiver.as_deref()) {
+                    (None, None) => Some(text),
+                    (source, receiver) => launch::with_lines(&text, source, receiver),
                 }
             }),
             ..Heading::new(env!("CARGO_PKG_VERSION"), config)

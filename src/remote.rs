@@ -101,6 +101,13 @@ impl Way {
         Ok(Endpoints { tls, ..Endpoints::connecting(connect) })
     }
 
+    /// The way, gone as a client, to whom a router hands whatever there is.
+    pub(crate) fn open_as_client(&self) -> Result<Link, RemoteError> {
+        let ends = Endpoints { client: true, ..self.ends()? };
+        ends.check()?;
+        Ok(Link::reach(&ends, CONNECT_LIMIT)?)
+    }
+
     /// The way, gone.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
         let ends = self.ends()?;

@@ -33,7 +33,7 @@ rounds' means counts.\n\n\
 A recording has the columns t_s,gx,gy,gz,ax,ay,az and, where they are known, mx,my,mz,qw,qx,qy,qz,mov; a file of fixes t_s,ve,vn,vu \
 and, where they are known, lat_deg,lon_deg,alt_m.")]
 pub(crate) struct Score {
-    /// Recordings (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), or simulations, as `sim:s1` or `sim:cruise?seed=2&gnss=gaps`.
+    /// Recordings (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag), or simulations, as `sim:s1` or `sim:cruise?seed=1..200&gnss=gaps`.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<String>,
     /// Stage of the slot `gyro`.
@@ -60,6 +60,10 @@ pub(crate) struct Score {
     /// Fixes of a satellite receiver; `auto` is `NAME_gnss.csv` beside `NAME_imu.csv.gz`.
     #[arg(long, value_name = "FILE|auto|off", default_value = "auto", value_parser = gnss)]
     gnss: Gnss,
+    /// The true attitude of the recording in a file of its own, as `t_s,qw,qx,qy,qz` (body to east-north-up) of a motion capture on the same
+    /// clock; the shortest turn is taken between rows that are at most 0.2 s apart.
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
     /// What a rate sample is: the mean of its interval, or the value at its end [default: means for recordings; a simulation says it].
     #[arg(long, value_name = "means|instants")]
     gyro_samples: Option<Samples>,
@@ -90,7 +94,10 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, plot, json, reading, .. } = score;
+    let Score { out, plot, json, reading, reference, .. } = score;
+    if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
+        return fail(&"--reference is that of one recording: score the others by themselves", 2);
+    }
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
@@ -110,7 +117,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
     });
     let request = Request {
         files: names.collect(),
-        options: Options { gnss, without_field: mag == Switch::Off, gyro_samples },
+        options: Options { gnss, without_field: mag == Switch::Off, reference, gyro_samples },
         choice: Choice { gyro, accel, course, fusers, programs, settings },
         out,
         plot,

@@ -20,10 +20,13 @@ use crate::{
 pub(crate) struct Up {
     /// What runs [default: ./launch.toml, else the one built in].
     launch: Option<PathBuf>,
-    /// A source in place of the launch file's, as `sim:s1?seed=2`, `stdin?rate_hz=100`, `udp:0.0.0.0:14560` or `serial:/dev/ttyUSB0?baud=115200`;
-    /// what follows `?` are keys of its section in the launch file.
+    /// A source in place of the launch file's, as `sim:s1?seed=2`, `serial:/dev/ttyUSB0?format=witmotion`, `mavlink:udpin:127.0.0.1:14540` or
+    /// `stdin`, `udp`, `tcp`, `iio`; what follows `?` are keys of its section in the launch file (docs/sensors.md).
     #[arg(long, value_name = "SOURCE", conflicts_with = "replay")]
     source: Option<String>,
+    /// A satellite receiver beside a live source, as `tcp:HOST:PORT`, `serial:/dev/ttyACM0?format=nmea&baud=9600`; keys of `[ingest.receiver]`.
+    #[arg(long, value_name = "RECEIVER", conflicts_with = "replay")]
+    receiver: Option<String>,
     /// A recording (CSV, CSV.gz, a ULog of PX4, a log of ArduPilot, MCAP or a ROS 2 bag) in place of the launch file's source; or a flight of
     /// `--record`, which is flown again in one process, with its own launch file where none is named.
     #[arg(long, value_name = "FILE")]
@@ -63,6 +66,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
     let Up {
         launch,
         source,
+        receiver,
         replay,
         speed,
         duration_s,
@@ -75,7 +79,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
         json,
         reading,
     } = up;
-    let mut recorder = record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref()));
+    let source = source.map(|line| if launch::replayed(&line).is_some() { line } else { reading.source(&line) });
+    let mut recorder =
+        record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
     // A flight that is recorded can be flown again.
     let readings = readings || recorder.is_some();
     let columns = columns.iter().flat_map(|Columns(some)| some.iter().copied());
@@ -87,8 +93,20 @@ pub(crate) fn run(up: Up) -> ExitCode {
     });
     let replay = replay.or_else(|| source.as_deref().and_then(launch::replayed).map(PathBuf::from));
     let imported = None;
-    let request =
-        Request { launch, source, replay, imported, pace: speed, duration_s, in_process, out, columns, cold, readings };
+    let request = Request {
+        launch,
+        source,
+        receiver,
+        replay,
+        imported,
+        pace: speed,
+        duration_s,
+        in_process,
+        out,
+        columns,
+        cold,
+        readings,
+    };
     let report = report(request, &reading, recorder.as_mut());
     let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
     match &report.error {
@@ -99,6 +117,9 @@ pub(crate) fn run(up: Up) -> ExitCode {
 
 /// Runs what is asked for, of a recording whatever its format.
 fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightRecorder>) -> Report {
+    if reading.is_said() && request.source.is_none() && request.replay.is_none() {
+        return Report::none(&"--map and --topic say how --replay or --source is read: name one of them", 2);
+    }
     let ran = match request.replay.clone() {
         Some(path) if flight::is_flight(&path) => {
             replay::fly_again(&request, &path, recorder.is_some()).map_err(|error| *error)

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod calibrate;
 mod keys;
 mod means;
 mod output;

@@ -238,9 +238,10 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.child {
+        if let Some(child) = self.child.take() {
             signal(child.id(), Signal::TERM);
-            child.wait().unwrap();
+            // What it says is taken, or it could wait for that for ever.
+            child.wait_with_output().unwrap();
         }
     }
 }
@@ -296,9 +297,14 @@ pub fn on_a_terminal(arguments: &[&str]) -> String {
     text
 }
 
-/// The service with the faults, which is built with the tests.
+/// The service with the faults.
 pub fn faulty() -> PathBuf {
-    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join("faulty");
+    example("faulty")
+}
+
+/// An example, which is built with the tests.
+pub fn example(name: &str) -> PathBuf {
+    let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join(name);
     assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
     file
 }

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bridge;
 mod certificates;
 mod docs;
 mod elsewhere;

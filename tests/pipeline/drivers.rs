@@ -209,7 +209,7 @@ fn a_port_that_is_taken_is_told_with_the_remedy_and_opened_once_it_is_free() {
 /// The two ends of a line: where the device writes, and the device file that the drivers read.
 pub(crate) fn pseudo_terminal() -> (File, PathBuf) {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-    let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+    let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&device).unwrap();
     unlockpt(&device).unwrap();
     let name = ptsname(&device, Vec::new()).unwrap().into_string().unwrap();
@@ -279,11 +279,47 @@ fn a_program_of_ones_own_feeds_a_system_and_goes_on_when_that_has_begun_anew() {
 }
 
 #[test]
+fn a_program_that_feeds_a_system_holds_up_no_later_one_of_its_name() {
+    let system = System::new("[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n");
+    let mut running = system.start(&[]);
+    let mut opened = None;
+    until("the topic", || {
+        opened = driver::Sensor::open(&system.name).ok();
+        opened.is_some()
+    });
+    let mut sensor = opened.unwrap();
+    let mut t = 0;
+    let mut feed_until_ticks = || {
+        until("ticks", || {
+            t += 1;
+            // Between two systems nobody takes it.
+            let _ = sensor.send(t * 5_000_000, [0.0, 0.0, 0.1], [0.0, 0.0, 9.8], None);
+            sleep(Duration::from_millis(5));
+            status(&system, "course").is_some_and(|course| course["ticks"].as_u64() >= Some(50))
+        });
+    };
+    for how in [Signal::KILL, Signal::INT, Signal::KILL] {
+        feed_until_ticks();
+        signal(running.pid(), how);
+        running.wait();
+        running = system.start(&[]);
+    }
+    feed_until_ticks();
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);
+    assert_eq!(system.remains(), Vec::<String>::new());
+}
+
+#[test]
 fn what_is_wrong_with_a_source_is_said_before_anything_starts() {
     for (arguments, code, said) in [
         (["--source", "serail:/dev/ttyUSB0"], 3, "did you mean \"serial\"?"),
         (["--source", "stdin?format=xml"], 3, "allowed: \"csv\", \"protobuf\""),
         (["--source", "serial"], 3, "name it: port = "),
+        (["--receiver", "tpc:gnss:1"], 3, "\"tcp:HOST:PORT\""),
+        (["--receiver", "tcp:gnss:1"], 2, "name a device, too"),
+        (["--map", "gx=wx"], 2, "name one of them"),
     ] {
         let run = System::new("").run(&arguments);
         assert_eq!(run.code, Some(code), "{}", run.people);

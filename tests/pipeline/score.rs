@@ -59,6 +59,34 @@ fn assert_refused(folder: &Path, arguments: &[&str], code: i32, said: &[&str]) {
 }
 
 #[test]
+fn a_reference_in_a_file_of_its_own_counts_as_one_in_the_recording() {
+    let whole = at_rest(3.0, 4.0);
+    let columns = |wanted: &[usize]| {
+        let picked = |line: &str| {
+            let fields: Vec<_> = line.split(',').collect();
+            wanted.iter().map(|column| fields[*column]).collect::<Vec<_>>().join(",") + "\n"
+        };
+        whole.lines().map(picked).collect::<String>()
+    };
+    let files = [
+        ("whole.csv", whole.clone()),
+        ("imu.csv", columns(&[0, 1, 2, 3, 4, 5, 6])),
+        ("truth.csv", columns(&[0, 7, 8, 9, 10, 11])),
+    ];
+    let folder = folder_with(&files);
+    let [of_whole, apart, without] =
+        [&["whole.csv"][..], &["imu.csv", "--reference", "truth.csv"], &["imu.csv"]].map(|arguments| {
+            let scores = scores(folder.path(), &[arguments, &["--mag", "off"]].concat());
+            scores.pointer("/stages/0/mean").cloned().unwrap_or_else(|| panic!("no mean in {scores}"))
+        });
+    assert_eq!(of_whole, apart);
+    assert_ne!(of_whole, without);
+    let refused = ["imu.csv", "whole.csv", "--reference", "truth.csv"];
+    assert_refused(folder.path(), &refused, 2, &["--reference is that of one recording"]);
+    assert_refused(folder.path(), &["imu.csv", "--reference", "imu.csv"], 3, &["imu.csv", "gx"]);
+}
+
+#[test]
 fn the_errors_are_those_of_the_reference_where_it_counts() {
     let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0)), ("tilted.csv", at_rest(0.0, 10.0))]);
     let scores = scores(folder.path(), &["turned.csv", "tilted.csv"]);
@@ -111,6 +139,30 @@ fn a_simulation_is_scored_against_its_own_truth() {
     assert!(number(&scores, "/stages/0/mean/inclination") < 0.1, "{scores}");
     assert_eq!(number(&scores, "/stages/0/trials/0/ticks"), 10_001.0);
     assert_eq!(number(&scores, "/stages/0/trials/0/scored"), 9_501.0, "scored from 5 s");
+}
+
+#[test]
+fn many_seeds_give_the_mean_and_the_spread_of_each_by_itself() {
+    let folder = folder_with(&[]);
+    let query = |seed: &str| format!("sim:s1?duration_s=8&seed={seed}&accel_noise_g=0.05&amplitude_deg=50");
+    let each = ["3", "4", "5"].map(|seed| {
+        let scores = scores(folder.path(), &[&query(seed), "--fuser", "wz", "--fuser", "vqf"]);
+        [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/trials/0/total")))
+    });
+    let many = scores(folder.path(), &[&query("3..5"), "--fuser", "wz", "--fuser", "vqf"]);
+    for stage in [0, 1] {
+        let of_each = each.map(|totals| totals[stage]);
+        let trial = |pointer: &str| number(&many, &format!("/stages/{stage}/trials/0/{pointer}"));
+        assert!((trial("total") - of_each.iter().sum::<f64>() / 3.0).abs() < 1e-12);
+        let worst = of_each.iter().copied().fold(0.0, f64::max);
+        let seed = 3 + of_each.iter().position(|total| *total == worst).unwrap();
+        assert_eq!((trial("spread/worst/total"), trial("spread/worst_seed")), (worst, seed as f64));
+        let mut sorted = of_each;
+        sorted.sort_by(f64::total_cmp);
+        assert_eq!((trial("spread/quantiles/1/total"), trial("spread/seeds")), (sorted[1], 3.0));
+        assert!(trial("spread/sd/total") > 0.0 && trial("scored") > 900.0);
+    }
+    assert_refused(folder.path(), &["sim:s1?seed=5..3"], 2, &["expected seed=A..B with A at most B"]);
 }
 
 #[test]
@@ -214,7 +266,7 @@ fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_
     assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
     for (file, words) in [
         ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),
-        ("twice.csv", ["warning: twice: 400 readings refused", "400 stamps are equal", "twice: stamps"]),
+        ("twice.csv", ["warning: twice: 400 readings refused", "stamps equal to the one before: 400", "twice: stamps"]),
     ] {
         words.iter().for_each(|words| assert!(said(file).contains(words), "no {words:?} in:\n{}", said(file)));
     }

@@ -15,12 +15,16 @@ use std::{
 };
 
 use prost::Message as _;
-use rustix::fs::{CWD, Mode, mkfifoat};
+use rustix::{
+    fs::{CWD, Mode, mkfifoat},
+    process::Signal,
+};
 use serde_json::Value;
 use wire::v1;
+use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 
 use crate::{
-    common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, until},
+    common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until},
     drivers::pseudo_terminal,
 };
 
@@ -128,6 +132,25 @@ fn end_level(running: Running, out: &Path) -> Run {
     run
 }
 
+/// Kills the process that reads the device, and waits for the next one.
+fn kill_drivers(system: &System, running: &Running) {
+    signal(running.service("drivers"), Signal::KILL);
+    let restarts =
+        || system.ps().into_iter().find(|one| one["service"] == "drivers").map(|one| one["restarts"].as_u64());
+    until("a restart", || restarts().flatten() == Some(1));
+}
+
+/// The only flight in the folder gives the attitudes that it gave.
+fn assert_flown_again(flights: &Path, out: &Path) {
+    let flight = fs::read_dir(flights).unwrap().next().unwrap().unwrap().path();
+    let again = out.with_file_name("again.csv");
+    let mut command = plumb(&["up", "--speed", "max", "--json"]);
+    command.arg("--replay").arg(flight).arg("--out").arg(&again).current_dir(flights);
+    let run = Run::of(command.output().unwrap());
+    assert_eq!(run.code, Some(0), "{}", run.people);
+    assert!(fs::read(out).unwrap() == fs::read(&again).unwrap(), "the same bytes: {}", run.people);
+}
+
 /// What the doctor found wrong with the source, with the remedies.
 fn source_troubles(system: &System) -> Vec<String> {
     let output = plumb(&["doctor", "--seconds", "0.2", "--json", "--system", &system.name]).output().unwrap();
@@ -167,51 +190,100 @@ fn assert_fix(fix: &Value, velocity_m_s: [f64; 3], has_altitude: bool) {
     assert!(!has_altitude || near(&fix["altitude_m"], 520.0), "{fix}");
 }
 
-/// A cycle of a WitMotion that lies level and turns by 10 °/s.
-fn witmotion_cycle() -> Vec<u8> {
+/// What the `n`th reading of a device says that lies level and turns by 10 °/s.
+fn witmotion_cycle(_: u64) -> Vec<u8> {
     let frame = |kind: u8, numbers: [i16; 4]| {
         let mut bytes = vec![0x55, kind];
         numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-        bytes.push(bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)));
+        bytes.push(sum(&bytes));
         bytes
     };
     let rate = (10.0 / 2000.0 * 32_768.0) as i16;
     [frame(0x51, [0, 0, 2048, 0]), frame(0x52, [0, 0, rate, 0]), frame(0x53, [1, 2, 3, 4])].concat()
 }
 
+fn xsens_message(n: u64) -> Vec<u8> {
+    let three =
+        |id: u16, numbers: [f32; 3]| [&id.to_be_bytes()[..], &[12], &numbers.map(f32::to_be_bytes).concat()].concat();
+    let time = [&[0x10, 0x60, 4][..], &(50 * n as u32).to_be_bytes()].concat();
+    let data = [time, three(0x8020, [0.0, 0.0, 10f32.to_radians()]), three(0x4020, [0.0, 0.0, 9.81])].concat();
+    let mut bytes = vec![0; 4 + data.len() + 1];
+    let mut frame = Frame::new_unchecked(&mut bytes[..]);
+    frame.set_preamble();
+    frame.set_bus_id(BusId::MASTER);
+    frame.set_message_id(MessageId(0x36));
+    frame.set_payload_length(PayloadLength::new_standard(data.len() as u8).unwrap());
+    frame.payload_mut().unwrap().copy_from_slice(&data);
+    let sum = frame.compute_checksum_byte().unwrap();
+    frame.set_checksum(sum).unwrap();
+    bytes
+}
+
+fn rvc_frame(n: u64) -> Vec<u8> {
+    // Each 10 ms 0.1° further.
+    let yaw = ((10 * n as i64 + 18_000).rem_euclid(36_000) - 18_000) as i16;
+    let numbers = [yaw, 0, 0, 0, 0, 1000].map(i16::to_le_bytes).concat();
+    let covered = [&[n as u8][..], &numbers, &[0; 3]].concat();
+    [&[0xaa, 0xaa][..], &covered, &[sum(&covered)]].concat()
+}
+
+fn sum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
 #[test]
-fn a_witmotion_on_a_serial_line_needs_one_command() {
-    let system = System::new("");
-    let out = system.path("out.csv");
-    let (mut device, file) = pseudo_terminal();
-    let line = format!("serial:{}?format=witmotion&baud=115200&rate_hz=200", file.display());
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
-    let doing = Doing::start(Duration::from_millis(5), move |_| device.write_all(&witmotion_cycle()).is_ok());
-    await_ticks(&system, 600);
-    assert_eq!(source_troubles(&system), Vec::<String>::new());
-    running.interrupt();
-    drop(doing);
-    let run = end_level(running, &out);
-    assert_eq!(run.number("/lost"), 0.0);
-    // It has no time of its own: what comes together is spread evenly.
-    let times: Vec<_> = attitudes(&out).into_iter().map(|(t_s, _)| t_s).collect();
-    let half = &times[times.len() / 2..];
-    let longest = half.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-    assert!(longest < 0.05, "an interval of {longest} s");
+fn sensors_on_a_serial_line_need_one_command() {
+    type Sends = fn(u64) -> Vec<u8>;
+    let sensors: [(&str, u32, Sends); 3] =
+        [("witmotion", 200, witmotion_cycle), ("xsens", 200, xsens_message), ("rvc", 100, rvc_frame)];
+    for (format, rate_hz, sent) in sensors {
+        let system = System::new("");
+        let out = system.path("out.csv");
+        let (mut device, file) = pseudo_terminal();
+        let line = format!("serial:{}?format={format}&baud=115200&rate_hz={rate_hz}", file.display());
+        let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+        let pause = Duration::from_secs(1) / rate_hz;
+        let doing = Doing::start(pause, move |n| device.write_all(&sent(n)).is_ok());
+        await_ticks(&system, 300);
+        assert_eq!(source_troubles(&system), Vec::<String>::new(), "{format}");
+        running.interrupt();
+        drop(doing);
+        let run = end_level(running, &out);
+        assert_eq!(run.number("/lost"), 0.0, "{format}");
+        // Those with no time of their own are counted, and what comes together is spread evenly.
+        let told = attitudes(&out);
+        let half = &told[told.len() / 2..];
+        let longest = half.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(0.0, f64::max);
+        assert!(longest < 0.05, "{format}: an interval of {longest} s");
+        let [(first_s, first), (last_s, last)] = [half[0], half[half.len() - 1]];
+        let rate_deg_s = heading_deg(first, last) / (last_s - first_s);
+        assert!((rate_deg_s - 10.0).abs() < 0.2, "{format}: it turns by {rate_deg_s} °/s");
+    }
+}
+
+/// How far it has turned about the vertical, less than half a turn.
+fn heading_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
+    let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    (yaw(to) - yaw(from)).sin_cos().0.atan2((yaw(to) - yaw(from)).cos()).to_degrees()
 }
 
 #[test]
 fn an_autopilot_as_pymavlink_speaks_for_it_gives_its_imu_and_its_receiver() {
     let port = free_udp_port();
     let Some(_device) = Device::start("mavlink", port, false) else { return };
-    let system = System::new("[ingest]\nmounting.axes = \"frd\"\n");
+    let system = System::new("");
     let out = system.path("out.csv");
     let line = format!("mavlink:udpin:127.0.0.1:{port}?rate_hz=200");
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+    let flights = system.path("flights");
+    let recorded = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let running = system.start(&[&["--source", &line][..], &recorded].concat());
     await_ticks(&system, 300);
     assert_fix(&await_fix(&system), [5.0 / 2f64.sqrt(), 5.0 / 2f64.sqrt(), 0.0], true);
     assert_eq!(source_troubles(&system), Vec::<String>::new());
+    kill_drivers(&system, &running);
+    await_ticks(&system, 600);
     end_level(running, &out);
+    assert_flown_again(&flights, &out);
 }
 
 #[test]
@@ -219,11 +291,11 @@ fn receivers_as_pyubx2_and_pynmeagps_speak_for_them_stand_beside_any_source() {
     for format in ["ubx", "nmea"] {
         let (imu, gnss) = (free_udp_port(), free_tcp_port());
         let Some(_device) = Device::start(format, gnss, true) else { return };
-        let receiver = format!("[ingest.receiver]\nendpoint = \"tcp:127.0.0.1:{gnss}\"\nformat = \"{format}\"\n");
-        let system = System::new(&receiver);
+        let receiver = format!("tcp:127.0.0.1:{gnss}?format={format}");
+        let system = System::new("");
         let out = system.path("out.csv");
         let line = format!("udp:127.0.0.1:{imu}?rate_hz=200");
-        let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+        let running = system.start(&["--source", &line, "--receiver", &receiver, "--out", out.to_str().unwrap()]);
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let doing = Doing::start(Duration::from_millis(5), move |n| {
             let _ = socket.send_to(format!("{},0,0,0.1,0,0,9.8", n as f64 / 200.0).as_bytes(), ("127.0.0.1", imu));
@@ -269,9 +341,9 @@ fn lines_of_another_program_over_a_connection_have_their_names_units_and_axes() 
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let system = System::new("");
     let out = system.path("out.csv");
-    let map = "map=t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz&units=deg/s,g,ms&frame=frd";
-    let line = format!("tcp:{}?rate_hz=200&{map}", listener.local_addr().unwrap());
-    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+    let line = format!("tcp:{}?rate_hz=200", listener.local_addr().unwrap());
+    let map = ["--map", "t=ms,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz", "--units", "deg/s,g,ms", "--frame", "frd"];
+    let running = system.start(&[&["--source", &line, "--out", out.to_str().unwrap()][..], &map].concat());
     // A connection that is lost is made again.
     for round in 1..=2 {
         let (mut stream, _) = listener.accept().unwrap();
@@ -364,6 +436,8 @@ fn a_device_of_industrial_io_is_switched_on_and_read() {
         records.write_all(&record).is_ok()
     });
     await_ticks(&system, 300);
+    kill_drivers(&system, &running);
+    await_ticks(&system, 600);
     let said = |name: &str| fs::read_to_string(root.join("iio:device0").join(name)).unwrap();
     assert_eq!(["buffer/enable", "sampling_frequency", "current_timestamp_clock"].map(said), ["1", "200", "monotonic"]);
     let run = end_level(running, &out);

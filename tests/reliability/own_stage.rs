@@ -3,6 +3,7 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::Command,
+    thread,
 };
 
 use crate::common::{Running, System, attitudes, children_of, faulty, plumb, signal, until};
@@ -259,9 +260,15 @@ fn a_new_stage_in_c_is_judged_sound_in_every_slot() {
         let command = made(&system, &name, "cc", slot);
         system.add(&format!("[stages.{name}]\nslot = \"{slot}\"\ncommand = {command}\n"));
     }
-    for (slot, _) in SLOTS {
-        assert_eq!(judged(&format!("my-{slot}"), &system.path("launch.toml")), (true, Vec::new()), "{slot}");
-    }
+    thread::scope(|scope| {
+        for (slot, _) in SLOTS {
+            let system = &system;
+            scope.spawn(move || {
+                let judged = judged(&format!("my-{slot}"), &system.path("launch.toml"));
+                assert_eq!(judged, (true, Vec::new()), "{slot}");
+            });
+        }
+    });
 }
 
 #[test]
@@ -391,7 +398,7 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot()
     let source = env!("CARGO_MANIFEST_DIR");
     // What was built for this test is not built again, as far as it is the same.
     let target: PathBuf = Path::new(env!("CARGO_BIN_EXE_plumb")).parent().unwrap().parent().unwrap().into();
-    for (slot, _) in SLOTS {
+    let build = |slot: &str| {
         let name = format!("my-{slot}");
         let folder = system.path(&name);
         written(&name, "rust", &folder, &["--slot", slot, "--source", source]);
@@ -404,7 +411,14 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot()
             assert!(output.status.success() && !said.contains("warning"), "{said}");
         }
         fs::copy(target.join("release").join(&name), system.path(&format!("{name}-program"))).unwrap();
-    }
+    };
+    // Cargo builds one after the other; one is tested while another is built.
+    thread::scope(|scope| {
+        for (slot, _) in SLOTS {
+            let build = &build;
+            scope.spawn(move || build(slot));
+        }
+    });
     let running = started(&system, &[]);
     for (slot, ours) in SLOTS {
         swapped(&system, slot, &format!("my-{slot}"));

@@ -44,7 +44,7 @@ fn what_a_frozen_supervisor_misses_is_counted_apart_from_what_is_lost() {
     until("the supervisor to notice", || record(&system)["result"] == "warning");
     running.interrupt();
     let run = running.wait();
-    assert_failed(&run, "were published and are neither in this report's figures nor in the file");
+    assert_failed(&run, "neither in this report's figures nor in the file of --out");
     let not_recorded = run.number("/not_recorded");
     assert_eq!((run.number("/lost"), run.number("/ticks_in")), (0.0, run.number("/ticks_out")), "{}", run.json);
     let t_s: Vec<_> = attitudes(&out).iter().map(|(t_s, _)| *t_s).collect();

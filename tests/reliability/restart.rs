@@ -20,6 +20,18 @@ fn restarts(run: &Run, service: &str) -> u64 {
     services.iter().find(|one| one["name"] == service).unwrap()["restarts"].as_u64().unwrap()
 }
 
+/// Kills as many lives of a service, with pauses of `pause_ms`: none twice, however long the machine takes for the next.
+fn kill_lives(running: &Running, service: &str, count: usize, pause_ms: u64) {
+    let mut dead = None;
+    for _ in 0..count {
+        pause(pause_ms);
+        until("the next life", || Some(running.service(service)) != dead);
+        let pid = running.service(service);
+        signal(pid, Signal::KILL);
+        dead = Some(pid);
+    }
+}
+
 fn pause(ms: u64) {
     std::thread::sleep(Duration::from_millis(ms));
 }
@@ -39,10 +51,7 @@ fn kills_at_random_moments_lose_nothing_and_change_no_byte() {
 #[test]
 fn a_source_that_is_killed_goes_on_at_the_tick_where_it_died() {
     let run = assert_undisturbed("", &[], |running| {
-        for _ in 0..3 {
-            pause(600);
-            signal(running.service("ingest"), Signal::KILL);
-        }
+        kill_lives(running, "ingest", 3, 600);
     });
     assert_eq!(restarts(&run, "ingest"), 3);
 }
@@ -245,10 +254,7 @@ fn without_an_accelerometer_a_degraded_system_goes_on_and_says_so() {
 fn where_a_slot_is_held_a_service_that_cannot_live_is_tried_again() {
     let launch = "[restart]\nsettled_s = 60\nlimit = 0\nbackoff_max_s = 0.1\non_limit = \"hold\"";
     let run = assert_undisturbed(launch, &[], |running| {
-        for _ in 0..4 {
-            pause(400);
-            signal(running.service("fuser"), Signal::KILL);
-        }
+        kill_lives(running, "fuser", 4, 400);
     });
     assert_eq!(restarts(&run, "fuser"), 4);
 }

@@ -10,6 +10,7 @@
 mod bootstrap;
 mod damage;
 mod error;
+mod feeder;
 mod machine_limits;
 mod membership;
 mod observer;
@@ -20,9 +21,11 @@ mod stale_resources;
 mod system_name;
 mod tap;
 mod topic;
+mod visit;
 mod wake;
 
 pub use error::BusError;
+pub use feeder::Feeder;
 pub use machine_limits::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory, say_when_memory_runs_out};
 pub use observer::Observer;
 pub use port::OBSERVERS;

@@ -2,27 +2,29 @@
 
 use std::{
     fs::{self, File},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Duration,
 };
 
-use rustix::process::{Pid, getppid};
-
-use crate::{BusError, SystemName, page::Page, system_name::LOOK};
+use crate::{BusError, SystemName, page::Page};
 
 /// How long whoever clears away after a dead owner waits for the others: one that hangs is ended after a second.
 const OTHERS_LIMIT: Duration = Duration::from_secs(2);
-/// Looks at whether the owner is dying: a service hears of its death a moment before that shows.
-const LOOKS: u32 = 3;
 
 /// The page of wake words, and the lock that says that somebody takes part.
 #[derive(Debug)]
 pub(crate) struct Membership {
-    pub(crate) page: Page,
+    pub(crate) page: Arc<Page>,
     run: u64,
     member: Option<File>,
     system_name: SystemName,
-    /// Who started this process: of a service, the owner of the name.
-    parent: Option<Pid>,
+    /// The owner of the name when this process joined.
+    owner_pid: u32,
+    /// This process has been told that the owner has died.
+    pub(crate) owner_has_died: Arc<AtomicBool>,
 }
 
 impl Membership {
@@ -30,10 +32,11 @@ impl Membership {
         let page = system_name.page()?;
         Ok(Self {
             run: page.run(),
-            page,
+            owner_pid: page.owner_pid(),
+            owner_has_died: Arc::default(),
+            page: Arc::new(page),
             member: Some(system_name.take_part()?),
             system_name: system_name.clone(),
-            parent: getppid(),
         })
     }
 
@@ -41,16 +44,13 @@ impl Membership {
         self.system_name.page().is_ok_and(|page| page.run() == self.run)
     }
 
-    /// Whoever started this process has died, or is dying: its threads do not end at once.
     fn is_orphaned(&self) -> bool {
-        let state = |pid: Pid| {
-            let stat = fs::read_to_string(format!("/proc/{}/stat", pid.as_raw_nonzero())).ok()?;
-            stat.rsplit_once(')')?.1.trim_start().chars().next()
-        };
-        (0..LOOKS).any(|look| {
-            std::thread::sleep(LOOK * look.min(1));
-            getppid() != self.parent || self.parent.and_then(state) == Some('Z')
-        })
+        self.owner_has_died.load(Ordering::SeqCst) || {
+            let stat = fs::read_to_string(format!("/proc/{}/stat", self.owner_pid)).unwrap_or_default();
+            // The state follows the name, which may hold anything.
+            let state = stat.rsplit_once(')').and_then(|(_, after)| after.trim_start().chars().next());
+            self.owner_pid != 0 && matches!(state, None | Some('Z'))
+        }
     }
 }
 

@@ -15,9 +15,9 @@ use iceoryx2::{
 use crate::{
     BusError, OBSERVERS, Port, SystemName,
     damage::REMOVED,
-    observer::members,
     owned_files,
     system_name::{FAMILY, LOOK, OWNER_LIMIT, SHARED_MEMORY},
+    visit::members,
 };
 
 /// The files of one system.

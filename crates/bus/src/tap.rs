@@ -6,8 +6,8 @@ use iceoryx2::{node::Node, prelude::ipc};
 
 use crate::{
     BusError,
-    observer::ObservedRun,
     port::{InPort, Topic},
+    visit::Visit,
 };
 
 /// Messages that an observer holds at most, of what the topic does; what it is too slow for is overwritten in its own buffer and nowhere else.
@@ -18,7 +18,7 @@ const BUFFER: usize = 16_384;
 pub struct Tap {
     /// Given back when the tap is dropped.
     end: Option<End>,
-    observed: Rc<ObservedRun>,
+    visit: Rc<Visit>,
 }
 
 #[derive(Debug)]
@@ -50,15 +50,11 @@ pub struct Port {
 }
 
 impl Tap {
-    pub(crate) fn open(
-        node: &Node<ipc::Service>,
-        topic: graph::Topic,
-        observed: Rc<ObservedRun>,
-    ) -> Result<Self, BusError> {
+    pub(crate) fn open(node: &Node<ipc::Service>, topic: graph::Topic, visit: Rc<Visit>) -> Result<Self, BusError> {
         let topic = messages::dispatch!(topic, M => Topic::open::<M>(node))?;
         // What was published before would be handed over by the publishers, on their time.
         let port = topic.subscriber(BUFFER.min(topic.buffer()), 0)?;
-        Ok(Self { end: Some(End { topic, port }), observed })
+        Ok(Self { end: Some(End { topic, port }), visit })
     }
 
     /// Hands what is there to `take`, oldest first; whether messages may have been overwritten before it came to that.
@@ -76,7 +72,7 @@ impl Tap {
     /// Who is at the topic.
     pub fn ports(&self) -> Result<Ports, BusError> {
         let Some(End { topic, .. }) = &self.end else { return Ok(Ports::default()) };
-        let members = self.observed.members()?;
+        let members = self.visit.members()?;
         let unknown = || Port { name: "unknown".into(), pid: 0, alive: false };
         let port =
             |node: &u128| members.iter().find(|(id, _)| id == node).map_or_else(unknown, |(_, port)| port.clone());
@@ -87,6 +83,6 @@ impl Tap {
 
 impl Drop for Tap {
     fn drop(&mut self) {
-        self.observed.leave(mem::take(&mut self.end));
+        self.visit.leave(mem::take(&mut self.end));
     }
 }

@@ -1,6 +1,12 @@
 //! Topics: typed streams in shared memory.
 
-use std::{cell::Cell, fmt, marker::PhantomData, sync::Arc, time::Duration};
+use std::{
+    cell::Cell,
+    fmt,
+    marker::PhantomData,
+    sync::{Arc, atomic::AtomicBool},
+    time::Duration,
+};
 
 use graph::Entry;
 use iceoryx2::{
@@ -13,6 +19,7 @@ use crate::{
     BusError, SystemName, Woken,
     machine_limits::{allow_files, why},
     membership::Membership,
+    page::Page,
     port::{InPort, OutPort, Topic},
     wake::TopicWord,
 };
@@ -38,13 +45,6 @@ impl Bus {
         Ok(Publisher { port, word: self.word(M::TOPIC), carries: PhantomData })
     }
 
-    /// Publishes `M` on a topic that somebody has opened, and how many messages it holds for each reader.
-    pub fn publisher_of_open<M: Message>(&self) -> Result<(Publisher<M>, usize), BusError> {
-        let topic = Topic::open::<M>(&self.node)?;
-        let publisher = Publisher { port: topic.publisher()?, word: self.word(M::TOPIC), carries: PhantomData };
-        Ok((publisher, topic.buffer()))
-    }
-
     /// Reads `M`, from the next message that is published.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
         self.reader(buffer, 0)
@@ -60,7 +60,13 @@ impl Bus {
         self.place.page.wake_all();
     }
 
-    /// The system is still the one that was joined. Whoever feeds one that had to start anew joins again.
+    /// To be set when the owner of the name has died, which shows only some time after its children are told: whoever is the last to leave then
+    /// removes what is left of the system.
+    pub fn owner_has_died(&self) -> Arc<AtomicBool> {
+        self.place.owner_has_died.clone()
+    }
+
+    /// The system is still the one that was joined.
     pub fn is_running(&self) -> bool {
         self.place.is_of_this_run()
     }
@@ -77,7 +83,7 @@ impl Bus {
     }
 
     fn word(&self, topic: &Entry) -> TopicWord {
-        TopicWord::new(self.place.clone(), topic)
+        TopicWord::new(self.place.page.clone(), Some(self.place.clone()), topic)
     }
 }
 
@@ -103,6 +109,12 @@ pub struct Publisher<M: Message> {
 }
 
 impl<M: Message> Publisher<M> {
+    /// On a topic that somebody has opened.
+    pub(crate) fn visiting(topic: &Topic, page: &Arc<Page>) -> Result<Self, BusError> {
+        let word = TopicWord::new(page.clone(), None, M::TOPIC);
+        Ok(Self { port: topic.publisher()?, word, carries: PhantomData })
+    }
+
     /// Puts a message into every reader's buffer; does not wake anybody and never waits.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
         self.port.send(bytemuck::bytes_of(message))

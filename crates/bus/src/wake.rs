@@ -14,14 +14,16 @@ use rustix::{fs::Timespec, thread::futex};
 
 use crate::{
     membership::Membership,
-    page::{WORDS, Word},
+    page::{Page, WORDS, Word},
 };
 
 /// The word of one topic.
 #[derive(Debug)]
 pub(crate) struct TopicWord {
-    place: Arc<Membership>,
+    page: Arc<Page>,
     index: usize,
+    /// Whoever is part of the system is so until the last of its ports is gone.
+    _place: Option<Arc<Membership>>,
 }
 
 /// How a wait ended.
@@ -37,8 +39,8 @@ pub enum Woken {
 
 impl TopicWord {
     /// The word of a topic: that of its place in the table.
-    pub(crate) fn new(place: Arc<Membership>, topic: &Entry) -> Self {
-        Self { place, index: topic.place.min(WORDS - 1) }
+    pub(crate) fn new(page: Arc<Page>, place: Option<Arc<Membership>>, topic: &Entry) -> Self {
+        Self { page, index: topic.place.min(WORDS - 1), _place: place }
     }
 
     /// Wakes every reader that waits.
@@ -96,6 +98,6 @@ impl TopicWord {
     }
 
     fn word(&self) -> &Word {
-        self.place.page.word(self.index)
+        self.page.word(self.index)
     }
 }

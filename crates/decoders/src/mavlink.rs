@@ -10,8 +10,8 @@
 //! | others | counted |
 //!
 //! One kind of IMU message is read: the one that is named, else the first that comes. One system is heard: the one that is named, else
-//! the first from which something of use comes. Axes: forward, right, down, as MAVLink has them; at rest the force points to −z. The
-//! velocity is turned to east, north, up.
+//! the first from which something of use comes. Axes: MAVLink's forward, right, down are turned to right, forward, up, and its north,
+//! east, down to east, north, up. So no mounting is needed: the autopilot has taken its own out.
 //!
 //! Time: `time_usec` counts from the start or from 1970, which its size tells; `time_boot_ms` from the start, in steps of 1 ms.
 //! GPS_RAW_INT has no vertical velocity: it is given as 0 with a standard deviation of [`crate::VERTICAL_SD_M_S`] or more, which suits
@@ -239,10 +239,11 @@ fn highres(said: &HIGHRES_IMU_DATA) -> Option<Measurement> {
         return None;
     }
     let gauss = [said.xmag, said.ymag, said.zmag];
-    let field_ut = said.fields_updated.contains(field).then(|| gauss.map(|part| f64::from(part) * UT_PER_GAUSS));
+    let field_ut =
+        said.fields_updated.contains(field).then(|| turned(gauss.map(|part| f64::from(part) * UT_PER_GAUSS)));
     let value = if said.fields_updated.contains(force | rate) {
-        let rate_rad_s = [said.xgyro, said.ygyro, said.zgyro].map(f64::from);
-        let force_m_s2 = [said.xacc, said.yacc, said.zacc].map(f64::from);
+        let rate_rad_s = turned([said.xgyro, said.ygyro, said.zgyro].map(f64::from));
+        let force_m_s2 = turned([said.xacc, said.yacc, said.zacc].map(f64::from));
         Value::Imu { rate_rad_s, force_m_s2, field_ut }
     } else {
         Value::Field(field_ut?)
@@ -277,11 +278,16 @@ impl RawScale {
     fn imu(&self, rate: [i16; 3], force: [i16; 3], field: [i16; 3]) -> Value {
         let of = |unit: f64| move |part: i16| f64::from(part) * unit;
         Value::Imu {
-            rate_rad_s: rate.map(of(self.rate_rad_s)),
-            force_m_s2: force.map(of(self.force_m_s2)),
-            field_ut: (field != [0; 3]).then(|| field.map(of(self.field_ut))),
+            rate_rad_s: turned(rate.map(of(self.rate_rad_s))),
+            force_m_s2: turned(force.map(of(self.force_m_s2))),
+            field_ut: (field != [0; 3]).then(|| turned(field.map(of(self.field_ut)))),
         }
     }
+}
+
+/// Of forward, right, down to right, forward, up.
+fn turned([forward, right, down]: [f64; 3]) -> [f64; 3] {
+    [right, forward, -down]
 }
 
 fn receiver(said: &GPS_RAW_INT_DATA) -> Option<Measurement> {

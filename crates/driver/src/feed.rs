@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use bus::{Bus, BusError, Publisher, SystemName};
+use bus::{BusError, Feeder, SystemName};
 use messages::Message;
 
 use crate::{DriverError, LOOK_INTERVAL};
@@ -11,8 +11,7 @@ use crate::{DriverError, LOOK_INTERVAL};
 #[derive(Debug)]
 pub(crate) struct Feed<M: Message> {
     system: SystemName,
-    /// The port is dropped before the place on the bus that it belongs to.
-    joined: Option<(Publisher<M>, Bus)>,
+    joined: Option<Feeder<M>>,
     looked: Instant,
     holds: usize,
 }
@@ -28,16 +27,12 @@ impl<M: Message> Feed<M> {
     pub(crate) fn send(&mut self, message: &M) -> Result<(), DriverError> {
         if self.looked.elapsed() >= LOOK_INTERVAL {
             self.looked = Instant::now();
-            if !self.joined.as_ref().is_some_and(|(_, bus)| bus.is_running()) {
+            if !self.joined.as_ref().is_some_and(Feeder::is_running) {
                 self.join()?;
             }
         }
-        let Some((publisher, _)) = &self.joined else {
-            return Err(DriverError::Bus(BusError::NotRunning { name: self.system.name().into() }));
-        };
-        publisher.send(message).map_err(DriverError::Bus)?;
-        publisher.wake();
-        Ok(())
+        let gone = || BusError::NotRunning { name: self.system.name().into() };
+        self.joined.as_ref().ok_or_else(gone).and_then(|joined| joined.send(message)).map_err(DriverError::Bus)
     }
 
     pub(crate) fn holds(&self) -> usize {
@@ -46,23 +41,21 @@ impl<M: Message> Feed<M> {
 
     /// Joins the system that has the name now, in place of the one that had it.
     fn join(&mut self) -> Result<(), DriverError> {
-        let bus = match Bus::join(&self.system, "driver") {
-            Ok(bus) => bus,
+        match Feeder::join(&self.system, "driver") {
+            Ok(joined) => {
+                self.holds = joined.holds();
+                self.joined = Some(joined);
+                Ok(())
+            }
             // It runs on with what it has open, and so does this.
-            Err(BusError::FilesRemoved { .. }) if self.joined.is_some() => return Ok(()),
+            Err(BusError::FilesRemoved { .. }) if self.joined.is_some() => Ok(()),
             Err(error) => {
                 self.joined = None;
-                return Err(DriverError::Bus(error));
+                Err(match error {
+                    BusError::Unopened { topic } => DriverError::NotTaken { system: self.system.name().into(), topic },
+                    error => DriverError::Bus(error),
+                })
             }
-        };
-        // Closed first: its topics have the names of the new ones.
-        self.joined = None;
-        let (publisher, holds) = bus.publisher_of_open::<M>().map_err(|error| match error {
-            BusError::Unopened { topic } => DriverError::NotTaken { system: self.system.name().into(), topic },
-            error => DriverError::Bus(error),
-        })?;
-        self.holds = holds;
-        self.joined = Some((publisher, bus));
-        Ok(())
+        }
     }
 }

@@ -2,12 +2,13 @@
 
 use crate::finding::{self, Finding};
 
-/// Samples that a standing axis needs.
+/// Samples that a standing axis needs: the least bit of a quiet sensor may stand for some hundred.
 const STANDING_MIN: u64 = 500;
-/// Share of the samples that changes an axis that lives.
+/// Share of the samples that changes an axis that lives: a sensor that is read twice as often as it measures still has it.
 const LIVES: f64 = 0.5;
-/// Samples at the end of the range, one after the other, that make a run; and runs.
+/// Samples at the end of the range, one after the other, that make a run: noise brings the largest value once, and a sensor read twice too often twice.
 const RUN: u32 = 3;
+/// Runs that a finding needs: one is a blow.
 const RUNS_MIN: u32 = 3;
 
 /// The axes of one sensor.

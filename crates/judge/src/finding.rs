@@ -134,15 +134,18 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Finding {
     let import =
         |unit: &str| format!("`--units {unit}` of `plumb import`; a driver on the bus gives t_sensor_ns in ns");
     let candidates = match median_s {
+        // Ingest goes on by a sample's usual interval after a leap, so only a longer median tells the unit.
         _ if leaps * 2 > samples && !(0.6..).contains(&median_s) => {
             let remedy = "`--units ms` or `us` of `plumb import`; a driver on the bus gives t_sensor_ns in ns, growing with each reading";
             vec![candidate("stamps that stand, or are in another unit", remedy)]
         }
+        // Of 20 Hz to 1.7 kHz in ms.
         0.6..50.0 => vec![
             candidate("times in ms, taken for s", import("ms")),
             candidate("times in µs, taken for ms", import("us")),
             candidate("a sensor that is this slow", "no attitude can be kept by it: sample at 50 Hz or more"),
         ],
+        // No sensor is read once a minute; in µs all are.
         50.0.. => vec![
             candidate("times in µs, taken for s", import("us")),
             candidate("times in ns, taken for ms", import("ns")),
@@ -170,7 +173,7 @@ pub(crate) fn stamps(refused: u64, leaps: u64, samples: u64) -> Finding {
     Finding { mistake: Mistake::Stamps, found, candidates }
 }
 
-pub(crate) fn force_size(low: f64, median: f64, high: f64) -> Finding {
+pub(crate) fn force_size(low: f64, median: f64, high: f64, is_steady: bool) -> Finding {
     let found =
         format!("the force is {median:.3} m/s² (median; {low:.3} to {high:.3}), at rest it is {GRAVITY_M_S2:.2}");
     let per_g = median / GRAVITY_M_S2;
@@ -179,17 +182,20 @@ pub(crate) fn force_size(low: f64, median: f64, high: f64) -> Finding {
         "record the accelerometer itself; of a phone \"Accelerometer\" with gravity, not \"Linear Acceleration\"",
     );
     let in_g = candidate("forces in g", in_unit("accel", GRAVITY_M_S2, "g"));
-    let is_steady = low > 0.7 * median && high < 1.5 * median;
     let (mistake, candidates) = match (median, per_g) {
+        // One at rest in g, as far as a scale may be off; with motion in it farther, and then motion alone may be so large.
         (0.85..1.2, _) if is_steady => (Mistake::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (Mistake::ForceUnit, vec![in_g, gravity_removed]),
+        // Less than any body near the earth has for long.
         (_, ..0.5) => (
             Mistake::GravityRemoved,
             vec![gravity_removed, candidate("a scale that is wrong", scaled("accel", per_g.recip()))],
         ),
+        // 9.8 times too much, as far as a scale may be off.
         (_, 8.0..12.0) => {
             (Mistake::ForceUnit, vec![candidate("m/s² taken for g", in_unit("accel", GRAVITY_M_S2.recip(), "m/s2"))])
         }
+        // A thousand at rest, likewise.
         (850.0..1200.0, _) => {
             (Mistake::ForceUnit, vec![candidate("forces in thousandths of g", scaled("accel", GRAVITY_M_S2 / 1000.0))])
         }
@@ -202,6 +208,7 @@ pub(crate) fn force_size(low: f64, median: f64, high: f64) -> Finding {
 }
 
 pub(crate) fn field_unit(median_ut: f64) -> Option<Finding> {
+    // The earth's 22 to 67 µT in each unit, with what iron adds and takes; between them nothing is said.
     let (cause, factor, unit) = match median_ut {
         0.15..1.0 => ("fields in gauss", 100.0, "gauss"),
         0.015..0.1 => ("fields in mT", 1e3, "mT"),
@@ -223,7 +230,7 @@ pub(crate) fn field_refused(count: u64) -> Finding {
 
 /// `all` are the hypotheses that fit, those that change least first.
 pub(crate) fn turning(as_is: f64, seconds: f64, all: &[Hypothesis]) -> Finding {
-    /// Of those that only differ in what the motion has not shown.
+    /// Of those that only differ in what the motion has not shown: more nobody tries.
     const SHOWN: usize = 3;
     let unit_only = all.iter().find(|hypothesis| hypothesis.axes == Matrix3::identity());
     let (mistake, candidates) = match unit_only {
@@ -286,7 +293,7 @@ fn names(axes: &Matrix3<f64>) -> String {
 
 /// `along` is the mean cosine of the angle between force and field.
 pub(crate) fn upside_down(force: [f64; 3], along: Option<f64>) -> Finding {
-    /// A field less inclined says nothing of up and down.
+    /// A field less inclined says nothing of up and down: the cosine of 81°, as within 5° of the magnetic equator.
     const INCLINED: f64 = 0.15;
     let frd = candidate(
         "axes forward, right, down (FRD, NED)",

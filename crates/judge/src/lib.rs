@@ -32,24 +32,30 @@ use spinning::Spinning;
 use turning::Turning;
 use uprightness::Uprightness;
 
-/// Between two looks at what has been gathered, s of the samples' time.
+/// Between two looks at what has been gathered, s of the samples' time: the first word comes within seconds, as long as a window of `turning` takes.
 const LOOK_S: f64 = 2.0;
-/// Samples that a look needs, in all and since the one before.
+/// Samples that a look needs, in all and since the one before: the tenth part of fewer is no quantile.
 const LOOK_SAMPLES: u64 = 100;
 /// Samples before the first look: times in a wrong unit make seconds of few.
 const FIRST_SAMPLES: u64 = 200;
-/// It ends after so much motion that can be judged, s.
+/// It ends after so much motion that can be judged, s: thirty windows, ten times what a finding needs.
 const MOTION_S: f64 = 60.0;
-/// It ends after so long, s; and samples, whatever their times.
+/// It ends after so long, s: who has not moved by then is not waited for.
 const SPAN_MAX_S: f64 = 120.0;
+/// It ends after so many samples, whatever their times: a minute at 8 kHz.
 const SAMPLES_MAX: u64 = 500_000;
 /// A number beyond it is not judged: its square and products of squares must stay finite.
 const SENSE: f64 = 1e9;
-/// Rates at the end of the range, and rates far beyond it, that no gyro gives.
+/// Rates at the end of the range that °/s make: a body that is thrown has a few.
 const CLIPPED_MIN: u64 = 50;
+/// Rates so far beyond the range that they were refused: no gyro gives one, and a spike on the wire is single.
 const SENSELESS_MIN: u64 = 5;
-/// Samples told to be refused or out of order before it is worth a word.
+/// Samples told to be refused or out of order before it is worth a word: a start and a restart of the device make one each.
 const STAMPS_MIN: u64 = 3;
+/// Rates that no gyro ends below, rad/s: the smallest usual range is 125 °/s.
+const RATE_RANGE_MIN_RAD_S: f64 = 2.0;
+/// Forces that no accelerometer ends below, m/s²: the smallest usual range is 2 g, less its error.
+const FORCE_RANGE_MIN_M_S2: f64 = 15.0;
 
 /// Gathers samples and says what is wrong with them.
 #[derive(Debug, Clone)]
@@ -80,8 +86,8 @@ impl Default for Judge {
             turning: Turning::default(),
             spinning: Spinning::default(),
             uprightness: Uprightness::default(),
-            rate: Axes::new("rate", "gyro", 2.0),
-            force: Axes::new("force", "accelerometer", 15.0),
+            rate: Axes::new("rate", "gyro", RATE_RANGE_MIN_RAD_S),
+            force: Axes::new("force", "accelerometer", FORCE_RANGE_MIN_M_S2),
             samples: 0,
             next_tick: 0,
             first_ns: None,

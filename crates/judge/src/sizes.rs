@@ -7,17 +7,25 @@ use crate::{
     length,
 };
 
-/// The median force may be so many times gravity without a word.
-const FORCE_USUAL: std::ops::Range<f64> = 0.5..2.0;
-/// The earth's field, with what vehicles add to it or take from it, µT.
+/// The median force may be so many times gravity without a word: steep turns have 2 to 3 g for half a minute, nothing with people or wings has 5 g
+/// for long, and g for m/s² is a factor of 9.8.
+const FORCE_USUAL: std::ops::Range<f64> = 0.5..5.0;
+/// The earth's field is 22 to 67 µT; iron of a vehicle that is not calibrated takes two thirds of it away or adds three times as much.
 const FIELD_USUAL_UT: std::ops::Range<f64> = 8.0..240.0;
-/// Median intervals of inertial sensors, s.
+/// Median intervals, s: no inertial sensor is faster than 50 kHz or slower than 1.7 Hz; ms for s is beyond it for all below 1.7 kHz, µs for s for all.
 const INTERVAL_USUAL_S: std::ops::Range<f64> = 20e-6..0.6;
-/// A force that is so many times another of the same seconds is of a body that is shaken: it is watched for so long first, s.
+/// A force that is so many times another of the same seconds is of a body that is shaken: at rest the two are within a tenth.
 const SHAKEN: f64 = 3.0;
+/// A force is steady whose tenth and nine tenths are within these of its median: a body that stands or is carried, and not motion alone.
+const STEADY: [f64; 2] = [0.7, 1.5];
+/// A shaken body is watched for so long before its median is believed, s: longer than it is picked up and put down.
 const SHAKEN_S: f64 = 5.0;
-/// Samples that a median needs.
+/// Samples that a quantile needs: five are below the tenth part.
 const COUNT_MIN: u64 = 50;
+/// Stamps that leap in more than each second sample are no single faults: the unit is wrong.
+const LEAPT: u64 = 2;
+/// Fields refused before it is worth a word, and so many times more than were taken: in nT all are beyond the limit, a magnet brings some.
+const REFUSED_MIN: u64 = 10;
 
 /// Medians of what comes in.
 #[derive(Debug, Clone, Default)]
@@ -47,21 +55,22 @@ impl Sizes {
 
     pub(crate) fn interval_finding(&self, leaps: u64, samples: u64) -> Option<Finding> {
         let median_s = self.interval_s.at(0.5)?;
-        let leapt = leaps * 2 > samples;
+        let leapt = leaps * LEAPT > samples;
         (leapt || !INTERVAL_USUAL_S.contains(&median_s)).then(|| finding::time_unit(median_s, leaps, samples))
     }
 
     pub(crate) fn force_finding(&self, span_s: f64) -> Option<Finding> {
         let [low, median, high] = [self.force_m_s2.at(0.1)?, self.force_m_s2.at(0.5)?, self.force_m_s2.at(0.9)?];
         let is_shaken = high > SHAKEN * low;
+        let is_steady = low > STEADY[0] * median && high < STEADY[1] * median;
         if FORCE_USUAL.contains(&(median / GRAVITY_M_S2)) || is_shaken && span_s < SHAKEN_S {
             return None;
         }
-        Some(finding::force_size(low, median, high))
+        Some(finding::force_size(low, median, high, is_steady))
     }
 
     pub(crate) fn field_finding(&self) -> Option<Finding> {
-        if self.fields_refused > 10 && self.fields_refused > 10 * self.field_ut.count {
+        if self.fields_refused > REFUSED_MIN && self.fields_refused > REFUSED_MIN * self.field_ut.count {
             return Some(finding::field_refused(self.fields_refused));
         }
         let median_ut = self.field_ut.at(0.5)?;
@@ -69,10 +78,11 @@ impl Sizes {
     }
 }
 
-/// Bins of a decade.
+/// Bins of a decade: 5 % each, far finer than any bound above.
 const PER_DECADE: f64 = 50.0;
-/// The least exponent of ten, and how many decades there are above it.
+/// The least exponent of ten: a tenth of a nanosecond.
 const LEAST: f64 = -10.0;
+/// Decades above it: to what [`SENSE`](crate::SENSE) lets in, and one more.
 const DECADES: usize = 20;
 
 /// Quantiles of positive numbers to 5 %, from logarithmic bins.

@@ -4,16 +4,19 @@ use attitude::Vector3;
 
 use crate::finding::{self, Finding};
 
-/// What turns faster is not asked for its attitude, rad/s.
+/// What turns faster is not asked for its attitude, rad/s: in a roll or a loop every vehicle is upside down.
 const RATE_MAX_RAD_S: f64 = 1.0;
-/// Upside down: the cosine of the angle between force and our up axis is below this.
+/// Upside down, the cosine of the angle between force and our up axis is below this: 120°, farther than a body on its side leans.
 const DOWN: f64 = -0.5;
-/// How far |f| may be from its usual value to be taken for gravity.
+/// How far |f| may be from its usual value to be taken for gravity: a turn of 25° bank.
 const GRAVITY_SHARE: f64 = 0.1;
-/// Time at which this could be asked that a finding needs, s, and the share of it that must be upside down.
+/// Share of each sample in the usual |f|: a second at 100 Hz, whatever the unit.
+const USUAL_SHARE: f64 = 0.01;
+/// Time at which this could be asked that a finding needs, s: longer than aerobatics hang upside down.
 const SECONDS_MIN: f64 = 4.0;
+/// The share of it that must be upside down: one that is turned over in the hand is so for a part of it.
 const SHARE: f64 = 0.9;
-/// Samples of the field that tell something.
+/// Samples of the field that tell something: noise of one is up to 45°.
 const FIELDS_MIN: u64 = 10;
 
 /// How long it is upside down.
@@ -36,7 +39,7 @@ impl Uprightness {
         let force = Vector3::from(force);
         let size = force.norm();
         let usual = self.usual.get_or_insert(size);
-        *usual += (size - *usual) * 0.01;
+        *usual += (size - *usual) * USUAL_SHARE;
         let is_gravity = (size - *usual).abs() < GRAVITY_SHARE * *usual;
         if !is_gravity || !(0.0..1.0).contains(&dt_s) || Vector3::from(rate_rad_s).norm() > RATE_MAX_RAD_S {
             return;

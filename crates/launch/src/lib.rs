@@ -12,6 +12,7 @@
 //! | `format` | how the bytes of a port are to be read |
 //! | `source_uri` | a source in one line |
 //! | `sensors` | how the sensors are calibrated and mounted |
+//! | `north` | from which north a course is counted |
 //! | `output` | in which frame the attitude leaves the system |
 //! | `gateway` | what goes beyond the board, and to where |
 //! | `cockpit` | where the system is shown in a browser |
@@ -33,6 +34,7 @@ mod gateway;
 mod gateway_section;
 mod live;
 mod model;
+mod north;
 mod output;
 mod problem;
 mod program;
@@ -55,9 +57,10 @@ pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
     Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
 };
+pub use north::{Date, MODEL_YEARS, North, Position};
 pub use output::Output;
-pub use problem::{LaunchError, Problems, nearest};
+pub use problem::{LaunchError, Problems, counted, nearest};
 pub use program::Program;
-pub use source_uri::{replayed, with_source};
+pub use source_uri::{replayed, with_lines};
 pub use split::CACHE_TICKS_MAX;
 pub use watch::{Measure, Watch};

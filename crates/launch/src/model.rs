@@ -1,13 +1,18 @@
 //! What a launch file says, and the defaults.
 
-use attitude::gyro::RateKind;
+use attitude::{
+    Matrix3,
+    calibration::{self, CalibrationError},
+    gyro::RateKind,
+};
 use graph::Service;
-use scenario::Scenario;
+use scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
-    cockpit::Cockpit, fault::Fault, gateway::Gateway, live::Live, output::Output, program::Program, watch::Watch,
+    cockpit::Cockpit, fault::Fault, gateway::Gateway, live::Live, north::North, output::Output, program::Program,
+    watch::Watch,
 };
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
@@ -50,6 +55,8 @@ pub struct Launch {
     pub fuser: Stage,
     /// Which of `attitude::course::Course::NAMES` runs.
     pub course: Stage,
+    /// From which north its course is counted.
+    pub north: North,
 }
 
 /// Where what outlives a stop of the whole system is kept.
@@ -149,6 +156,14 @@ impl Default for Calibration {
     }
 }
 
+impl Calibration {
+    /// It as what acts on readings.
+    pub fn acting(&self) -> Result<calibration::Calibration, CalibrationError> {
+        let matrix = Matrix3::from_fn(|row, column| self.matrix[row][column]);
+        calibration::Calibration::new(self.bias.into(), matrix)
+    }
+}
+
 /// No turn, no scale.
 pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -161,13 +176,19 @@ pub struct Sim {
     pub rate_hz: f64,
     /// Seed of the noise; the same seed gives the same samples. At most `i64::MAX`.
     pub seed: u64,
-    /// Constant gyro bias on each axis, °/s.
-    pub gyro_bias_deg_s: f64,
-    /// White noise of the accelerometer on each axis and sample, standard deviation, g.
-    pub accel_noise_g: f64,
+    /// What is otherwise than in the scenario, by the names of `scenario::PARAMETERS`.
+    #[serde(default)]
+    pub set: BTreeMap<String, f64>,
 }
 
 impl Sim {
+    /// The scenario as it is set.
+    pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
+        let mut scenario = Scenario::named(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
+        self.set.iter().try_for_each(|(name, value)| scenario.set(name, *value))?;
+        Ok(scenario)
+    }
+
     /// What a rate sample of the scenario says about its interval.
     pub fn gyro_samples(&self) -> GyroSamples {
         match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
@@ -262,6 +283,14 @@ pub enum GyroSamples {
 impl GyroSamples {
     /// Both with their names.
     pub(crate) const ALL: [(&str, Self); 2] = [("means", Self::Means), ("instants", Self::Instants)];
+
+    /// The same to the stages.
+    pub fn rate_kind(self) -> RateKind {
+        match self {
+            Self::Means => RateKind::Mean,
+            Self::Instants => RateKind::Instant,
+        }
+    }
 }
 
 impl Default for Launch {
@@ -287,7 +316,7 @@ impl Default for Launch {
             cockpit: Cockpit::default(),
             ingest: Ingest {
                 source: Source::Sim,
-                sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, gyro_bias_deg_s: 0.1, accel_noise_g: 0.01 },
+                sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, set: BTreeMap::new() },
                 replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
                 live: Live::default(),
@@ -308,6 +337,7 @@ impl Default for Launch {
             accel: stage("projector"),
             fuser: stage("wz"),
             course: stage("angles"),
+            north: North::default(),
         }
     }
 }

@@ -82,12 +82,21 @@ impl fmt::Display for Problems {
         for problem in &self.list {
             writeln!(f, "{}\n", problem.render(&self.file_name, &self.text))?;
         }
-        let plural = if self.list.len() == 1 { "" } else { "s" };
-        write!(f, "{}: {} problem{plural}", self.file_name, self.list.len())
+        write!(f, "{}: {}", self.file_name, counted(self.list.len() as u64, "problem"))
     }
 }
 
 impl std::error::Error for Problems {}
+
+/// So many of what a noun names, for people: `1 fix`, `2 fixes`.
+pub fn counted(count: u64, noun: &str) -> String {
+    let ending = match count {
+        1 => "",
+        _ if noun.ends_with(['x', 's']) => "es",
+        _ => "s",
+    };
+    format!("{count} {noun}{ending}")
+}
 
 /// The names as a list in quotes.
 pub(crate) fn quoted(names: &[&str]) -> String {

@@ -9,6 +9,7 @@ use crate::{
     gateway_section::gateway,
     live::{RATES_HZ, live},
     model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
+    north,
     output::output,
     problem::{Problem, quoted},
     program::programs,
@@ -17,7 +18,7 @@ use crate::{
     walk::{self, Section},
     watch::watches,
 };
-use scenario::Motion;
+use scenario::{Motion, PARAMETERS, Parameter, ScenarioError};
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
@@ -99,7 +100,7 @@ impl Launch {
         programs(section, folder, self);
         watches(section, self);
         for slot in Service::SLOTS {
-            let Self { stages, gyro, accel, fuser, course, .. } = &mut *self;
+            let Self { stages, gyro, accel, fuser, course, north, .. } = &mut *self;
             let out = match slot {
                 Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => continue,
                 Service::Gyro => gyro,
@@ -109,6 +110,9 @@ impl Launch {
             };
             section.section(slot.name(), |section| {
                 filling(section, slot, stages, out);
+                if slot == Service::Course {
+                    north::north(section, north);
+                }
             });
         }
     }
@@ -200,8 +204,21 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
         section.choice("scenario", Motion::NAMES.map(named), &mut out.sim.scenario);
         section.number("rate_hz", RATES_HZ, &mut out.sim.rate_hz);
         section.natural("seed", &mut out.sim.seed);
-        section.number("gyro_bias_deg_s", 0.0..=100.0, &mut out.sim.gyro_bias_deg_s);
-        section.number("accel_noise_g", 0.0..=10.0, &mut out.sim.accel_noise_g);
+        for Parameter { name, least, most, .. } in &PARAMETERS {
+            let mut value = 0.0;
+            if section.has(name) && section.number(name, *least..=*most, &mut value) {
+                out.sim.set.insert((*name).into(), value);
+            } else {
+                section.knows(name);
+            }
+        }
+        let refused = out.sim.scenario().err();
+        if let Some((error, key)) = refused.and_then(|error| match &error {
+            ScenarioError::Lacks { key, .. } => Some((error.to_string(), *key)),
+            _ => None,
+        }) {
+            section.report(Problem::new(section.span(key).unwrap_or_default(), error, "not in this scenario"));
+        }
     });
     let (mut file_taken, mut file_span) = (true, None);
     section.section("replay", |section| {
@@ -333,6 +350,7 @@ mod tests {
             [course]
             stage = "angles"
             set.declination_deg = -3.5
+            north = "true"
         "#;
         let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
@@ -358,8 +376,7 @@ mod tests {
                     scenario: "tumble".into(),
                     rate_hz: 10_000.0,
                     seed: i64::MAX.unsigned_abs(),
-                    gyro_bias_deg_s: 0.0,
-                    accel_noise_g: 10.0,
+                    set: [("gyro_bias_deg_s".into(), 0.0), ("accel_noise_g".into(), 10.0)].into(),
                 },
                 replay: Replay {
                     file: "flight.csv.gz".into(),
@@ -383,6 +400,7 @@ mod tests {
             accel: stage("projector"),
             fuser: stage("wz-closed"),
             course: Stage { stage: "angles".into(), set: [("declination_deg".into(), -3.5)].into() },
+            north: crate::North { is_true: true, ..Default::default() },
         };
         assert_eq!(Launch::parse("launch.toml", text), Ok(expected));
     }

@@ -1,4 +1,4 @@
-//! A source in one line, as `plumb up --source` takes it: `KIND:PLACE?key=value&key=value`.
+//! A source in one line, as `plumb up --source` takes it: `KIND:PLACE?key=value&key=value`; likewise the receiver beside it.
 //!
 //! The line is the section of its kind in other words: `serial:/dev/ttyUSB0?baud=9600` is `source = "serial"` with
 //! `[ingest.serial] port = "/dev/ttyUSB0"`, `baud = 9600`, and is read and checked as that. What it does not say stays as it was.
@@ -28,7 +28,15 @@ const PLACES: [(&str, Option<&str>); 9] = [
 impl Launch {
     /// Takes the source of the line in place of its own. A relative path is one from the working folder.
     pub fn set_source(&mut self, line: &str) -> Result<(), Problems> {
-        let text = section_of(line);
+        self.set(format!("--source {line}"), source_section(line))
+    }
+
+    /// Takes the receiver of the line, `ENDPOINT?key=value`, in place of its own.
+    pub fn set_receiver(&mut self, line: &str) -> Result<(), Problems> {
+        self.set(format!("--receiver {line}"), receiver_section(line))
+    }
+
+    fn set(&mut self, file_name: String, text: String) -> Result<(), Problems> {
         let (table, syntax) = DeTable::parse_recoverable(&text);
         let mut list: Vec<_> = syntax.iter().map(|error| Problem::syntax(error, &text)).collect();
         let mut launch = self.clone();
@@ -39,7 +47,7 @@ impl Launch {
             });
         }
         if !list.is_empty() {
-            return Err(Problems { file_name: format!("--source {line}"), text: text.clone(), list });
+            return Err(Problems { file_name, text, list });
         }
         launch.add_drivers();
         *self = launch;
@@ -53,10 +61,12 @@ pub fn replayed(line: &str) -> Option<&str> {
     Some(place)
 }
 
-/// The text of a launch file with such a line in it, so that it says what ran; its comments are gone. None where one of them is not valid.
-pub fn with_source(text: &str, line: &str) -> Option<String> {
+/// The text of a launch file with such lines in it, so that it says what ran; its comments are gone. None where one of them is not valid.
+pub fn with_lines(text: &str, source: Option<&str>, receiver: Option<&str>) -> Option<String> {
     let mut launch: Table = text.parse().ok()?;
-    lay_over(&mut launch, section_of(line).parse().ok()?);
+    for section in source.map(source_section).into_iter().chain(receiver.map(receiver_section)) {
+        lay_over(&mut launch, section.parse().ok()?);
+    }
     Some(launch.to_string())
 }
 
@@ -75,23 +85,37 @@ fn list_buffer(launch: &Launch, section: &mut walk::Section<'_, '_>) {
     }
 }
 
-/// The line as the section of a launch file.
-fn section_of(line: &str) -> String {
+/// The line of a source as the section of a launch file.
+fn source_section(line: &str) -> String {
     let (kind_and_place, keys) = halves(line);
     let (kind, place) = kind_and_place.split_once(':').unwrap_or((kind_and_place, ""));
-    let text = |value: &str| Value::from(value).to_string();
-    let mut section = format!("[ingest]\nsource = {}\n", text(kind));
+    let mut section = format!("[ingest]\nsource = {}\n", quoted(kind));
     let Some((_, key)) = PLACES.iter().find(|(name, _)| *name == kind) else { return section };
     section += &format!("[ingest.{kind}]\n");
     if !place.is_empty() {
-        section += &format!("{} = {}\n", key.unwrap_or("place"), text(place));
+        section += &format!("{} = {}\n", key.unwrap_or("place"), quoted(place));
     }
+    section + &pairs(keys)
+}
+
+/// The line of a receiver as the section of a launch file.
+fn receiver_section(line: &str) -> String {
+    let (endpoint, keys) = halves(line);
+    format!("[ingest.receiver]\nendpoint = {}\n{}", quoted(endpoint), pairs(keys))
+}
+
+fn pairs(keys: &str) -> String {
+    let mut lines = String::new();
     for pair in keys.split('&').filter(|pair| !pair.is_empty()) {
         let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
         let is_bare = value.parse::<f64>().is_ok_and(f64::is_finite) || matches!(value, "true" | "false");
-        section += &format!("{} = {}\n", text(key), if is_bare { value.into() } else { text(value) });
+        lines += &format!("{} = {}\n", quoted(key), if is_bare { value.into() } else { quoted(value) });
     }
-    section
+    lines
+}
+
+fn quoted(value: &str) -> String {
+    Value::from(value).to_string()
 }
 
 fn halves(line: &str) -> (&str, &str) {
@@ -173,7 +197,15 @@ mod tests {
         for line in ["udp:[::1]:9?gyro_samples=instants", "sim:s3?seed=2", "stdin"] {
             let mut launch = Launch::parse("launch.toml", text).unwrap();
             launch.set_source(line).unwrap();
-            assert_eq!(Launch::parse("launch.toml", &with_source(text, line).unwrap()).unwrap(), launch, "{line}");
+            assert_eq!(
+                Launch::parse("launch.toml", &with_lines(text, Some(line), None).unwrap()).unwrap(),
+                launch,
+                "{line}"
+            );
+            let receiver = "serial:/dev/ttyACM0?format=nmea&baud=9600";
+            launch.set_receiver(receiver).unwrap();
+            let both = with_lines(text, Some(line), Some(receiver)).unwrap();
+            assert_eq!(Launch::parse("launch.toml", &both).unwrap(), launch, "{line}");
         }
     }
 
@@ -183,7 +215,8 @@ mod tests {
         assert_eq!(launch.services.last(), Some(&Service::Drivers));
         launch.set_source("bus").unwrap();
         assert_eq!(launch.services, Service::PATH);
-        launch.ingest.live.receiver.port = Some(Port::Tcp("gnss:1".into()));
+        launch.set_receiver("tcp:gnss:1").unwrap();
+        assert_eq!(launch.ingest.live.receiver.port, Some(Port::Tcp("gnss:1".into())));
         for (source, is_driven) in [("sim", false), ("replay:a.csv", false), ("bus", true), ("udp", true)] {
             launch.set_source(source).unwrap();
             assert_eq!(launch.services.contains(&Service::Drivers), is_driven, "{source}");
@@ -233,6 +266,14 @@ mod tests {
             let problems = launch.set_source(line).unwrap_err().to_string();
             assert!(problems.contains(said) && problems.contains(line), "{said}: {problems}");
             assert_eq!(launch, Launch::default());
+        }
+        for (line, said) in [
+            ("tpc:gnss:1", "\"tcp:HOST:PORT\""),
+            ("tcp:gnss:1?format=nema", "did you mean \"nmea\"?"),
+            ("tcp:gnss:1?baud=9600", "unknown key \"baud\""),
+        ] {
+            let problems = Launch::default().set_receiver(line).unwrap_err().to_string();
+            assert!(problems.contains(said) && problems.contains(line), "{said}: {problems}");
         }
     }
 }

@@ -8,6 +8,7 @@ use std::{
 use toml::{
     Spanned,
     de::{DeInteger, DeTable, DeValue},
+    value::Datetime,
 };
 
 /// A table being read. Every reader returns whether the key is absent or its value was taken.
@@ -182,6 +183,36 @@ impl<'t> Section<'t, '_> {
                 section.refuse_type(key, value, "true or false");
             }
             flag
+        })
+    }
+
+    /// A day, year, month and day of the month, of which `accept` makes a value; `expected` says what it accepts.
+    pub(crate) fn date<T>(
+        &mut self,
+        key: &'static str,
+        expected: &str,
+        accept: impl FnOnce((u16, u8, u8)) -> Option<T>,
+        out: &mut Option<T>,
+    ) -> bool {
+        self.read(key, out, |section, value| {
+            let day = match value.get_ref() {
+                DeValue::Datetime(day) => Some(*day),
+                DeValue::String(text) => text.parse::<Datetime>().ok(),
+                _ => {
+                    section.refuse_type(key, value, expected);
+                    return None;
+                }
+            };
+            let alone = day.filter(|day| day.time.is_none()).and_then(|day| day.date);
+            let accepted = alone.and_then(|date| accept((date.year, date.month, date.day)));
+            if accepted.is_none() {
+                let found = value
+                    .get_ref()
+                    .as_str()
+                    .map_or_else(|| day.map_or_else(String::new, |day| day.to_string()), |text| format!("{text:?}"));
+                section.refuse(key, value, expected, &found);
+            }
+            accepted.map(Some)
         })
     }
 

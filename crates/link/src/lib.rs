@@ -100,6 +100,12 @@ impl Link {
         true
     }
 
+    /// The identity of this place in the network: as keys name it, and its bytes.
+    pub fn identity(&self) -> (String, [u8; 16]) {
+        let id = self.session.zid();
+        (id.to_string(), id.to_le_bytes())
+    }
+
     /// How many are connected.
     pub fn neighbours(&self) -> usize {
         let info = self.session.info();

@@ -82,6 +82,14 @@ impl Outlet {
     }
 }
 
+impl Outlet {
+    /// Sends a message with something beside it.
+    pub fn send_with(&self, bytes: Vec<u8>, attachment: Vec<u8>) -> Result<(), LinkError> {
+        let put = self.0.put(bytes).attachment(attachment);
+        put.wait().map_err(at_key("publishing", self.0.key_expr().as_str()))
+    }
+}
+
 impl Question {
     /// What came with it.
     pub fn payload(&self) -> Vec<u8> {

@@ -93,6 +93,11 @@ impl fmt::Display for Position {
     }
 }
 
+/// Readings have columns of many names, and there is a way to read them.
+fn hint(known: &[&str]) -> &'static str {
+    if known.contains(&"gx") { "; name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…" } else { "" }
+}
+
 /// What is wrong at a place.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
@@ -111,7 +116,7 @@ pub enum Fault {
     /// A column nobody reads.
     #[error("found {found:?}, expected {}", match near {
         Some(near) => format!("a known column; did you mean {near:?}?"),
-        None => format!("one of {}", known.join(", ")),
+        None => format!("one of {}{}", known.join(", "), hint(known)),
     })]
     UnknownColumn {
         /// Its name.

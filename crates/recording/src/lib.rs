@@ -4,7 +4,7 @@
 //! µT, `qw,qx,qy,qz` and `mov`, in any order; a receiver's fixes in a file beside it, see [`gnss`].
 //! Output: its rows one by one, in constant memory, or a survey of the whole. Time: the recording's own.
 //! Failure: the first malformed line ends the reading, with its place, what was found and what was expected.
-//! A [`Writer`] makes such a file of rows, and the reader gives the same rows again.
+//! [`References`] are the true attitude from a file of its own. A [`Writer`] makes such a file of rows, and the reader gives the same rows again.
 #![forbid(unsafe_code)]
 
 mod columns;
@@ -13,6 +13,7 @@ pub mod gnss;
 mod input;
 mod output;
 mod reader;
+mod reference;
 mod survey;
 mod table;
 mod time;
@@ -21,5 +22,6 @@ mod writer;
 pub use error::{Fault, Position, RecordingError};
 pub use output::unfinished;
 pub use reader::{Reader, Reference, Row};
+pub use reference::{GAP_NS, References};
 pub use survey::{Survey, survey};
 pub use writer::{Layout, Writer};

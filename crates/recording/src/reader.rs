@@ -76,16 +76,20 @@ fn reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Reference>
         None => true,
     };
     let Some(indices) = columns.quaternion else { return Ok(None) };
-    let quaternion = fields.numbers(indices)?;
+    let quaternion = unit(fields.numbers(indices)?);
+    Ok(quaternion.map(|quaternion| Reference { quaternion, scored }))
+}
+
+/// The quaternion at unit length; none of one that is no rotation.
+pub(crate) fn unit(quaternion: [f64; 4]) -> Option<[f64; 4]> {
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     let turns = length > 0.0 && length.is_finite();
     // To divide one of unit length by its rounded length would change its last digits at every reading.
     let is_unit = (length - 1.0).abs() <= LENGTH_ERROR;
-    let unit = if is_unit { quaternion } else { quaternion.map(|part| part / length) };
-    Ok(turns.then_some(Reference { quaternion: unit, scored }))
+    turns.then(|| if is_unit { quaternion } else { quaternion.map(|part| part / length) })
 }
 
-fn flag(text: &str) -> Option<bool> {
+pub(crate) fn flag(text: &str) -> Option<bool> {
     match text.parse::<f64>() {
         Ok(0.0) => Some(false),
         Ok(1.0) => Some(true),

@@ -14,7 +14,7 @@ use bus::{Bus, Publisher, Subscriber, SystemName, Woken};
 use launch::Service;
 use messages::{Control, Header, Health, Message, State, Ticked};
 use signal_hook::{
-    consts::{SIGINT, SIGTERM},
+    consts::{SIGHUP, SIGINT, SIGTERM},
     flag,
     low_level::{exit, pipe},
 };
@@ -62,7 +62,7 @@ impl ServiceContext {
         let mut text = String::new();
         io::stdin().take(CONFIG_BYTES_MAX).read_to_string(&mut text).map_err(|cause| wrong(cause.to_string()))?;
         let config: ServiceConfig = serde_json::from_str(&text).map_err(|cause| wrong(cause.to_string()))?;
-        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::TERM))
+        rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::HUP))
             .map_err(|cause| system("tying the service to its supervisor")(cause.into()))?;
         // The supervisor may have died before that took hold.
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
@@ -118,7 +118,7 @@ impl ServiceContext {
     pub fn publish_health(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
         if self.at_work.is_none() {
             let at_work = Arc::new(());
-            heed_signals(&self.ends, Arc::downgrade(&at_work))
+            heed_signals(&self.ends, self.bus.owner_has_died(), Arc::downgrade(&at_work))
                 .map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
             self.at_work = Some(at_work);
         }
@@ -160,12 +160,15 @@ impl ServiceContext {
     }
 }
 
-/// `ends` becomes true when the service is asked to end. In a step that never does it is ended all the same: its supervisor may be no more.
-fn heed_signals(ends: &Arc<AtomicBool>, at_work: Weak<()>) -> io::Result<()> {
-    for signal in [SIGTERM, SIGINT] {
+/// `ends` becomes true when the service is asked to end or its supervisor has died. In a step that never does it is ended all the same: there may be
+/// nobody who would do it.
+fn heed_signals(ends: &Arc<AtomicBool>, supervisor_has_died: Arc<AtomicBool>, at_work: Weak<()>) -> io::Result<()> {
+    flag::register(SIGHUP, supervisor_has_died)?;
+    for signal in [SIGTERM, SIGINT, SIGHUP] {
         flag::register(signal, ends.clone())?;
     }
     let (asked, mut heard) = UnixStream::pair()?;
+    pipe::register(SIGHUP, asked.try_clone()?)?;
     pipe::register(SIGTERM, asked)?;
     std::thread::Builder::new().name("end".into()).spawn(move || {
         if heard.read_exact(&mut [0]).is_ok() {

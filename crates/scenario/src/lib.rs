@@ -26,7 +26,7 @@ pub mod sensors;
 pub mod tumble;
 
 pub use motion::{Motion, Truth};
-pub use scenario::{Scenario, ScenarioError};
+pub use scenario::{PARAMETERS, Parameter, Scenario, ScenarioError};
 pub use sensors::{
     Reading, Sensors,
     errors::{Coverage, Errors, Field, Receiver},

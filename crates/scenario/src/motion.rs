@@ -2,13 +2,18 @@
 
 use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, turn::Turn};
 
-use crate::{coning::Coning, cruise::Flight, cruise::Plan, s1, s3, tumble};
+use crate::{
+    coning::Coning,
+    cruise::{Flight, Plan},
+    s1::{self, Swing},
+    s3, tumble,
+};
 
 /// How a body moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
-    /// The reference scenario of Matveev 2025: yaw 1 °/s, pitch 25° and roll 30° at 0.05 Hz.
-    S1,
+    /// Yaw 1 °/s, pitch and roll at 0.05 Hz.
+    Swing(Swing),
     /// A constant rate about an axis fixed in the body, rad/s, from level.
     Tumble(Vector3<f64>),
     /// One full turn about each axis in turn.
@@ -31,6 +36,9 @@ pub struct Truth {
 }
 
 impl Motion {
+    /// The reference scenario of Matveev 2025: yaw 1 °/s, pitch 25° and roll 30° at 0.05 Hz.
+    pub const S1: Self = Self::Swing(Swing::S1);
+
     /// The motions that have a name, with the name.
     pub const NAMES: [&'static str; 6] = ["s1", "tumble", "s3", "coning", "cruise", "cruise-hard"];
 
@@ -80,7 +88,7 @@ impl Body {
 
     pub(crate) fn at(&mut self, t_s: f64) -> Truth {
         let (attitude, rate_rad_s) = match self.motion {
-            Motion::S1 => s1::at(t_s),
+            Motion::Swing(swing) => s1::at(swing, t_s),
             Motion::Tumble(rate_rad_s) => (tumble::at(rate_rad_s, t_s), rate_rad_s),
             Motion::S3 => s3::at(t_s),
             Motion::Coning(coning) => coning.at(t_s),
@@ -104,7 +112,7 @@ impl Body {
             Motion::S3 => (s3::rotation_rad(to_s) - s3::rotation_rad(from_s)) / length_s,
             Motion::Coning(coning) => (coning.rotation_rad(to_s) - coning.rotation_rad(from_s)) / length_s,
             // Gauss and Legendre's rule of three points: exact to the sixth order of the interval, and these motions are slow.
-            Motion::S1 | Motion::Cruise(_) => {
+            Motion::Swing(_) | Motion::Cruise(_) => {
                 let middle_s = 0.5 * (from_s + to_s);
                 let off_s = 0.5 * length_s * libm::sqrt(0.6);
                 let mut rate = |t_s: f64| self.at(t_s).rate_rad_s;

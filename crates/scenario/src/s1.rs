@@ -2,9 +2,31 @@
 
 use attitude::{Vector3, angles::Angles, state::Attitude};
 
+const DEGREE_RAD: f64 = core::f64::consts::PI / 180.0;
+
+/// How far the body swings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Swing {
+    /// Of pitch, rad.
+    pub pitch_rad: f64,
+    /// Of roll, rad.
+    pub roll_rad: f64,
+}
+
+impl Swing {
+    /// That of the article.
+    pub const S1: Self = Self { pitch_rad: 25.0 * DEGREE_RAD, roll_rad: 30.0 * DEGREE_RAD };
+
+    /// The same with another amplitude of roll, and pitch in proportion.
+    #[must_use]
+    pub fn scaled_to(self, roll_rad: f64) -> Self {
+        Self { pitch_rad: self.pitch_rad * roll_rad / self.roll_rad, roll_rad }
+    }
+}
+
 /// Attitude and body rate, rad/s, at `t_s`; the body rates of a motion given in angles.
-pub(crate) fn at(t_s: f64) -> (Attitude, Vector3<f64>) {
-    let (pitch_amplitude, roll_amplitude) = (25f64.to_radians(), 30f64.to_radians());
+pub(crate) fn at(swing: Swing, t_s: f64) -> (Attitude, Vector3<f64>) {
+    let Swing { pitch_rad: pitch_amplitude, roll_rad: roll_amplitude } = swing;
     let frequency_rad_s = core::f64::consts::TAU * 0.05;
     let (sin, cos) = libm::sincos(frequency_rad_s * t_s);
     let (yaw_dot, pitch_dot, roll_dot) =

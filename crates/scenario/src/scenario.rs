@@ -5,9 +5,9 @@
 
 use core::fmt;
 
-use attitude::gyro::RateKind;
+use attitude::{GRAVITY_M_S2, gyro::RateKind};
 
-use crate::{Coverage, Errors, Motion, Reading, Sensors, s3};
+use crate::{Coverage, Errors, Motion, Reading, Receiver, Sensors, s3};
 
 /// A motion and all that belongs to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,22 +30,131 @@ pub struct Scenario {
     pub rate_kind: RateKind,
 }
 
-/// The keys of a query.
+/// The keys of a query that are no [`PARAMETERS`].
 const KEYS: [&str; 4] = ["seed", "rate_hz", "duration_s", "gnss"];
+
+/// A number by which a scenario can be set.
+#[derive(Debug, Clone, Copy)]
+pub struct Parameter {
+    /// Its name, with the unit.
+    pub name: &'static str,
+    /// The least that it may be.
+    pub least: f64,
+    /// The most.
+    pub most: f64,
+    /// What it is.
+    pub about: &'static str,
+    /// Sets it; a scenario that has nothing of the kind says what it lacks.
+    set: fn(&mut Scenario, f64) -> Result<(), &'static str>,
+}
+
+/// Every number by which scenarios can be set; errors are those at the scenario's rate.
+pub const PARAMETERS: [Parameter; 9] = [
+    Parameter {
+        name: "gyro_bias_deg_s",
+        least: 0.0,
+        most: 100.0,
+        about: "constant gyro bias on each axis, °/s",
+        set: |scenario, value| give(&mut scenario.errors.gyro_bias_rad_s, value.to_radians()),
+    },
+    Parameter {
+        name: "gyro_noise_deg_s",
+        least: 0.0,
+        most: 100.0,
+        about: "white noise of the gyro on each axis and sample, °/s",
+        set: |scenario, value| give(&mut scenario.errors.gyro_noise_rad_s, value.to_radians()),
+    },
+    Parameter {
+        name: "gyro_scale",
+        least: 0.0,
+        most: 0.5,
+        about: "scale error of the gyro on each axis",
+        set: |scenario, value| give(&mut scenario.errors.gyro_scale, value),
+    },
+    Parameter {
+        name: "accel_bias_g",
+        least: 0.0,
+        most: 10.0,
+        about: "constant bias of the accelerometer on each axis, g",
+        set: |scenario, value| give(&mut scenario.errors.accel_bias_m_s2, value * GRAVITY_M_S2),
+    },
+    Parameter {
+        name: "accel_noise_g",
+        least: 0.0,
+        most: 10.0,
+        about: "white noise of the accelerometer on each axis and sample, g",
+        set: |scenario, value| give(&mut scenario.errors.accel_noise_m_s2, value * GRAVITY_M_S2),
+    },
+    Parameter {
+        name: "field_noise_ut",
+        least: 0.0,
+        most: 1000.0,
+        about: "white noise of the magnetometer on each axis and sample, µT",
+        set: |scenario, value| give(&mut scenario.errors.field.as_mut().ok_or("magnetometer")?.noise_ut, value),
+    },
+    Parameter {
+        name: "gnss_noise_m_s",
+        least: 0.0,
+        most: 100.0,
+        about: "white noise of the satellite velocity on each axis and fix, m/s",
+        set: |scenario, value| give(&mut receiver(scenario)?.noise_m_s, value),
+    },
+    Parameter {
+        name: "gnss_latency_s",
+        least: 0.0,
+        most: 2.0,
+        about: "how late fixes arrive, s",
+        set: |scenario, value| give(&mut receiver(scenario)?.latency_s, value),
+    },
+    Parameter {
+        name: "amplitude_deg",
+        least: 0.0,
+        most: 89.0,
+        about: "how far the body swings, °: of s1 the roll, with its pitch in proportion; of coning half the cone",
+        set: |scenario, value| match &mut scenario.motion {
+            Motion::Swing(swing) => give(swing, swing.scaled_to(value.to_radians())),
+            Motion::Coning(coning) => give(&mut coning.half_angle_rad, value.to_radians()),
+            Motion::Tumble(_) | Motion::S3 | Motion::Cruise(_) => Err("amplitude"),
+        },
+    },
+];
+
+fn give<T>(place: &mut T, value: T) -> Result<(), &'static str> {
+    *place = value;
+    Ok(())
+}
+
+fn receiver(scenario: &mut Scenario) -> Result<&mut Receiver, &'static str> {
+    scenario.errors.receiver.as_mut().ok_or("satellite receiver")
+}
 
 impl Scenario {
     /// The scenarios.
     pub const NAMES: [&'static str; 6] = Motion::NAMES;
 
-    /// The scenario of that name as it usually is; a query after `?` changes its `seed`, `rate_hz`, `duration_s` or `gnss`.
+    /// The scenario of that name as it usually is; a query after `?` changes its `seed`, `rate_hz`, `duration_s`, `gnss` or one of the
+    /// [`PARAMETERS`].
     pub fn named(text: &str) -> Result<Self, ScenarioError> {
         let (name, query) = text.split_once('?').unwrap_or((text, ""));
         let mut scenario = Self::usual(name).ok_or_else(|| ScenarioError::Name { found: name.into() })?;
-        for pair in query.split('&').filter(|pair| !pair.is_empty()) {
-            let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
-            scenario.change(key, value)?;
+        let pairs = query.split('&').filter(|pair| !pair.is_empty());
+        let pairs = pairs.map(|pair| pair.split_once('=').unwrap_or((pair, "")));
+        // Another rate changes the noise that is not set.
+        let (others, numbers): (Vec<_>, Vec<_>) = pairs.partition(|(key, _)| KEYS.contains(key));
+        others.into_iter().try_for_each(|(key, value)| scenario.change(key, value))?;
+        for (key, value) in numbers {
+            let parameter = PARAMETERS.iter().find(|parameter| parameter.name == key);
+            let Parameter { least, most, .. } = parameter.ok_or_else(|| ScenarioError::Key { found: key.into() })?;
+            scenario.set(key, number(key, value, *least, *most)?)?;
         }
         Ok(scenario)
+    }
+
+    /// Sets one of the [`PARAMETERS`], whose range is not looked at.
+    pub fn set(&mut self, name: &str, value: f64) -> Result<(), ScenarioError> {
+        let parameter = PARAMETERS.iter().find(|parameter| parameter.name == name);
+        let Parameter { name, set, .. } = parameter.ok_or_else(|| ScenarioError::Key { found: name.into() })?;
+        set(self, value).map_err(|lacks| ScenarioError::Lacks { scenario: self.name, key: name, lacks })
     }
 
     /// The same scenario with everything random in it drawn from another seed.
@@ -85,7 +194,7 @@ impl Scenario {
         let motion = Motion::named(name)?;
         let name = Self::NAMES.into_iter().find(|known| *known == name)?;
         let (duration_s, scored_from_s, errors, rate_kind) = match motion {
-            Motion::S1 => (100.0, 5.0, Errors::S1, RateKind::Instant),
+            Motion::Swing(_) => (100.0, 5.0, Errors::S1, RateKind::Instant),
             Motion::Tumble(_) => (100.0, 5.0, Errors::S1, RateKind::Instant),
             Motion::S3 => (s3::DURATION_S, 0.0, Errors::s3(), RateKind::Mean),
             Motion::Coning(_) => (60.0, 0.0, Errors::NONE, RateKind::Mean),
@@ -98,25 +207,28 @@ impl Scenario {
 
     fn change(&mut self, key: &str, value: &str) -> Result<(), ScenarioError> {
         let refused = |expected: String| ScenarioError::Value { key: key.into(), found: value.into(), expected };
-        let number = |least: f64, most: f64| {
-            let parsed = value.parse::<f64>().ok().filter(|x| (least..=most).contains(x));
-            parsed.ok_or_else(|| refused(format!("a number from {least} to {most}")))
-        };
         match key {
             "seed" => *self = self.with_seed(value.parse().map_err(|_| refused("a natural number".into()))?),
-            "rate_hz" => *self = self.with_rate_hz(number(1.0, 10_000.0)?),
-            "duration_s" => self.duration_s = number(0.0, 1e7)?,
+            "rate_hz" => *self = self.with_rate_hz(number(key, value, 1.0, 10_000.0)?),
+            "duration_s" => self.duration_s = number(key, value, 0.0, 1e7)?,
             "gnss" => {
                 let coverage = Coverage::NAMED.into_iter().find(|(name, _)| *name == value);
                 let names = Coverage::NAMED.map(|(name, _)| name).join(", ");
                 let (_, coverage) = coverage.ok_or_else(|| refused(format!("one of {names}")))?;
-                let receiver = self.errors.receiver.as_mut();
-                receiver.ok_or(ScenarioError::NoReceiver { scenario: self.name })?.coverage = coverage;
+                let scenario = self.name;
+                let lacks = |lacks| ScenarioError::Lacks { scenario, key: "gnss", lacks };
+                receiver(self).map_err(lacks)?.coverage = coverage;
             }
             _ => return Err(ScenarioError::Key { found: key.into() }),
         }
         Ok(())
     }
+}
+
+fn number(key: &str, value: &str, least: f64, most: f64) -> Result<f64, ScenarioError> {
+    let parsed = value.parse::<f64>().ok().filter(|x| (least..=most).contains(x));
+    let expected = || format!("a number from {least} to {most}");
+    parsed.ok_or_else(|| ScenarioError::Value { key: key.into(), found: value.into(), expected: expected() })
 }
 
 /// Why a scenario was refused.
@@ -141,10 +253,14 @@ pub enum ScenarioError {
         /// What it takes.
         expected: String,
     },
-    /// `gnss` of a scenario without a satellite receiver.
-    NoReceiver {
+    /// The scenario has nothing that the key could set.
+    Lacks {
         /// The scenario.
         scenario: &'static str,
+        /// The key.
+        key: &'static str,
+        /// What it has not.
+        lacks: &'static str,
     },
 }
 
@@ -155,17 +271,18 @@ impl fmt::Display for ScenarioError {
                 write!(f, "there is no scenario `{found}`; there are {}", Scenario::NAMES.join(", "))
             }
             Self::Key { found } => {
+                let keys: Vec<_> = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name)).collect();
                 write!(
                     f,
                     "a scenario has no `{found}`; {} can be set, as in `cruise?seed=3&gnss=gaps`",
-                    KEYS.join(", ")
+                    keys.join(", ")
                 )
             }
             Self::Value { key, found, expected } => {
                 write!(f, "a scenario's {key}: expected {expected}, found `{found}`")
             }
-            Self::NoReceiver { scenario } => {
-                write!(f, "the scenario `{scenario}` has no satellite receiver; leave out `gnss`")
+            Self::Lacks { scenario, key, lacks } => {
+                write!(f, "the scenario `{scenario}` has no {lacks}; leave out `{key}`")
             }
         }
     }

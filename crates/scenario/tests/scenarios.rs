@@ -151,13 +151,56 @@ fn what_does_not_exist_is_refused_with_what_does() {
         ("cruse", "there is no scenario `cruse`; there are s1, tumble, s3, coning, cruise, cruise-hard"),
         (
             "cruise?sed=3",
-            "a scenario has no `sed`; seed, rate_hz, duration_s, gnss can be set, as in `cruise?seed=3&gnss=gaps`",
+            "a scenario has no `sed`; seed, rate_hz, duration_s, gnss, gyro_bias_deg_s, gyro_noise_deg_s, gyro_scale, accel_bias_g, accel_noise_g, \
+             field_noise_ut, gnss_noise_m_s, gnss_latency_s, amplitude_deg can be set, as in `cruise?seed=3&gnss=gaps`",
         ),
         ("cruise?seed=-1", "a scenario's seed: expected a natural number, found `-1`"),
         ("cruise?rate_hz=NaN", "a scenario's rate_hz: expected a number from 1 to 10000, found `NaN`"),
         ("cruise?gnss=often", "a scenario's gnss: expected one of always, gaps, start, never, found `often`"),
         ("s1?gnss=gaps", "the scenario `s1` has no satellite receiver; leave out `gnss`"),
+        ("s1?field_noise_ut=1", "the scenario `s1` has no magnetometer; leave out `field_noise_ut`"),
+        ("cruise?amplitude_deg=9", "the scenario `cruise` has no amplitude; leave out `amplitude_deg`"),
+        ("s1?amplitude_deg=90", "a scenario's amplitude_deg: expected a number from 0 to 89, found `90`"),
     ] {
         assert_eq!(Scenario::named(text).unwrap_err().to_string(), said);
     }
+}
+
+#[test]
+fn numbers_of_a_scenario_change_what_they_say_and_nothing_else() {
+    let usual = |name: &str| Scenario::named(name).unwrap();
+    for (text, changed) in [
+        (
+            "s1?gyro_bias_deg_s=2&rate_hz=200",
+            Scenario {
+                rate_hz: 200.0,
+                errors: Errors { gyro_bias_rad_s: 2f64.to_radians(), ..Errors::S1 },
+                ..usual("s1")
+            },
+        ),
+        (
+            "tumble?accel_noise_g=0.5",
+            Scenario { errors: Errors { accel_noise_m_s2: 0.5 * GRAVITY_M_S2, ..Errors::S1 }, ..usual("tumble") },
+        ),
+        // The noise that is set is that at the scenario's rate, whatever stands first.
+        ("cruise?gyro_noise_deg_s=1&rate_hz=400&accel_noise_g=0.1", {
+            let cruise = usual("cruise?rate_hz=400");
+            let errors =
+                Errors { gyro_noise_rad_s: 1f64.to_radians(), accel_noise_m_s2: 0.1 * GRAVITY_M_S2, ..cruise.errors };
+            Scenario { errors, ..cruise }
+        }),
+    ] {
+        assert_eq!(usual(text), changed, "{text}");
+    }
+    let swing = |text: &str| {
+        let angles = usual(text).motion.at(5.0).attitude.angles();
+        let pitch_rad = usual(text).motion.at(0.0).attitude.angles().pitch_rad;
+        [angles.roll_rad, pitch_rad].map(f64::to_degrees)
+    };
+    for (text, [roll_deg, pitch_deg]) in [("s1", [30.0, 25.0]), ("s1?amplitude_deg=60", [60.0, 50.0])] {
+        let [roll, pitch] = swing(text);
+        assert!((roll - roll_deg).abs() < 1e-9 && (pitch - pitch_deg).abs() < 1e-9, "{text}: {roll} {pitch}");
+    }
+    let latency_s = |text: &str| usual(text).readings().find(|(_, reading)| reading.fix.is_some()).unwrap().0;
+    assert_eq!((latency_s("cruise"), latency_s("cruise?gnss_latency_s=0.5")), (0.2, 0.5));
 }

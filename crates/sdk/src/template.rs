@@ -8,10 +8,11 @@ use std::{
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 
 /// The Python package beside a stage in Python: each file's name and text.
-const PACKAGE: [(&str, &str); 6] = [
+const PACKAGE: [(&str, &str); 7] = [
     ("__init__.py", include_str!("../python/plumbline/__init__.py")),
     ("attitude.py", include_str!("../python/plumbline/attitude.py")),
     ("program.py", include_str!("../python/plumbline/program.py")),
+    ("sensor.py", include_str!("../python/plumbline/sensor.py")),
     ("stage.py", include_str!("../python/plumbline/stage.py")),
     ("trial.py", include_str!("../python/plumbline/trial.py")),
     ("values.py", include_str!("../python/plumbline/values.py")),

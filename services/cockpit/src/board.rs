@@ -157,6 +157,7 @@ impl Desk for SupervisorDesk {
 /// What the system is fed with, for people.
 fn source(launch: &Launch) -> String {
     let ingest = &launch.ingest;
+    let at = |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
     match ingest.source {
         LaunchSource::Sim => format!("sim {}", ingest.sim.scenario),
         LaunchSource::Replay => {
@@ -165,7 +166,10 @@ fn source(launch: &Launch) -> String {
         }
         LaunchSource::Bus => "bus".into(),
         LaunchSource::Stdin => "stdin".into(),
-        LaunchSource::Udp => format!("udp {}", ingest.udp.listen),
-        LaunchSource::Serial => format!("serial {}", ingest.serial.port.display()),
+        LaunchSource::Udp => at("udp", ingest.live.udp.port.as_ref()),
+        LaunchSource::Tcp => at("tcp", ingest.live.tcp.port.as_ref()),
+        LaunchSource::Serial => at("serial", ingest.live.serial.port.as_ref()),
+        LaunchSource::Mavlink => at("mavlink", ingest.live.mavlink.port.as_ref()),
+        LaunchSource::Iio => format!("iio {}", ingest.live.iio.device),
     }
 }

@@ -110,6 +110,7 @@ impl Watch {
             ticks: 0,
             lost: 0,
             at: None,
+            troubles: Vec::new(),
         });
         let services = statuses.into_iter().chain(supervisor).map(|status| {
             let service = Service::named(&status.service).filter(|service| !service.is_beside());
@@ -173,8 +174,11 @@ fn latency(of: observe::hops::LatencyUs) -> LatencyUs {
 }
 
 fn form(status: ServiceStatus) -> v1::ServiceStatus {
-    let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at: _ } = status;
+    let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at: _, troubles } =
+        status;
+    let trouble = |control::Trouble { kind, found, remedy }| v1::Trouble { kind, found, remedy };
+    let troubles = troubles.into_iter().map(trouble).collect();
     // Where a service is reached is of no use here: that of the cockpit holds the token.
     let (at, stage, pid) = (String::new(), stage.unwrap_or_default(), pid.unwrap_or_default());
-    v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at }
+    v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
 }

@@ -1,8 +1,10 @@
 //! The slot `course`: from `fused`, with `gnss` where a tick has it, to `attitude`: what people and autopilots read.
 //!
 //! Input: the fused attitude of each tick, a fix of some. Output: angles, course, quaternion, and the jump whenever the attitude was
-//! set anew. Time: the samples' own. Failure: a state that is not an attitude repeats the last one, flagged.
+//! set anew; the course from true north where the launch file asks for it. Time: the samples' own. Failure: a state that is not an attitude repeats the last one, flagged.
 #![forbid(unsafe_code)]
+
+mod true_north;
 
 use attitude::{
     Vector3,
@@ -21,6 +23,8 @@ use runtime::{
     stage::{self, Filled},
     state_words::Words,
 };
+
+use true_north::TrueNorth;
 
 /// What the slot reads.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +64,7 @@ pub struct CourseSlot {
     /// The decision under which the fuser published last, and how often another kind of fuser took over.
     epoch: u32,
     swaps: u64,
+    north: TrueNorth,
 }
 
 /// The slot with the stage that `config` names.
@@ -72,6 +77,8 @@ pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
         jump: [1.0, 0.0, 0.0, 0.0],
         epoch: runtime::service_config::FIRST_EPOCH,
         swaps: 0,
+        north: TrueNorth::new(&config.launch.north)
+            .map_err(|why| RuntimeError::Failed { slot: Service::Course, why })?,
     })
 }
 
@@ -97,6 +104,9 @@ impl Slot for CourseSlot {
             let Some(state) = fused else { continue };
             let mut header = self.join.sequence().mark(state.header, missing);
             let fix = gnss.as_ref().and_then(quantities::fix);
+            if let Some(gnss) = &gnss {
+                self.north.note(gnss);
+            }
             header.flags |= Flags::AIDING_MISSING.when(header.flags.any(Flags::FIX) && fix.is_none());
             if let Some(output) = self.read(&state, header, fix) {
                 publish(output);
@@ -131,11 +141,12 @@ impl Slot for CourseSlot {
         self.jump.visit(visit);
         self.epoch.visit(visit);
         self.swaps.visit(visit);
+        self.north.visit(visit);
     }
 
     fn own_flaw(&self) -> Option<&'static str> {
         let finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
-        (!finite).then_some("a number that is not finite")
+        (!finite).then_some("a number that is not finite").or(self.north.flaw())
     }
 
     fn expect_until(&mut self, tick: u64) {
@@ -167,6 +178,7 @@ impl CourseSlot {
             fix,
             dt_s: header.dt_s(),
         })?;
+        let reading = self.north.apply(reading);
         // Where the attitude was set anew too, it counts once.
         self.resets[1] += u64::from(reading.aligned && !reset);
         header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal)

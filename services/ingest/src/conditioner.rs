@@ -110,7 +110,6 @@ impl Conditioner {
     /// For sensors of this rate, limited, calibrated and mounted as `ingest` says.
     pub fn new(ingest: &Ingest, rate_hz: f64, kind: GyroSamples) -> Result<Self, CalibrationError> {
         let limits = &ingest.limits;
-        let calibration = |of: &launch::Calibration| Calibration::new(of.bias.into(), matrix(of.matrix));
         let stuck_ns = (limits.stuck_s * 1e9) as i64;
         let gap_ns = (limits.gap_s * 1e9) as i64;
         Ok(Self {
@@ -136,9 +135,9 @@ impl Conditioner {
             fix: None,
             body: Body {
                 mounting: Mounting::of_matrix(matrix(ingest.mounting))?,
-                gyro: calibration(&ingest.calibration.gyro)?,
-                accel: calibration(&ingest.calibration.accel)?,
-                mag: calibration(&ingest.calibration.mag)?,
+                gyro: ingest.calibration.gyro.acting()?,
+                accel: ingest.calibration.accel.acting()?,
+                mag: ingest.calibration.mag.acting()?,
             },
             gap_ns,
             kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),

@@ -9,7 +9,7 @@ use recording::{
     Reader, RecordingError, Row,
     gnss::{self, Fixes},
 };
-use scenario::{Motion, Scenario, ScenarioError, Sensors};
+use scenario::{ScenarioError, Sensors};
 
 pub use recording::Reference as Truth;
 
@@ -124,11 +124,7 @@ impl Readings {
         match launch.ingest.source {
             Source::Sim => {
                 let sim = &launch.ingest.sim;
-                let mut scenario = Scenario::named(&sim.scenario)?.with_seed(sim.seed).with_rate_hz(sim.rate_hz);
-                if let Motion::S1 | Motion::Tumble(_) = scenario.motion {
-                    scenario.errors.gyro_bias_rad_s = sim.gyro_bias_deg_s.to_radians();
-                    scenario.errors.accel_noise_m_s2 = sim.accel_noise_g * attitude::GRAVITY_M_S2;
-                }
+                let scenario = sim.scenario()?;
                 Ok(Self::Sim { sensors: Box::new(scenario.sensors()), rate_hz: sim.rate_hz, count: 0 })
             }
             Source::Replay => {

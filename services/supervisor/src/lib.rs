@@ -121,7 +121,7 @@ pub enum UpError {
     #[error(transparent)]
     Failed(#[from] Failure),
     /// What was asked for needs all slots on this host.
-    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\", \"udp\" or \"serial\"")]
+    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\" or a device")]
     Split {
         /// Why it cannot be.
         why: &'static str,
@@ -129,6 +129,26 @@ pub enum UpError {
     /// A terminal would be read as a sensor.
     #[error("reading standard input: it is a terminal; give it a program or a file: PROGRAM | plumb up --source stdin")]
     Terminal,
+    /// A receiver beside what has fixes of its own.
+    #[error(
+        "--receiver: a simulation and a recording bring their own fixes; name a device, too, as --source serial:/dev/ttyUSB0"
+    )]
+    Receiver,
+    /// The declination of an unknown day.
+    #[error(
+        "counting the course from true north: what is read again must give the same course on any day; set its date in [course] of the launch file, as date = 2026-11-23"
+    )]
+    NoDate,
+    /// The clock on the wall is not set, or the magnetic model has been superseded.
+    #[error(
+        "counting the course from true north: the clock says {today}, and the magnetic model holds from {} to {}; set the clock, or date in [course] of the launch file",
+        launch::MODEL_YEARS.start(),
+        launch::MODEL_YEARS.end()
+    )]
+    NoModel {
+        /// The day.
+        today: String,
+    },
     /// The attitude would be written over the recording.
     #[error("writing {path}: that is the recording itself; give --out another name")]
     OutIsReplay {
@@ -167,7 +187,8 @@ pub enum UpError {
     },
     /// Attitudes that were published and not taken by the supervisor.
     #[error(
-        "{not_recorded} attitudes were published and are neither in this report's figures nor in the file of --out: the supervisor did not take them within buffer_s, as if it had been stopped"
+        "published, but neither in this report's figures nor in the file of --out: {}; the supervisor did not take them within buffer_s, as if it had been stopped",
+        launch::counted(*not_recorded, "attitude")
     )]
     NotRecorded {
         /// How many.
@@ -175,7 +196,8 @@ pub enum UpError {
     },
     /// Lines of the file of attitudes without what only the fused state tells.
     #[error(
-        "{without_fused} lines of the file of --out have no u, v, z and bias: the supervisor did not take the fused states of these ticks within buffer_s"
+        "without u, v, z and bias in the file of --out: {}; the supervisor did not take the fused states of these ticks within buffer_s",
+        launch::counted(*without_fused, "line")
     )]
     WithoutFused {
         /// How many.
@@ -197,7 +219,8 @@ impl UpError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
-            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::NoBus => 2,
+            Self::NoDate | Self::NoModel { .. } => 3,
+            Self::OutIsReplay { .. } | Self::Split { .. } | Self::Terminal | Self::Receiver | Self::NoBus => 2,
             _ => 1,
         }
     }

@@ -6,9 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use launch::{Launch, Service, Source};
+use launch::{Date, Launch, Service, Source};
 use pipeline::{Column, OutFile, is_same_file};
 use runtime::{Pace, ServiceConfig};
+use time::OffsetDateTime;
 
 use crate::{Flight, UpError, warm};
 
@@ -27,6 +28,8 @@ pub struct Request {
     pub launch: Option<PathBuf>,
     /// A source in one line that takes the place of the launch file's.
     pub source: Option<String>,
+    /// A receiver in one line that takes the place of the launch file's.
+    pub receiver: Option<String>,
     /// A recording that takes the place of the launch file's source.
     pub replay: Option<PathBuf>,
     /// What was imported of it, where it is the log of another system.
@@ -75,6 +78,12 @@ impl Plan {
         if let Some(line) = &request.source {
             launch.set_source(line).map_err(launch::LaunchError::from)?;
         }
+        if let Some(line) = &request.receiver {
+            launch.set_receiver(line).map_err(launch::LaunchError::from)?;
+            if launch.ingest.source.can_be_read_again() {
+                return Err(UpError::Receiver);
+            }
+        }
         if let Some(file) = &request.replay {
             launch.ingest.source = Source::Replay;
             launch.ingest.replay.file.clone_from(request.imported.as_ref().unwrap_or(file));
@@ -115,6 +124,9 @@ impl Plan {
             return Err(UpError::Terminal);
         }
         let live = !launch.ingest.source.can_be_read_again() && !launch.ingest.source.waits();
+        if launch.north.is_true && launch.north.date.is_none() {
+            launch.north.date = Some(if live { today()? } else { return Err(UpError::NoDate) });
+        }
         let wanted = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
         let ticks_max = wanted.filter(|_| !live);
         let config = ServiceConfig {
@@ -155,6 +167,13 @@ impl Plan {
             config,
         }
     }
+}
+
+/// The date of the magnetic model while sensors are read.
+fn today() -> Result<Date, UpError> {
+    let today = OffsetDateTime::now_utc().date();
+    let date = u16::try_from(today.year()).ok().and_then(|year| Date::new(year, today.month().into(), today.day()));
+    date.ok_or_else(|| UpError::NoModel { today: today.to_string() })
 }
 
 /// The file of attitudes, in the frame of the launch file.

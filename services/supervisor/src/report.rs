@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use launch::counted;
 use messages::Flags;
 use pipeline::Collector;
 use serde::Serialize;
@@ -185,9 +186,10 @@ impl fmt::Display for LatencyUs {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { ticks_in, ticks_out, lost, duplicated, refused, .. } = self;
+        let refused = counted(*refused, "reading");
         writeln!(
             f,
-            "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} readings refused"
+            "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} refused"
         )?;
         writeln!(f, "latency  {}", self.latency_us)?;
         writeln!(f, "cpu      {:.3} s per s", self.cpu_s_per_s)?;
@@ -202,7 +204,8 @@ impl fmt::Display for Report {
         }
         if let Some(RecordingReport { file, messages, missed, bytes, .. }) = &self.recording {
             let size = *bytes as f64 * 1e-6;
-            writeln!(f, "flight   {}: {messages} messages, {missed} missed, {size:.1} MB", file.display())?;
+            let messages = counted(*messages, "message");
+            writeln!(f, "flight   {}: {messages}, {missed} missed, {size:.1} MB", file.display())?;
         }
         write!(f, "digest   {:016x}", self.digest)
     }

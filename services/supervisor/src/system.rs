@@ -130,7 +130,7 @@ impl<'r> System<'r> {
             claim: Some(claim),
         };
         let Plan { config, .. } = plan;
-        system.tell(beginning(config.rate_hz, config.launch.ingest.source));
+        system.tell(beginning(config.rate_hz, &config.launch));
         if let Some(prior) = prior {
             system.tell(SystemEvent::new(EventKind::WARM).with_stage("", prior.numbers()));
         }

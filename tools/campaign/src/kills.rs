@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use launch::Service;
+use launch::{Service, counted};
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{Rng, SeedableRng},
@@ -100,7 +100,8 @@ impl fmt::Display for KillsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kills, ticks, lost, duplicated, same_bytes, recovery_ms } = self;
         let bytes = if *same_bytes { "the same bytes as undisturbed" } else { "NOT the bytes of an undisturbed run" };
-        writeln!(f, "{kills} kills in {ticks} ticks: lost {lost}, duplicated {duplicated}, {bytes}")?;
+        let (kills, ticks) = (counted((*kills).into(), "kill"), counted(*ticks, "tick"));
+        writeln!(f, "{kills} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
         write!(f, "from the kill to the next attitude: {recovery_ms}")
     }
 }

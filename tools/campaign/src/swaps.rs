@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use control::{ControlError, ControlRequest, Outcome, SwapReport, SwapRequest, ask};
-use launch::{Service, Stage};
+use launch::{Service, Stage, counted};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -135,7 +135,9 @@ impl fmt::Display for SwapsReport {
         let Self { swaps, committed, failed, ticks, lost, duplicated, out_of_order, .. } = self;
         writeln!(
             f,
-            "{committed} of {swaps} swaps committed in {ticks} ticks: lost {lost}, duplicated {duplicated}, out of order {out_of_order}"
+            "{committed} of {} committed in {}: lost {lost}, duplicated {duplicated}, out of order {out_of_order}",
+            counted((*swaps).into(), "swap"),
+            counted(*ticks, "tick"),
         )?;
         for SwapReport { slot, from, to, reason, .. } in failed {
             writeln!(f, "{slot}: {from} → {to} failed: {}", reason.as_deref().unwrap_or("no reason given"))?;

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use launch::counted;
 use serde::Serialize;
 
 /// How a stage did.
@@ -67,7 +68,7 @@ impl Check {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let failed = self.failures().count();
-        write!(f, "{} {}: {} checks", self.slot, self.stage, self.checks.len())?;
+        write!(f, "{} {}: {}", self.slot, self.stage, counted(self.checks.len() as u64, "check"))?;
         if failed > 0 {
             write!(f, ", {failed} failed")?;
         }

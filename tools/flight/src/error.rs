@@ -44,7 +44,8 @@ pub enum FlightError {
     },
     /// What was published and is not in the file.
     #[error(
-        "recording to {path}: {missed} messages were published and are not in the file: the recorder did not take them in time, as on a machine with too much to do"
+        "recording to {path}: published, but not in the file: {}; the recorder did not take them in time, as on a machine with too much to do",
+        launch::counted(*missed, "message")
     )]
     Missed {
         /// The file.

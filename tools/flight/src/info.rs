@@ -11,6 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use launch::counted;
 use mcap::{
     McapError, McapResult, parse_record,
     records::{AttachmentHeader, MetadataIndex, Record},
@@ -241,7 +242,8 @@ impl fmt::Display for FlightInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { file, bytes, cut, seconds, messages, topics, missed, end, attachments, metadata } = self;
         let size = *bytes as f64 * 1e-6;
-        writeln!(f, "{}: MCAP, {messages} messages in {seconds:.1} s, {size:.1} MB", file.display())?;
+        let messages = counted(*messages, "message");
+        writeln!(f, "{}: MCAP, {messages} in {seconds:.1} s, {size:.1} MB", file.display())?;
         if metadata.contains_key(BEGINNING) {
             let [system, host, version, start] = ["system", "host", "version", "start_utc"].map(|name| self.said(name));
             writeln!(f, "flight of {system} on {host}, plumbline {version}, from {start}")?;
@@ -252,7 +254,7 @@ impl fmt::Display for FlightInfo {
             (None, None) => writeln!(f, "whole")?,
         }
         let all: u64 = missed.values().sum();
-        writeln!(f, "missed {all} messages")?;
+        writeln!(f, "missed {}", counted(all, "message"))?;
         for (topic, count) in missed {
             writeln!(f, "  {topic}: {count}")?;
         }

@@ -2,6 +2,7 @@
 
 use std::{fmt, path::PathBuf};
 
+use launch::counted;
 use serde::Serialize;
 
 use crate::FlightError;
@@ -53,12 +54,13 @@ impl fmt::Display for Summary {
         let Self { file, seconds, bytes, messages, missed, topics, .. } = self;
         write!(
             f,
-            "{}: {messages} messages in {seconds:.1} s, missed {missed}, {:.1} MB",
+            "{}: {} in {seconds:.1} s, missed {missed}, {:.1} MB",
             file.display(),
+            counted(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;
         for TopicSummary { topic, messages, missed } in topics.iter().filter(|it| it.messages + it.missed > 0) {
-            write!(f, "\n  {topic:<12}{messages:>10} messages, missed {missed}")?;
+            write!(f, "\n  {topic:<12}{:>19}, missed {missed}", counted(*messages, "message"))?;
         }
         Ok(())
     }

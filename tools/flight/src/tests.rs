@@ -75,7 +75,7 @@ fn what_is_missed_is_told_and_written() {
     recorder.overflowed(Topic::Imu);
     let summary = recorder.end("it was a test", None);
     assert_eq!(summary.missed, 2 * 7 + 1);
-    assert!(summary.error.unwrap().contains("15 messages were published and are not in the file"));
+    assert!(summary.error.unwrap().contains("not in the file: 15 messages"));
     let info = FlightInfo::read(&path).unwrap();
     let missed: Vec<_> = info.missed.iter().map(|(topic, count)| (topic.as_str(), *count)).collect();
     assert_eq!(missed, [("/attitude", 7), ("/health", 1), ("/imu", 7)]);

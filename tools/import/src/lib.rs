@@ -29,6 +29,7 @@ mod error;
 pub mod format;
 mod mapped;
 pub mod mcap_file;
+pub mod ros_messages;
 mod rows;
 mod source;
 pub mod summary;

@@ -115,7 +115,7 @@ impl Source for Table<'_> {
         let mapping = self.mapping;
         let convert = |t_ns, found| {
             let reference = Reference { quaternion: mapping.reference(found)?, scored: true };
-            Some(Attitude { t_ns, reference, resets: 0 })
+            Some(Attitude { t_ns, reference, resets: Some(0) })
         };
         Ok(Box::new(self.files.samples(group, mapping.time_digits(), convert)?))
     }

@@ -24,8 +24,8 @@ const CHORD_IS_ARC: f64 = 1e-9;
 pub(crate) struct Attitude {
     pub(crate) t_ns: i64,
     pub(crate) reference: Reference,
-    /// Changes where the estimator set its attitude anew: nothing is between the two.
-    pub(crate) resets: u8,
+    /// Changes where the estimator set its attitude anew: nothing is between the two. `None` of one that is of its own time alone.
+    pub(crate) resets: Option<u8>,
 }
 
 /// What a source says beside the rows, sample by sample.
@@ -184,7 +184,7 @@ impl<'a> Rows<'a> {
         }
         let Some(before) = self.attitude else { return Ok(None) };
         let gap_ns = after.t_ns.abs_diff(before.t_ns);
-        if gap_ns > REFERENCE_GAP_MAX_NS || after.resets != before.resets {
+        if gap_ns > REFERENCE_GAP_MAX_NS || after.resets.is_none() || after.resets != before.resets {
             return Ok(None);
         }
         let part = t_ns.abs_diff(before.t_ns) as f64 / gap_ns as f64;

@@ -118,13 +118,13 @@ impl fmt::Display for Note {
                 write!(f, "read up to byte {at_byte} of {length_bytes}: {found}; nothing from there on was read")
             }
             Self::Dropouts { count, total_ms } => {
-                write!(f, "the log has {count} dropout(s), {total_ms} ms in all: what was measured then is not in it")
+                write!(f, "dropouts of the log: {count}, {total_ms} ms in all; what was measured then is not in it")
             }
             Self::NotGravity { mean_force_m_s2 } => write!(
                 f,
                 "the mean force is {mean_force_m_s2:.2} m/s², not near 9.8: check its unit, and that gravity is in it"
             ),
-            Self::LeftOut { what, count, why } => write!(f, "left out {count} {what}: {why}"),
+            Self::LeftOut { what, count, why } => write!(f, "left out {count} of the {what}: {why}"),
             Self::Unread { file, found } => {
                 write!(f, "{file} is not whole: {found}; nothing from there on was read of it")
             }
@@ -138,7 +138,7 @@ impl fmt::Display for Note {
                 write!(f, "{topic} may hold {what}; --topic {topic} reads it as {meaning}")
             }
             Self::OtherInstances { topic, read, others } => {
-                write!(f, "read instance {read} of {topic}; {others} samples of other instances were not read")
+                write!(f, "read instance {read} of {topic}; not read of other instances: {others}")
             }
             Self::Missing { what } => write!(f, "there is no {what}"),
             Self::FixesNotFound { fixes } => {

@@ -7,6 +7,7 @@
 use std::fmt;
 
 use graph::{Presence, Topic};
+use launch::counted;
 use messages::{Field, Layout};
 use serde::Serialize;
 
@@ -210,7 +211,7 @@ impl FlowReport {
     /// The rate and its regularity, on a line.
     pub fn hz(&self) -> String {
         let Some((rate_hz, Interval { mean, min, max, jitter })) = self.rate_hz.zip(self.interval_ms) else {
-            return format!("{}: {} messages", self.topic, self.messages);
+            return format!("{}: {}", self.topic, counted(self.messages, "message"));
         };
         format!(
             "{}: {rate_hz:.2} Hz, interval {mean:.3} ms mean, {min:.3} min, {max:.3} max, {jitter:.3} jitter; {self}",
@@ -237,7 +238,8 @@ impl fmt::Display for FlowReport {
         let (lost, overwritten) = (told(*lost), told(*overwritten));
         write!(
             f,
-            "{messages} messages, lost on the bus {lost}, missed by this observer {overwritten}, repeated {repeated}"
+            "{}, lost on the bus {lost}, missed by this observer {overwritten}, repeated {repeated}",
+            counted(*messages, "message")
         )?;
         let Some(Delivery { decimated, dropped, restarts, refused, .. }) = self.delivery else { return Ok(()) };
         write!(f, "; decimated {decimated}, dropped by the gateway {dropped}, gateway restarts {restarts}")?;

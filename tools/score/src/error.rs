@@ -79,6 +79,12 @@ pub enum ScoreError {
         /// The name.
         name: String,
     },
+    /// A range of seeds that is none.
+    #[error("simulating {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::SEEDS_MAX)]
+    Seeds {
+        /// The simulation.
+        text: String,
+    },
     /// A recording that cannot be used.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -122,6 +128,7 @@ impl ScoreError {
             | Self::Scenario(_)
             | Self::FixesOfOne { .. }
             | Self::NameTwice { .. }
+            | Self::Seeds { .. }
             | Self::OutIsTrial { .. } => 2,
             Self::Recording(_) => 3,
             Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,

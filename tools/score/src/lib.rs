@@ -10,6 +10,7 @@
 //! | [`chain`] | the stages of one path |
 //! | [`catalogue`] | what there is to choose from |
 //! | [`trial`] | a recording or a simulation, moment by moment |
+//! | [`seeds`] | a simulation with many seeds, and how its errors spread |
 //! | [`mod@run`] | the stages over the trials, through the slots of the running system |
 //! | [`timing`] | nanoseconds per update of the bare stages |
 //! | [`table`] | the scores, for people and for scripts |
@@ -21,6 +22,7 @@ pub mod chain;
 mod error;
 pub mod plot;
 pub mod run;
+pub mod seeds;
 pub mod stages;
 pub mod table;
 pub mod timing;

@@ -7,19 +7,22 @@ use std::{
     collections::HashSet,
     fs,
     path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
 };
 
 use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
-use launch::{Launch, Source};
+use launch::{Launch, Source, counted};
 use messages::Reference;
 use pipeline::{Collector, OutFile, is_same_file};
+use rayon::prelude::*;
 use runtime::{Pace, RuntimeError, ServiceConfig};
 
 use crate::{
     ScoreError,
     chain::Stages,
     plot::Figures,
+    seeds::{self, joined},
     stages::{self, Choice},
     table::{ErrorsDeg, Scores, StageScore, TrialScore, Warning},
     timing::{SAMPLES_MAX, Step, ns_per_update},
@@ -44,41 +47,72 @@ pub struct Request {
     pub plot: Option<PathBuf>,
 }
 
-/// Runs every stage over every trial. `progress` is told the readings done, and of how many.
-pub fn run(request: &Request, progress: &mut dyn FnMut(u64, u64)) -> Result<Scores, ScoreError> {
+/// Runs every stage over every trial, on all cores. `progress` is told the readings done, and of how many.
+pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Result<Scores, ScoreError> {
     let launches = stages::launches(&request.choice)?;
-    let trials = trials(request)?;
-    let rows = trials.iter().map(|trial| trial.rows).sum();
+    let entries = entries(request)?;
+    let trials: Vec<(&Trial, bool)> = entries.iter().flat_map(Entry::timed).collect();
+    let rows = trials.iter().map(|(trial, _)| trial.rows).sum();
+    let told = Mutex::new((0, progress));
+    let tell = |more: u64| {
+        let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+        told.0 += more;
+        let done = told.0;
+        (told.1)(done, rows);
+    };
+    tell(0);
+    let run = trials.par_iter().map(|(trial, is_timed)| one(request, trial, &launches, *is_timed, &tell));
+    let mut all = run.collect::<Result<Vec<_>, _>>()?.into_iter();
     let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect(), warnings: Vec::new() };
-    let mut done = 0;
-    for trial in &trials {
-        let mut tell = |rows_done| progress(done + rows_done, rows);
-        let (all, warnings) = one(request, trial, &launches, &mut tell)?;
-        for (score, stage) in all.into_iter().zip(&mut scores.stages) {
-            stage.trials.push(score);
+    for Entry { name, trials } in &entries {
+        let mut of_stages = vec![Vec::new(); launches.len()];
+        for ((seed, trial), (of_trial, warnings)) in trials.iter().zip(&mut all) {
+            scores.warnings.extend(warnings.into_iter().map(|text| Warning { trial: trial.name.clone(), text }));
+            of_stages.iter_mut().zip(of_trial).for_each(|(of_stage, score)| of_stage.push((*seed, score)));
         }
-        scores.warnings.extend(warnings.into_iter().map(|text| Warning { trial: trial.name.clone(), text }));
-        done += trial.rows;
+        for (stage, mut of_stage) in scores.stages.iter_mut().zip(of_stages) {
+            let is_one = of_stage.len() == 1;
+            let score = if is_one { of_stage.pop().map(|(_, score)| score) } else { Some(joined(name, &of_stage)) };
+            stage.trials.extend(score);
+        }
     }
-    progress(rows, rows);
     scores.stages.iter_mut().for_each(StageScore::finish);
     Ok(scores)
 }
 
-fn trials(request: &Request) -> Result<Vec<Trial>, ScoreError> {
+/// What was asked for: a trial, or a simulation with many seeds.
+struct Entry {
+    name: String,
+    /// With the seed where there are many.
+    trials: Vec<(u64, Trial)>,
+}
+
+impl Entry {
+    fn open(text: &str, options: &Options) -> Result<Self, ScoreError> {
+        let seeds = seeds::each(text)?.unwrap_or_else(|| vec![(0, text.into())]);
+        let trials = seeds.into_iter().map(|(seed, name)| Ok((seed, Trial::open(&name, options)?)));
+        let trials = trials.collect::<Result<Vec<_>, ScoreError>>()?;
+        Ok(Self { name: text.into(), trials })
+    }
+
+    /// Its trials, of which the first is timed: time does not depend on the seed.
+    fn timed(&self) -> impl Iterator<Item = (&Trial, bool)> {
+        self.trials.iter().enumerate().map(|(index, (_, trial))| (trial, index == 0))
+    }
+}
+
+fn entries(request: &Request) -> Result<Vec<Entry>, ScoreError> {
     if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
         return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
     }
+    let entries =
+        request.files.iter().map(|file| Entry::open(file, &request.options)).collect::<Result<Vec<_>, _>>()?;
     let mut names = HashSet::new();
-    let mut trials = Vec::new();
-    for file in &request.files {
-        let trial = Trial::open(file, &request.options)?;
-        if !names.insert(trial.name.clone()) {
-            return Err(ScoreError::NameTwice { name: trial.name });
-        }
-        trials.push(trial);
+    let twice = entries.iter().flat_map(Entry::timed).find(|(trial, _)| !names.insert(trial.name.clone()));
+    match twice {
+        Some((trial, _)) => Err(ScoreError::NameTwice { name: trial.name.clone() }),
+        None => Ok(entries),
     }
-    Ok(trials)
 }
 
 /// One trial through every launch, and what is to be said of its readings.
@@ -86,29 +120,32 @@ fn one(
     request: &Request,
     trial: &Trial,
     launches: &[Launch],
-    progress: &mut dyn FnMut(u64),
+    is_timed: bool,
+    progress: &(dyn Fn(u64) + Sync),
 ) -> Result<(Vec<TrialScore>, Vec<String>), ScoreError> {
     let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
     let mut lanes = all.iter().map(|config| Lane::new(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
     let Some(first) = all.first() else { return Ok((Vec::new(), Vec::new())) };
     let mut conditioner = ingest::conditioner(first)?;
     let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
-    let mut steps = Vec::new();
+    let (mut steps, mut last) = (Vec::new(), 0);
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
-        if count.is_multiple_of(PROGRESS_ROWS) {
-            progress(count);
+        if count > 0 && count.is_multiple_of(PROGRESS_ROWS) {
+            progress(PROGRESS_ROWS);
         }
+        last = count;
         stamps.take(reading.t_ns);
         let Some(sample) = conditioner.condition(&reading) else { continue };
         findings.extend(judge.take(&sample.imu, sample.mag.as_ref()));
-        if steps.len() < SAMPLES_MAX {
+        if is_timed && steps.len() < SAMPLES_MAX {
             steps.push(Step::new(&sample));
         }
         for lane in &mut lanes {
             lane.offer(&sample)?;
         }
     }
+    progress((last + 1) % PROGRESS_ROWS);
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
     findings.extend(judge.finish());
@@ -121,7 +158,8 @@ fn one(
 fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
     let Stamps { doubled, disordered, .. } = stamps;
     (refused + doubled + disordered > 0).then(|| {
-        format!("{refused} readings refused; {doubled} stamps are equal to the one before, {disordered} are earlier")
+        let refused = counted(refused, "reading");
+        format!("{refused} refused; stamps equal to the one before: {doubled}, earlier: {disordered}")
     })
 }
 
@@ -203,6 +241,7 @@ impl Lane {
             scored: accuracy.count(),
             ticks: self.collector.ticks(),
             ns_per_update,
+            spread: None,
         })
     }
 }

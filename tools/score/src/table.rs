@@ -6,6 +6,8 @@ use attitude::metrics::{Accuracy, AttitudeError};
 use launch::Launch;
 use serde::Serialize;
 
+use crate::seeds::{QUANTILES, Spread};
+
 /// The scores of every chain of stages.
 #[derive(Debug, Clone, Serialize)]
 pub struct Scores {
@@ -65,6 +67,9 @@ pub struct TrialScore {
     pub ticks: u64,
     /// Time from a sample to the fused attitude, ns.
     pub ns_per_update: Option<f64>,
+    /// Over the seeds of a simulation with many, whose mean the errors are then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spread: Option<Spread>,
 }
 
 /// Errors in degrees; `None` where there is no reference.
@@ -87,7 +92,7 @@ impl ErrorsDeg {
         }
     }
 
-    fn error(self) -> Option<AttitudeError> {
+    pub(crate) fn error(self) -> Option<AttitudeError> {
         let Self { total, heading, inclination } = self;
         Some(AttitudeError { total_deg: total?, heading_deg: heading?, inclination_deg: inclination? })
     }
@@ -152,6 +157,9 @@ impl fmt::Display for Scores {
             for stage in &self.stages {
                 let Some(trial) = stage.trials.get(index) else { continue };
                 write!(f, "\n{}", line(name, &stage.fuser, &trial.error, trial.ns_per_update))?;
+                for (label, errors) in trial.spread.iter().flat_map(labelled) {
+                    write!(f, "\n{}", line(&label, "", &errors, None))?;
+                }
                 name = "";
             }
         }
@@ -162,6 +170,14 @@ impl fmt::Display for Scores {
         }
         Ok(())
     }
+}
+
+/// The lines of a spread under its mean.
+fn labelled(spread: &Spread) -> Vec<(String, ErrorsDeg)> {
+    let quantiles =
+        QUANTILES.iter().zip(spread.quantiles).map(|(part, errors)| (format!("  {} %", part * 100.0), errors));
+    let worst = (format!("  worst: seed {}", spread.worst_seed), spread.worst);
+    [("  deviation".to_owned(), spread.sd)].into_iter().chain(quantiles).chain([worst]).collect()
 }
 
 #[cfg(test)]
@@ -175,6 +191,7 @@ mod tests {
             scored: 3,
             ticks: 5,
             ns_per_update: Some(100.0),
+            spread: None,
         };
         let mut stage = StageScore::new(&Launch::default());
         stage.trials = vec![trial("one", Some(1.0)), trial("two", Some(2.0)), trial("no_truth", None)];

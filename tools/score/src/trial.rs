@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use attitude::gyro::RateKind;
 use ingest::source::{Reading, Recorded, Truth};
 use launch::GyroSamples;
-use recording::{gnss, survey};
+use recording::{RecordingError, References, gnss, survey};
 use scenario::Scenario;
 
 use crate::ScoreError;
@@ -35,6 +35,8 @@ pub struct Options {
     pub gnss: Gnss,
     /// Leave out the magnetic field.
     pub without_field: bool,
+    /// The true attitude of a recording, in a file of its own, in place of what the recording says.
+    pub reference: Option<PathBuf>,
     /// What a rate sample says; where nothing is said, a recording's is the mean of its interval.
     pub gyro_samples: Option<GyroSamples>,
 }
@@ -79,11 +81,12 @@ impl Trial {
             Gnss::Auto => gnss::beside(file),
         };
         fixes.as_deref().map_or(Ok(()), gnss::check)?;
+        options.reference.as_deref().map_or(Ok(()), check)?;
         Ok(Self {
             name: stem(file),
             rate_hz: survey.rate_hz,
             rows: survey.rows,
-            has_reference: survey.has_reference,
+            has_reference: survey.has_reference || options.reference.is_some(),
             gyro_samples: options.gyro_samples.unwrap_or(GyroSamples::Means),
             source: Source::Recording { file: file.into(), fixes },
             options: options.clone(),
@@ -124,15 +127,27 @@ impl Trial {
 
     /// The readings from the first to the last; ends after the first error.
     pub fn readings(&self) -> Result<Box<dyn Iterator<Item = Result<Reading, ScoreError>>>, ScoreError> {
-        let Options { gnss, without_field, .. } = &self.options;
+        let Options { gnss, without_field, reference, .. } = &self.options;
         Ok(match &self.source {
             Source::Recording { file, fixes } => {
                 let readings = Recorded::open(file, fixes.as_deref(), !without_field)?;
-                Box::new(readings.map(|reading| Ok(reading?)))
+                match reference.as_deref().map(References::open).transpose()? {
+                    None => Box::new(readings.map(|reading| Ok(reading?))),
+                    Some(mut references) => Box::new(readings.map(move |reading| {
+                        let reading = reading?;
+                        let reference = references.at(reading.t_ns)?;
+                        Ok(Reading { reference, ..reading })
+                    })),
+                }
             }
             Source::Sim(scenario) => Box::new(simulated(scenario, *gnss != Gnss::Off, !without_field).map(Ok)),
         })
     }
+}
+
+/// Reads a file of references to its end.
+fn check(file: &Path) -> Result<(), RecordingError> {
+    References::open(file)?.at(i64::MAX).map(drop)
 }
 
 fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl Iterator<Item = Reading> + use<> {

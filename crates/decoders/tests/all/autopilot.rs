@@ -35,7 +35,7 @@ fn raw_numbers_are_read_only_where_their_scale_is_named() {
     assert_eq!(of(Settings { raw: scale, ..Settings::default() }, &[raw()]), [], "nor where it is not named itself");
     let found = of(Settings { raw: scale, imu: Some(ImuMessage::RawImu), ..Settings::default() }, &[raw(), scaled()]);
     let value =
-        Value::Imu { rate_rad_s: [1.0, 0.0, 0.0], force_m_s2: [0.0, 0.0, -10.0], field_ut: Some([0.0, 14.0, 0.0]) };
+        Value::Imu { rate_rad_s: [0.0, 1.0, 0.0], force_m_s2: [0.0, 0.0, 10.0], field_ut: Some([14.0, 0.0, 0.0]) };
     assert_eq!(found.iter().map(|found| found.value).collect::<Vec<_>>(), [value]);
 }
 
@@ -49,8 +49,8 @@ fn of_two_kinds_of_imu_the_named_one_is_read_or_the_first() {
         };
         found.iter().map(force).collect()
     };
-    assert_eq!(forces(kinds(None)), [-9.80665; 2]);
-    assert_eq!(forces(kinds(Some(ImuMessage::HighresImu))), [f64::from(-9.8f32); 2]);
+    assert_eq!(forces(kinds(None)), [9.80665; 2]);
+    assert_eq!(forces(kinds(Some(ImuMessage::HighresImu))), [f64::from(9.8f32); 2]);
     assert_eq!(of(Settings::default(), &[highres(1)]), [], "another IMU of the same autopilot");
 }
 

@@ -1,6 +1,6 @@
 """Bytes as other projects encode them, into a file; what they say is printed, a line for each measurement that is to come of them.
 
-A line is `imu`, `field` or `fix`, the time (`boot`, `unix` or `none`, and ns), and numbers in SI units, µT, east-north-up; `nan` for what is
+A line is `imu`, `field`, `fix` or, of what is not compared, `passed`; the time (`boot`, `unix`, `counter` or `none`, and ns), and numbers in SI units, µT, east-north-up; `nan` for what is
 not told.
 """
 
@@ -15,6 +15,11 @@ GRAVITY = 9.80665
 
 def said(kind, clock, ns, *numbers):
     print(kind, clock, ns, *(repr(float(number)) for number in numbers))
+
+
+def turned(frd):
+    forward, right, down = frd
+    return [right, forward, -down]
 
 
 def mavlink(file, version):
@@ -39,7 +44,7 @@ def mavlink(file, version):
         updated = [0x1FF, 0x03F, 0x1C0, 0x007, 0xFFFF][n % 5]
         link.heartbeat_send(2, 3, 0, 0, 4)
         link.highres_imu_send(us, *force, *rate, *field, 1013.25, 0.0, 100.0, 20.0, updated)
-        microtesla = [100 * part for part in field]
+        rate, force, microtesla = turned(rate), turned(force), turned([100 * part for part in field])
         if updated & 0x3F == 0x3F:
             said("imu", clock, us * 1000, *rate, *force, *(microtesla if updated & 0x1C0 == 0x1C0 else [NAN] * 3))
         elif updated & 0x1C0 == 0x1C0:
@@ -70,8 +75,9 @@ def scaled(file):
         if n % 3 == 0:
             field = [0, 0, 0]
         link.scaled_imu2_send(n * 20, *force, *rate, *field)
-        microtesla = [part * 0.1 for part in field] if any(field) else [NAN] * 3
-        said("imu", "boot", n * 20_000_000, *(part / 1000 for part in rate), *(part / 1000 * GRAVITY for part in force), *microtesla)
+        microtesla = turned([part * 0.1 for part in field]) if any(field) else [NAN] * 3
+        rate, force = turned([part / 1000 for part in rate]), turned([part / 1000 * GRAVITY for part in force])
+        said("imu", "boot", n * 20_000_000, *rate, *force, *microtesla)
         vx, vy, vz = (dice.randrange(-3000, 3000) for _ in range(3))
         link.global_position_int_send(n * 20, 481000000, 115000000, 500000, 0, vx, vy, vz, 0)
         said("fix", "boot", n * 20_000_000, vy / 100, vx / 100, -vz / 100, NAN, math.radians(48.1), math.radians(11.5), 500.0)
@@ -127,7 +133,55 @@ def nmea(file):
             said("fix", "unix", ns + time.microsecond * 1000, *velocity, 1.0, math.radians(-37.775 if south else 48.1), math.radians(144.96), NAN)
 
 
+def witmotion(file):
+    """Random numbers, as the package's readers understand them."""
+    from witmotion import protocol
+
+    dice = random.Random(9)
+    for n in range(300):
+        bodies = {kind: bytes(dice.randrange(256) for _ in range(8)) for kind in (0x51, 0x52, 0x53, 0x54)}
+        heard = {}
+        for kind, body in bodies.items():
+            reader = protocol.receive_messages[kind]
+            heard[kind] = reader.parse(body)
+            file.write(bytes([0x55, kind]) + body + bytes([reader.compute_checksum(body)]))
+        rate = [math.radians(part) for part in heard[0x52].w]
+        force = [part / protocol.G * GRAVITY for part in heard[0x51].a]
+        said("imu", "none", 0, *rate, *force, *[NAN] * 3)
+        said("field", "none", 0, *(part * 0.1 for part in heard[0x54].mag))
+
+
+def rvc(file):
+    """Turns by whole hundredths of a degree about one axis and then another, as the package's reader understands them."""
+    import struct
+    import types
+
+    # It names a type that only boards have.
+    sys.modules["busio"] = types.SimpleNamespace(UART=object)
+    from adafruit_bno08x_rvc import BNO08x_RVC
+
+    dice = random.Random(10)
+    yaw, pitch, roll, before = 0, 0, 0, None
+    for n in range(300):
+        axis, step = n // 100, dice.randrange(-300, 301)
+        yaw, pitch, roll = (0 if n % 100 == 0 else angle for angle in (yaw, pitch, roll))
+        yaw, pitch, roll = yaw + step * (axis == 0), pitch + step * (axis == 1), roll + step * (axis == 2)
+        pitch = max(-8900, min(8900, pitch))
+        body = struct.pack("<B6hBBB", n % 256, yaw, pitch, roll, *(dice.randrange(-4000, 4000) for _ in range(3)), 0, 0, 0)
+        frame = body + bytes([sum(body) & 0xFF])
+        file.write(b"\xaa\xaa" + frame)
+        *angles, x, y, z = BNO08x_RVC._parse_frame(frame)
+        if n % 100 > 0:
+            turn = [math.radians(now - then) / 0.01 for now, then in zip(angles, before)]
+            about = turn[axis]
+            rate = [about * (axis == 1), about * (axis == 2), about * (axis == 0)]
+            said("imu", "counter", n % 256 * 10_000_000, *rate, *(part / 0.0098067 / 1000 * GRAVITY for part in (x, y, z)), *[NAN] * 3)
+        elif n > 0:
+            said("passed", "none", 0)
+        before = angles
+
+
 with open(sys.argv[2], "wb") as out:
-    {"mavlink-1": lambda: mavlink(out, "1"), "mavlink-2": lambda: mavlink(out, "2"),
+    {"witmotion": lambda: witmotion(out), "rvc": lambda: rvc(out), "mavlink-1": lambda: mavlink(out, "1"), "mavlink-2": lambda: mavlink(out, "2"),
      "mavlink-signed": lambda: mavlink(out, "signed"), "scaled": lambda: scaled(out), "ubx": lambda: ubx(out),
      "nmea": lambda: nmea(out)}[sys.argv[1]]()

@@ -1,4 +1,4 @@
-//! Bytes as pymavlink, pyubx2 and pynmeagps encode them.
+//! Bytes as pymavlink, pyubx2 and pynmeagps encode them, and as packages for WitMotion sensors and the BNO08x read them.
 
 use std::{
     fs,
@@ -11,20 +11,28 @@ use decoders::{
     Counts, Decoder, DeviceTime, Framed, Measurement, Place, Value,
     mavlink::{FixMessage, Mavlink, Settings},
     nmea::Nmea,
+    rvc::Rvc,
     ubx::Ubx,
+    witmotion::{Ranges, WitMotion},
 };
 
 use crate::{python::python, streams::decoded};
 
 const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
+/// They only read: their dependencies are for the pins of boards.
+const READERS: [&str; 4] =
+    ["--no-deps", "witmotion==0.0.1.dev0", "pyserial==3.5", "adafruit-circuitpython-bno08x-rvc==1.0.24"];
 
 /// Made once; says why where there is none.
 static PYTHON: LazyLock<Option<PathBuf>> =
     LazyLock::new(|| python("devices-venv", "pymavlink, pyubx2, pynmeagps", &PACKAGES));
 
-/// The bytes of `kind`, and what is to come of them.
-fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Measurement>)> {
-    let python = PYTHON.as_ref()?;
+static PYTHON_OF_READERS: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("readers-venv", "witmotion", &READERS));
+
+/// The bytes of `kind`, and what is to come of them; none for a measurement that is not compared.
+fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Option<Measurement>>)> {
+    let python = if matches!(kind, "witmotion" | "rvc") { &PYTHON_OF_READERS } else { &PYTHON };
+    let python = python.as_ref()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/foreign.py");
     let file = tempfile::NamedTempFile::new().unwrap();
     let output = Command::new(python).arg(script).arg(kind).arg(file.path()).output().unwrap();
@@ -33,12 +41,16 @@ fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Measurement>)> {
     Some((fs::read(file.path()).unwrap(), text.lines().map(measurement).collect()))
 }
 
-fn measurement(line: &str) -> Measurement {
+fn measurement(line: &str) -> Option<Measurement> {
     let words: Vec<_> = line.split(' ').collect();
+    if words[0] == "passed" {
+        return None;
+    }
     let now_ns = words[2].parse().unwrap();
     let time = match words[1] {
         "boot" => Some(DeviceTime::SinceBoot { now_ns }),
         "unix" => Some(DeviceTime::Unix { now_ns }),
+        "counter" => Some(DeviceTime::Counter { now_ns, period_ns: 2_560_000_000 }),
         _ => None,
     };
     let numbers: Vec<f64> = words[3..].iter().map(|word| word.parse().unwrap()).collect();
@@ -57,7 +69,7 @@ fn measurement(line: &str) -> Measurement {
             place: place(told(numbers[4]), told(numbers[5]), told(numbers[6])),
         },
     };
-    Measurement { time, value }
+    Some(Measurement { time, value })
 }
 
 fn place(latitude_rad: Option<f64>, longitude_rad: Option<f64>, altitude_m: Option<f64>) -> Place {
@@ -81,7 +93,8 @@ fn check(kind: &str, decoder: impl Decoder + 'static) -> Option<Counts> {
     let (bytes, wanted) = encoded(kind)?;
     let (found, counts) = decoded(Box::new(decoder), bytes.chunks(61));
     assert_eq!(found.len(), wanted.len(), "{kind}: {counts:?}");
-    for (found, wanted) in found.iter().zip(&wanted) {
+    let compared = found.iter().zip(&wanted).filter_map(|(found, wanted)| Some((found, wanted.as_ref()?)));
+    for (found, wanted) in compared {
         let is_near = |(a, b): (f64, f64)| (a.is_nan() && b.is_nan()) || (a - b).abs() <= 1e-9 * b.abs().max(1.0);
         let same = numbers(&found.value).into_iter().zip(numbers(&wanted.value)).all(is_near)
             && std::mem::discriminant(&found.value) == std::mem::discriminant(&wanted.value);
@@ -105,6 +118,18 @@ fn scaled_imu_and_the_autopilots_velocity_of_pymavlink() {
     let settings = Settings { fix: FixMessage::GlobalPositionInt, ..Settings::default() };
     let Some(counts) = check("scaled", Framed::new(Mavlink::new(settings))) else { return };
     assert_eq!((counts.frames, counts.skipped_bytes), (400, 0));
+}
+
+#[test]
+fn a_witmotion_as_another_reader_understands_it() {
+    let Some(counts) = check("witmotion", Framed::new(WitMotion::new(Ranges::default()))) else { return };
+    assert_eq!((counts.frames, counts.skipped_bytes), (1200, 0));
+}
+
+#[test]
+fn a_bno08x_as_another_reader_understands_it() {
+    let Some(counts) = check("rvc", Framed::new(Rvc::default())) else { return };
+    assert_eq!((counts.frames, counts.skipped_bytes), (300, 0));
 }
 
 #[test]

@@ -1,11 +1,29 @@
 //! A program's feeds on the bus of a system that only the test has.
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::{
+    sync::atomic::{AtomicU32, Ordering},
+    time::{Duration, Instant},
+};
 
-use bus::{Bus, Claim, SystemName};
+use bus::{Bus, Claim, Subscriber, SystemName};
 use driver::{BusError, DriverError, Known, Receiver, Sensor};
 use messages::{ReceiverReading, SensorReading};
 
 const BUFFER: usize = 300;
+
+/// A system's owner and its ingest.
+struct System {
+    readings: Subscriber<SensorReading>,
+    bus: Bus,
+    _claim: Claim,
+}
+
+impl System {
+    fn begin(name: &SystemName) -> Self {
+        let claim = name.claim().unwrap();
+        let bus = Bus::join(name, "ingest").unwrap();
+        Self { readings: bus.subscriber(BUFFER).unwrap(), bus, _claim: claim }
+    }
+}
 
 fn claim() -> Claim {
     static COUNT: AtomicU32 = AtomicU32::new(0);
@@ -40,4 +58,42 @@ fn a_system_that_does_not_run_or_takes_no_readings_is_named_with_the_remedy() {
     let claim = claim();
     let refused = Sensor::open(claim.system_name().name()).unwrap_err().to_string();
     assert!(refused.contains("source = \"bus\""), "{refused}");
+}
+
+#[test]
+fn a_program_that_feeds_a_system_that_ends_feeds_the_next_one_and_takes_nothing_from_it() {
+    let name = claim().system_name().clone();
+    let first = System::begin(&name);
+    let mut sensor = Sensor::open(name.name()).unwrap();
+    drop(first);
+    // The next system begins before the program has looked.
+    let second = System::begin(&name);
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while second.readings.receive().unwrap().is_none() {
+        assert!(Instant::now() < deadline, "no reading has come");
+        sensor.send(1, [0.0; 3], [0.0; 3], None).unwrap();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // Its topic is still there for whoever comes later.
+    let later = second.bus.subscriber::<SensorReading>(BUFFER).unwrap();
+    let mut other = Sensor::open(name.name()).unwrap();
+    other.send(2, [0.0; 3], [0.0; 3], None).unwrap();
+    assert_eq!(later.receive().unwrap().map(|reading| reading.t_sensor_ns), Some(2));
+}
+
+#[test]
+fn what_is_sent_where_no_system_runs_is_gone_and_the_program_is_told() {
+    let name = claim().system_name().clone();
+    let system = System::begin(&name);
+    let mut sensor = Sensor::open(name.name()).unwrap();
+    drop(system);
+    let deadline = Instant::now() + Duration::from_secs(10);
+    let refused = loop {
+        assert!(Instant::now() < deadline, "nothing was said");
+        if let Err(error) = sensor.send(1, [0.0; 3], [0.0; 3], None) {
+            break error;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert!(matches!(refused, DriverError::Bus(BusError::NotRunning { .. })), "{refused}");
 }

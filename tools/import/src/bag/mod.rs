@@ -7,7 +7,7 @@
 mod mcap;
 mod ours;
 mod packed;
-mod ros;
+pub(crate) mod ros;
 mod sqlite;
 mod topics;
 
@@ -46,10 +46,10 @@ enum Stop {
 }
 
 /// A sample of rate and force, and the attitude that came with it; in our axes.
-struct Inertial {
-    t_ns: i64,
-    rate_rad_s: [f64; 3],
-    force_m_s2: [f64; 3],
+pub(crate) struct Inertial {
+    pub(crate) t_ns: i64,
+    pub(crate) rate_rad_s: [f64; 3],
+    pub(crate) force_m_s2: [f64; 3],
     /// The rate is said to be the value at the end of the interval, not its mean.
     is_instant: bool,
     attitude: Option<Attitude>,

@@ -28,12 +28,20 @@ pub(super) fn field(data: &[u8]) -> Option<Sample> {
 
 pub(super) fn fix(data: &[u8]) -> Option<Fix> {
     let GnssFix { header, velocity_m_s, latitude_rad, longitude_rad, altitude_m, .. } = GnssFix::decoded(data).ok()?;
-    let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(f64::to_degrees);
+    let [latitude_deg, longitude_deg] = [latitude_rad, longitude_rad].map(degrees);
     Some(Fix {
         t_ns: header.t_end_ns,
         velocity_m_s,
         position: Some(Position { latitude_deg, longitude_deg, altitude_m }),
     })
+}
+
+/// The angle in degrees that has these radians: of the few that do, the one with the fewest digits, which is the one that was written.
+fn degrees(angle_rad: f64) -> f64 {
+    let near = angle_rad.to_degrees();
+    let neighbours = [near, near.next_up(), near.next_down(), near.next_up().next_up(), near.next_down().next_down()];
+    let same = neighbours.into_iter().filter(|angle_deg| angle_deg.to_radians() == angle_rad);
+    same.min_by_key(|angle_deg| angle_deg.to_string().len()).unwrap_or(near)
 }
 
 pub(super) fn reference(data: &[u8]) -> Option<Reference> {
@@ -70,7 +78,7 @@ impl Joined {
 
 fn attitude(t_ns: i64, reference: &Reference) -> Attitude {
     let reference = recording::Reference { quaternion: reference.quaternion, scored: reference.scored != 0 };
-    Attitude { t_ns, reference, resets: 0 }
+    Attitude { t_ns, reference, resets: None }
 }
 
 fn push<T>(waiting: &mut VecDeque<T>, next: T) {
@@ -78,4 +86,23 @@ fn push<T>(waiting: &mut VecDeque<T>, next: T) {
         waiting.pop_front();
     }
     waiting.push_back(next);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::degrees;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn degrees_as_they_are_written_come_back_from_radians(steps in -1_800_000_000_i64..=1_800_000_000) {
+            let told_deg = steps as f64 / 1e7;
+            prop_assert_eq!(degrees(told_deg.to_radians()), told_deg);
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_stays_so() {
+        assert!(degrees(f64::NAN).is_nan());
+    }
 }

@@ -70,7 +70,7 @@ struct NavSatFix {
 }
 
 /// `sensor_msgs/msg/Imu`; the attitude where there is one.
-pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
+pub(crate) fn inertial(data: &[u8]) -> Option<Inertial> {
     let imu: Imu = decoded(data)?;
     let t_ns = imu.header.stamp.ns()?;
     let is_there = |covariance: &[f64; 9]| covariance[0] != ABSENT;
@@ -85,12 +85,12 @@ pub(super) fn inertial(data: &[u8]) -> Option<Inertial> {
         rate_rad_s: Body::Flu.ours(finite(imu.angular_velocity)?),
         force_m_s2: Body::Flu.ours(finite(imu.linear_acceleration)?),
         is_instant: false,
-        attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: 0 }),
+        attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: Some(0) }),
     })
 }
 
 /// `sensor_msgs/msg/MagneticField`.
-pub(super) fn field(data: &[u8]) -> Option<Sample> {
+pub(crate) fn field(data: &[u8]) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decoded(data)?;
     Some((header.stamp.ns()?, Body::Flu.ours(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
 }

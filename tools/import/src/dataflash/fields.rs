@@ -156,7 +156,7 @@ impl Layout {
 
 fn attitude(t_ns: i64, quaternion: [f64; 4]) -> Option<Said> {
     let reference = Reference { quaternion: frames::ours(Earth::Ned, Body::Frd, quaternion), scored: true };
-    is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, resets: 0 }))
+    is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, resets: Some(0) }))
 }
 
 /// Roll, pitch, yaw, in this order from the last to the first turn, as w, x, y, z.

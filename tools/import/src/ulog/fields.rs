@@ -32,7 +32,7 @@ pub(crate) struct Turned {
 impl Turned {
     pub(crate) fn attitude(&self) -> Attitude {
         let quaternion = frames::ours(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
-        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, resets: self.resets }
+        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, resets: Some(self.resets) }
     }
 }
 

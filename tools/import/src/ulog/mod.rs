@@ -1,30 +1,30 @@
 //! The topics of a ULog.
 //!
 //! Input: a log of PX4. Output: the rows of `sensor_combined`, with what the other topics say. Time: the log's own, from microseconds; the
-//! rate's is `timestamp`, the force's is that plus `accelerometer_timestamp_relative`. Memory: the samples of field, attitude and
-//! receiver, each up to [`SAMPLES_MAX`]; the log is read twice, so that rows are not kept. Failure: a log that says nothing; of a
+//! rate's is `timestamp`, the force's is that plus `accelerometer_timestamp_relative`. Memory: nothing is kept that grows with the log; it is
+//! read once for what is there, and once for the rows and each of field, attitude and receiver. Failure: a log that says nothing; of a
 //! damaged one, what was good before is read.
 
 mod fields;
 mod messages;
+mod series;
 
 use attitude::frames::Body;
 use std::{
-    fs,
+    fs, iter,
     path::{Path, PathBuf},
 };
-
-use px4_ulog::stream_parser::DataMessage;
 
 use crate::{
     Format, ImportError, Note,
     aligned::{Aligned, Sample},
     error::opening,
     rows::{Attitude, Rows, Samples},
-    source::{Fixed, Source, Survey, TakeFix},
+    source::{Source, Survey, TakeFix},
 };
-use fields::{AttitudeFields, Combined, Field, Magnetometer, Receiver, Turned};
+use fields::{AttitudeFields, Combined, Field, Magnetometer, Receiver};
 use messages::Ending;
+use series::{Series, streamed};
 
 const COMBINED: &str = "sensor_combined";
 const MAGNETOMETER: &str = "vehicle_magnetometer";
@@ -34,104 +34,33 @@ const RECEIVER: &str = "vehicle_gps_position";
 const RECEIVER_RAW: &str = "sensor_gps";
 const TOPICS: [&str; 5] = [COMBINED, MAGNETOMETER, ATTITUDE, RECEIVER, RECEIVER_RAW];
 
-/// Samples of a topic that are kept: nine hours at 250 Hz.
-const SAMPLES_MAX: usize = 1 << 23;
 pub(crate) struct Log {
     path: PathBuf,
     length_bytes: u64,
-    topics: Topics,
+    /// `None` before the first reading.
+    topics: Option<Topics>,
 }
 
-/// What the first reading finds: everything but the rows; each series in the order of time.
-#[derive(Default)]
+/// What the first reading finds: which instance of which topic is read, and what is left out.
 struct Topics {
-    /// Samples of `sensor_combined`.
-    combined: u64,
-    combined_instance: u8,
-    fields: Vec<Field>,
-    attitudes: Vec<Turned>,
-    fixes: Vec<Fixed>,
+    combined: Series,
+    /// Of the magnetometer, or of an old log's `sensor_combined`.
+    fields: Series,
+    attitudes: Series,
+    fixes: Series,
     ending: Ending,
-    notes: Vec<Note>,
-}
-
-/// The samples of the first instance of a topic, in the order of time.
-struct Series<T> {
-    topic: &'static str,
-    what: &'static str,
-    instance: Option<u8>,
-    samples: Vec<T>,
-    /// Of other instances.
-    others: u64,
-    not_after: u64,
-    beyond: u64,
-    refused: u64,
-}
-
-impl<T> Series<T> {
-    fn new(topic: &'static str, what: &'static str) -> Self {
-        Self { topic, what, instance: None, samples: Vec::new(), others: 0, not_after: 0, beyond: 0, refused: 0 }
-    }
-
-    /// The message is one of the first instance.
-    fn admits(&mut self, message: &DataMessage) -> bool {
-        let found = message.multi_id.value();
-        match self.instance {
-            Some(instance) if found == instance => true,
-            Some(instance) if found > instance => {
-                self.others += 1;
-                false
-            }
-            _ => {
-                // An earlier one has come later.
-                self.others += self.samples.len() as u64;
-                *self = Self { instance: Some(found), others: self.others, ..Self::new(self.topic, self.what) };
-                true
-            }
-        }
-    }
-
-    /// Takes a sample; `None` is one that says nothing. `order` is that of the time.
-    fn push(&mut self, sample: Option<T>, time: impl Fn(&T) -> i64) {
-        let Some(sample) = sample else {
-            self.refused += 1;
-            return;
-        };
-        match self.samples.last() {
-            Some(last) if time(&sample) <= time(last) => self.not_after += 1,
-            _ if self.samples.len() >= SAMPLES_MAX => self.beyond += 1,
-            _ => self.samples.push(sample),
-        }
-    }
-
-    fn notes(&self, refusal: &'static str, notes: &mut Vec<Note>) {
-        let Self { topic, what, .. } = *self;
-        if let (1.., Some(read)) = (self.others, self.instance) {
-            notes.push(Note::OtherInstances { topic, read, others: self.others });
-        }
-        for (count, why) in [
-            (self.refused, refusal),
-            (self.not_after, "they are not later than the one before them"),
-            (self.beyond, "there are more than are kept; cut the log"),
-        ] {
-            if count > 0 {
-                notes.push(Note::LeftOut { what, count, why });
-            }
-        }
-    }
 }
 
 impl Log {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| opening(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), topics: Topics::default() })
+        Ok(Self { path: path.to_owned(), length_bytes: found.len(), topics: None })
     }
 
-    /// Reads everything but the rows. `progress` is told the bytes that have been read.
+    /// The first reading. `progress` is told the bytes that have been read.
     fn topics(&self, progress: &mut dyn FnMut(u64)) -> Result<Topics, ImportError> {
         let path = &self.path;
-        let mut combined = Series::<()>::new(COMBINED, "samples of sensor_combined");
-        let mut combined_count = 0;
+        let mut combined = Series::new(COMBINED, "samples of sensor_combined");
         let mut own_fields = Series::new(COMBINED, "samples of the field");
         let mut fields = Series::new(MAGNETOMETER, "samples of the field");
         let mut attitudes = Series::new(ATTITUDE, "reference attitudes");
@@ -142,53 +71,52 @@ impl Log {
         let ending = messages::read(path, &TOPICS, progress, &mut |message| {
             match message.flattened_format.message_name() {
                 COMBINED if combined.admits(message) => {
-                    combined_count += 1;
                     let layout = layout(&mut of_combined, || Combined::of(path, message))?;
-                    if own_fields.admits(message)
-                        && let Some(field) = layout.field(message.data)
-                        // The last one again: none is new.
-                        && own_fields.samples.last().is_none_or(|last: &Field| last.t_ns != field.t_ns)
-                    {
-                        own_fields.push(Some(field).filter(Field::is_finite), |field| field.t_ns);
+                    if own_fields.admits(message) {
+                        own_field(&mut own_fields, layout, message.data);
                     }
                 }
                 MAGNETOMETER if fields.admits(message) => {
                     let layout = layout(&mut of_magnetometer, || Magnetometer::of(path, message))?;
-                    fields.push(layout.field(message.data).filter(Field::is_finite), |field| field.t_ns);
+                    field(&mut fields, layout.field(message.data));
                 }
                 ATTITUDE if attitudes.admits(message) => {
                     let layout = layout(&mut of_attitude, || AttitudeFields::of(path, message))?;
-                    attitudes.push(layout.attitude(message.data), |attitude| attitude.t_ns);
+                    attitudes.take(layout.attitude(message.data), |attitude| attitude.t_ns);
                 }
                 RECEIVER if blended.admits(message) => {
                     let layout = layout(&mut of_blended, || Receiver::of(path, message))?;
-                    blended.push(layout.fix(message.data), |fix| fix.t_ns);
+                    blended.take(layout.fix(message.data), |fix| fix.t_ns);
                 }
                 RECEIVER_RAW if raw.admits(message) => {
                     let layout = layout(&mut of_raw, || Receiver::of(path, message))?;
-                    raw.push(layout.fix(message.data), |fix| fix.t_ns);
+                    raw.take(layout.fix(message.data), |fix| fix.t_ns);
                 }
                 _ => {}
             }
             Ok(())
         })?;
+        let fields = if own_fields.taken == 0 { fields } else { own_fields };
+        let fixes = if blended.taken == 0 { raw } else { blended };
+        Ok(Topics { combined, fields, attitudes, fixes, ending })
+    }
 
-        let fields = if own_fields.samples.is_empty() { fields } else { own_fields };
-        let fixes = if blended.samples.is_empty() { raw } else { blended };
-        let mut notes = Vec::new();
-        combined.notes("", &mut notes);
-        fields.notes("a component is no number", &mut notes);
-        attitudes.notes("the quaternion is no rotation", &mut notes);
-        fixes.notes("the receiver calls its velocity invalid, or has no position", &mut notes);
-        Ok(Topics {
-            combined: combined_count,
-            combined_instance: combined.instance.unwrap_or(0),
-            fields: fields.samples,
-            attitudes: attitudes.samples,
-            fixes: fixes.samples,
-            ending,
-            notes,
-        })
+    /// Reads the fixes of the receiver that was chosen.
+    fn fixes(&self, fixes: &Series, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<(), ImportError> {
+        let (mut series, mut of_receiver) = (fixes.again(), None);
+        messages::read(&self.path, &[fixes.topic], tell, &mut |message| {
+            if !series.admits(message) {
+                return Ok(());
+            }
+            let layout = layout(&mut of_receiver, || Receiver::of(&self.path, message))?;
+            series.take(layout.fix(message.data), |fix| fix.t_ns).map_or(Ok(()), |fix| take(&fix))
+        })?;
+        Ok(())
+    }
+
+    /// How often the log is read before the rows.
+    fn readings_before_rows(&self) -> u64 {
+        1 + u64::from(self.topics.as_ref().is_none_or(|topics| topics.fixes.taken > 0))
     }
 }
 
@@ -198,42 +126,75 @@ impl Source for Log {
     }
 
     fn total_bytes(&self) -> u64 {
-        2 * self.length_bytes
+        (self.readings_before_rows() + 1) * self.length_bytes
     }
 
     fn survey(&mut self, take: &mut TakeFix<'_>, tell: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        self.topics = self.topics(tell)?;
-        let Topics { combined, fields, attitudes, fixes, ending, .. } = &self.topics;
-        fixes.iter().try_for_each(take)?;
+        let topics = self.topics(tell)?;
+        if topics.fixes.taken > 0 {
+            self.fixes(&topics.fixes, take, &mut |bytes| tell(self.length_bytes + bytes))?;
+        }
+        let Topics { combined, fields, attitudes, ending, .. } = &topics;
         let damage = ending.damage.as_ref().map(|(at_byte, found)| format!("byte {at_byte}: {found}"));
-        let expected = if *combined == 0 {
+        let expected = if combined.messages == 0 {
             "the topic sensor_combined"
         } else {
             "gyro_rad and accelerometer_m_s2 in sensor_combined"
         };
-        Ok(Survey {
-            has_field: !fields.is_empty(),
-            has_reference: !attitudes.is_empty(),
-            notes: self.topics.notes(self.length_bytes),
-            reason: damage.filter(|_| *combined == 0),
+        let survey = Survey {
+            has_field: fields.taken > 0,
+            has_reference: attitudes.taken > 0,
+            notes: topics.notes(self.length_bytes),
+            reason: damage.filter(|_| combined.messages == 0),
             expected: expected.into(),
-        })
+        };
+        self.topics = Some(topics);
+        Ok(survey)
     }
 
     fn fields(&self) -> Result<Samples<'_, Sample>, ImportError> {
-        Ok(Box::new(self.topics.fields.iter().map(|field| Ok(field.sample()))))
+        let Some(fields) = self.topics.as_ref().map(|topics| &topics.fields).filter(|fields| fields.taken > 0) else {
+            return Ok(Box::new(iter::empty()));
+        };
+        let (path, mut series) = (self.path.clone(), fields.again());
+        let (mut of_combined, mut of_magnetometer) = (None, None);
+        Ok(streamed(path.clone(), fields.topic, move |message| {
+            if !series.admits(message) {
+                return Ok(None);
+            }
+            let taken = if series.topic == COMBINED {
+                let layout = layout(&mut of_combined, || Combined::of(&path, message))?;
+                own_field(&mut series, layout, message.data)
+            } else {
+                let layout = layout(&mut of_magnetometer, || Magnetometer::of(&path, message))?;
+                field(&mut series, layout.field(message.data))
+            };
+            Ok(taken.map(|field| field.sample()))
+        }))
     }
 
     fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        Ok(Box::new(self.topics.attitudes.iter().map(|turned| Ok(turned.attitude()))))
+        let Some(topics) = self.topics.as_ref().filter(|topics| topics.attitudes.taken > 0) else {
+            return Ok(Box::new(iter::empty()));
+        };
+        let (path, mut series, mut of_attitude) = (self.path.clone(), topics.attitudes.again(), None);
+        Ok(streamed(path.clone(), ATTITUDE, move |message| {
+            if !series.admits(message) {
+                return Ok(None);
+            }
+            let layout = layout(&mut of_attitude, || AttitudeFields::of(&path, message))?;
+            let turned = series.take(layout.attitude(message.data), |attitude| attitude.t_ns);
+            Ok(turned.map(|turned| turned.attitude()))
+        }))
     }
 
     fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
         let mut aligned = Aligned::default();
-        let mut of_combined = None;
-        let mut tell = |bytes: u64| tell(self.length_bytes + bytes);
-        messages::read(&self.path, &[COMBINED], &mut tell, &mut |message| {
-            if message.multi_id.value() != self.topics.combined_instance {
+        let Some(topics) = &self.topics else { return Ok(aligned) };
+        let (mut combined, mut of_combined) = (topics.combined.again(), None);
+        let before_bytes = self.readings_before_rows() * self.length_bytes;
+        messages::read(&self.path, &[COMBINED], &mut |bytes| tell(before_bytes + bytes), &mut |message| {
+            if !combined.admits(message) {
                 return Ok(());
             }
             let layout = layout(&mut of_combined, || Combined::of(&self.path, message))?;
@@ -252,17 +213,21 @@ impl Source for Log {
 
 impl Topics {
     fn notes(&self, length_bytes: u64) -> Vec<Note> {
-        let Ending { damage, dropouts, dropouts_ms } = &self.ending;
+        let Self { combined, fields, attitudes, fixes, ending } = self;
+        let Ending { damage, dropouts, dropouts_ms } = ending;
         let mut notes = Vec::new();
         if let Some((at_byte, found)) = damage.clone() {
             notes.push(Note::Damage { at_byte, length_bytes, found });
         }
-        notes.extend_from_slice(&self.notes);
-        for (is_empty, what) in [
-            (self.attitudes.is_empty(), "reference attitude (vehicle_attitude)"),
-            (self.fixes.is_empty(), "velocity of a receiver (vehicle_gps_position, sensor_gps)"),
+        combined.notes("", &mut notes);
+        fields.notes("a component is no number", &mut notes);
+        attitudes.notes("the quaternion is no rotation", &mut notes);
+        fixes.notes("the receiver calls its velocity invalid, or has no position", &mut notes);
+        for (series, what) in [
+            (attitudes, "reference attitude (vehicle_attitude)"),
+            (fixes, "velocity of a receiver (vehicle_gps_position, sensor_gps)"),
         ] {
-            if is_empty {
+            if series.taken == 0 {
                 notes.push(Note::Missing { what });
             }
         }
@@ -271,6 +236,17 @@ impl Topics {
         }
         notes
     }
+}
+
+/// The field where it is a new one of numbers.
+fn field(series: &mut Series, field: Option<Field>) -> Option<Field> {
+    series.take(field.filter(Field::is_finite), |field| field.t_ns)
+}
+
+/// The same of an old log's `sensor_combined`, which has the last one again where none is new.
+fn own_field(series: &mut Series, layout: &Combined, data: &[u8]) -> Option<Field> {
+    let new = layout.field(data).filter(|field| series.last_ns != Some(field.t_ns))?;
+    field(series, Some(new))
 }
 
 /// Where the fields of a topic are: found out at its first message.

@@ -101,9 +101,9 @@ fn the_samples_of_a_log_are_those_of_pymavlink() {
     assert_eq!(
         told,
         [
-            "read instance 0 of IMU; 4000 samples of other instances were not read",
-            "left out 5 fixes: the receiver has no position in three dimensions, or they are no numbers",
-            "read instance 0 of XKQ; 1000 samples of other instances were not read",
+            "read instance 0 of IMU; not read of other instances: 4000",
+            "left out 5 of the fixes: the receiver has no position in three dimensions, or they are no numbers",
+            "read instance 0 of XKQ; not read of other instances: 1000",
         ]
     );
 

@@ -78,7 +78,7 @@ fn the_samples_of_bags_are_those_of_rosbags() {
             told,
             [
                 "read rate and force of /imu/data; there is also /imu/raw: --topic chooses another",
-                "left out 30 messages of the topics read: they are malformed, or say that nothing was measured",
+                "left out 30 of the messages of the topics read: they are malformed, or say that nothing was measured",
                 "/vel may hold the velocity of a receiver; --topic /vel reads it as east, north, up",
             ],
             "{name}"

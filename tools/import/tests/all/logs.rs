@@ -186,7 +186,7 @@ fn what_a_log_lacks_is_told() {
             "the mean force is 1.00 m/s², not near 9.8: check its unit, and that gravity is in it",
             "there is no reference attitude (vehicle_attitude)",
             "there is no velocity of a receiver (vehicle_gps_position, sensor_gps)",
-            "the log has 1 dropout(s), 25 ms in all: what was measured then is not in it",
+            "dropouts of the log: 1, 25 ms in all; what was measured then is not in it",
             "there is no magnetic field: the course has no north",
         ]
     );

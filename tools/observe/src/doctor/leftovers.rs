@@ -1,6 +1,7 @@
 //! What dead systems and killed processes have left behind.
 
 use bus::{BusError, StaleResources, SystemLiveness, SystemName};
+use launch::counted;
 
 use super::Check;
 
@@ -40,12 +41,16 @@ fn look(remains: &StaleResources, fix: bool) -> Option<Check> {
         }
         SystemLiveness::Runs { .. } if dead == 0 => return None,
         SystemLiveness::Runs { pid } => {
-            format!("{dead} killed processes on the bus of {name:?}, which runs (process {pid})")
+            format!(
+                "{} of the killed on the bus of {name:?}, which runs (process {pid})",
+                counted(dead as u64, "process")
+            )
         }
         SystemLiveness::Dead if remains.files.is_empty() => return None,
         SystemLiveness::Dead => {
-            let files = remains.files.len();
-            format!("{files} files of {name:?}, which does not run any more; {dead} killed processes on its bus")
+            let files = counted(remains.files.len() as u64, "file");
+            let dead = counted(dead as u64, "process");
+            format!("{files} of {name:?}, which does not run any more; {dead} of the killed on its bus")
         }
     };
     if fix {

@@ -14,6 +14,7 @@ pub mod still;
 
 use std::fmt;
 
+use launch::counted;
 use serde::Serialize;
 
 /// How a check ended.
@@ -89,6 +90,8 @@ impl fmt::Display for Check {
 impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.checks.iter().try_for_each(|check| writeln!(f, "{check}"))?;
-        write!(f, "{} problems, {} warnings", self.count(Outcome::Problem), self.count(Outcome::Warning))
+        let all = [(Outcome::Problem, "problem"), (Outcome::Warning, "warning")];
+        let [problems, warnings] = all.map(|(outcome, noun)| counted(self.count(outcome) as u64, noun));
+        write!(f, "{problems}, {warnings}")
     }
 }

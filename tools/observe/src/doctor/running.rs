@@ -6,7 +6,7 @@ use bus::{BusError, Observer};
 use control::{RecordStatus, ServiceStatus, Trouble};
 use graph::Topic;
 use judge::{Fields, Finding, Judge};
-use launch::{Service, Source};
+use launch::{Service, Source, counted};
 use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 
@@ -122,7 +122,7 @@ impl Seen {
         let check = "flags";
         let explained = Flags::NAMES.iter().zip(Flags::MEANINGS).filter_map(|((flag, name), meaning)| {
             let count = self.flags[flag.0.trailing_zeros() as usize];
-            let found = format!("{name} on {count} of {} attitudes: {meaning}", self.attitudes);
+            let found = format!("{name} on {count} of {}: {meaning}", counted(self.attitudes, "attitude"));
             (count > 0).then(|| match Flags::USUAL.any(*flag) {
                 true => Check::ok(check, found),
                 false => Check::warning(check, found, "see `plumb topic echo attitude`, and docs/bad-input.md"),
@@ -130,7 +130,7 @@ impl Seen {
         });
         let explained: Vec<_> = explained.collect();
         if explained.is_empty() {
-            vec![Check::ok(check, format!("none on {} attitudes", self.attitudes))]
+            vec![Check::ok(check, format!("none on {}", counted(self.attitudes, "attitude")))]
         } else {
             explained
         }
@@ -140,7 +140,8 @@ impl Seen {
 /// What is to be said about the report and the file that it will leave.
 pub fn record(RecordStatus { not_recorded, out_ended }: &RecordStatus) -> Check {
     let check = "record";
-    let found = format!("{not_recorded} attitudes were published and are not in the report's figures, nor in the file");
+    let attitudes = counted(*not_recorded, "attitude");
+    let found = format!("published, but neither in the report's figures nor in the file: {attitudes}");
     match out_ended {
         Some(error) => {
             Check::problem(check, format!("{error}; {found}"), "make room, and start the system anew when it may rest")
@@ -186,7 +187,7 @@ fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &Servic
     let report = flow.report();
     let topic = &report.topic;
     let Some(rate_hz) = report.rate_hz else {
-        let found = format!("{topic}: {} messages while it was looked at", report.messages);
+        let found = format!("{topic}: {} while it was looked at", counted(report.messages, "message"));
         let remedy = match (service, config.launch.ingest.source) {
             (Service::Ingest, Source::Bus) => "is the sensor's driver running? it publishes on the topic `sensor`",
             (Service::Ingest, source) if source.is_driven() => {

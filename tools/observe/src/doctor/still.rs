@@ -2,6 +2,7 @@
 //!
 //! Input: samples of a few seconds. Output: two checks. Time: none. Failure: while the body moves nothing can be said, and that is said.
 
+use launch::counted;
 use messages::ImuSample;
 
 use super::Check;
@@ -77,7 +78,7 @@ impl Still {
     pub fn checks(&self) -> [Check; 2] {
         let count = self.count;
         if count < SAMPLES_MIN {
-            return unseen(format!("{count} samples are too few"));
+            return unseen(format!("{}: too few", counted(count as u64, "sample")));
         }
         let (norm_m_s2, norm_sd_m_s2) = (self.norm_m_s2.mean(count), self.norm_m_s2.sd(count));
         let rate_rad_s = norm(self.rate_rad_s.map(|rate| rate.mean(count)));

@@ -1,0 +1,236 @@
+//! What each source costs beside a simulation of the same rate: `cargo bench --bench sources`.
+//!
+//! Input: how long, how many rounds, which rate. Output: a table for people, with `--json` one object on the last line of standard output.
+//! Time: every wait has a limit; no process outlives the run. Failure: a source that does not run ends the run with its reason.
+//!
+//! Each source is a device in this process, which sends a reading at each interval with the time of CLOCK_MONOTONIC in it. Two latencies
+//! are taken: **from ingest** to the publication of the attitude, as the report of `plumb up` has it, and **from the device**, from the stamp before
+//! the bytes are written to the same publication. CPU time is that of all services and the supervisor, without the device's. Ratios are to the
+//! simulation within a round, and then the median over rounds.
+
+mod device;
+#[path = "../common/median.rs"]
+mod median;
+
+use std::{
+    fs::{self, File},
+    process::{Command, ExitCode, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use bus::{Observer, SystemName};
+use clap::Parser;
+use graph::Topic;
+use messages::AttitudeOutput;
+use rustix::process::{Pid, Signal, kill_process};
+use serde::{Deserialize, Serialize};
+
+use device::{Device, Kind};
+use median::median;
+
+/// What a system may take beside the run itself.
+const LIMIT: Duration = Duration::from_secs(20);
+/// From one look at the attitudes to the next.
+const LOOK: Duration = Duration::from_millis(20);
+const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
+
+type Failure = Box<dyn std::error::Error>;
+
+/// CPU time and latency of each source beside those of a simulation.
+#[derive(Parser)]
+struct Cli {
+    /// Seconds that each source is measured in a round.
+    #[arg(long, default_value_t = 5.0)]
+    seconds: f64,
+    /// Rounds of all sources.
+    #[arg(long, default_value_t = 3)]
+    rounds: usize,
+    /// Readings a second.
+    #[arg(long, default_value_t = 200)]
+    rate_hz: u32,
+    /// Print one JSON object at the end, on the last line of standard output.
+    #[arg(long)]
+    json: bool,
+    /// What cargo passes to every benchmark.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// As far as it goes, the report of `plumb up`.
+#[derive(Deserialize)]
+struct Report {
+    latency_us: LatencyUs,
+    cpu_s_per_s: f64,
+    lost: u64,
+}
+
+#[derive(Deserialize)]
+struct LatencyUs {
+    p50: f64,
+    p99: f64,
+}
+
+/// A source in a round; over rounds the medians, and the sum of what was lost.
+#[derive(Clone, Copy, Serialize)]
+struct Cost {
+    source: &'static str,
+    from_ingest_p50_us: f64,
+    from_ingest_p99_us: f64,
+    /// NaN of a simulation, which has no device.
+    from_device_p50_us: f64,
+    from_device_p99_us: f64,
+    cpu_s_per_s: f64,
+    cpu_to_sim: f64,
+    lost: u64,
+}
+
+fn main() -> ExitCode {
+    match measure(&Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn measure(cli: &Cli) -> Result<(), Failure> {
+    if !(2.0..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) || !(10..=2000).contains(&cli.rate_hz)
+    {
+        return Err("expected 2 to 60 seconds, 1 to 1000 rounds, 10 to 2000 readings a second".into());
+    }
+    let mut costs: Vec<Vec<Cost>> = vec![Vec::new(); Kind::ALL.len()];
+    for round in 0..cli.rounds {
+        let mut sim_cpu = f64::NAN;
+        for (of_kind, kind) in costs.iter_mut().zip(Kind::ALL) {
+            let mut cost = run(kind, cli)?;
+            if kind == Kind::Sim {
+                sim_cpu = cost.cpu_s_per_s;
+            }
+            cost.cpu_to_sim = cost.cpu_s_per_s / sim_cpu;
+            of_kind.push(cost);
+        }
+        eprintln!("round {} of {}", round + 1, cli.rounds);
+    }
+    let rows: Vec<_> = costs.iter().map(|of_kind| middle(of_kind)).collect();
+    show(&rows, cli);
+    if cli.json {
+        println!("{}", serde_json::to_string(&rows)?);
+    }
+    Ok(())
+}
+
+/// Runs a system whose source is such a device.
+fn run(kind: Kind, cli: &Cli) -> Result<Cost, Failure> {
+    let folder = tempfile::tempdir()?;
+    let name = format!("bench-{}-{}", kind.name(), std::process::id());
+    let device = Device::new(kind, &name, folder.path(), cli.rate_hz)?;
+    let launch = folder.path().join("launch.toml");
+    fs::write(&launch, format!("name = \"{name}\"\n{}", device.settings))?;
+    let mut command = Command::new(PLUMB);
+    command.arg("up").arg(&launch).args(["--source", &device.line, "--for", &format!("{}s", cli.seconds), "--json"]);
+    if let Some(pipe) = &device.stdin {
+        // With both ends open it waits for nobody.
+        command.stdin(File::options().read(true).write(true).open(pipe)?);
+    }
+    let plumb = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+    let pid = Pid::from_raw(plumb.id() as i32);
+    let deadline = Instant::now() + Duration::from_secs_f64(cli.seconds) + LIMIT;
+    let sending = device.send();
+    let (output, latencies) = thread::scope(|scope| {
+        let output = scope.spawn(|| plumb.wait_with_output());
+        let latencies = from_device(&name, kind, || output.is_finished() || Instant::now() > deadline);
+        if let (false, Some(pid)) = (output.is_finished(), pid) {
+            // One that has just ended does not need the signal.
+            let _ = kill_process(pid, Signal::KILL);
+        }
+        (output.join(), latencies)
+    });
+    drop(sending);
+    let output = output.map_err(|_| "the reader of the report ended early")??;
+    let mut latencies = latencies?;
+    if !output.status.success() {
+        return Err(format!("{}: {}", kind.name(), String::from_utf8_lossy(&output.stderr).trim_end()).into());
+    }
+    let said = String::from_utf8(output.stdout)?;
+    let report = said.lines().last().unwrap_or_default();
+    if kind != Kind::Sim && latencies.is_empty() {
+        return Err(format!("{}: no attitude came of it", kind.name()).into());
+    }
+    // The first second is for the system to settle.
+    latencies.drain(..latencies.len().min(cli.rate_hz as usize));
+    latencies.sort_by(f64::total_cmp);
+    let quantile = |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(f64::NAN);
+    let Report { latency_us, cpu_s_per_s, lost } = serde_json::from_str(report)?;
+    Ok(Cost {
+        source: kind.name(),
+        from_ingest_p50_us: latency_us.p50,
+        from_ingest_p99_us: latency_us.p99,
+        from_device_p50_us: quantile(0.5),
+        from_device_p99_us: quantile(0.99),
+        cpu_s_per_s,
+        cpu_to_sim: f64::NAN,
+        lost,
+    })
+}
+
+/// From the time in each reading to the publication of its attitude, µs, until the system has ended.
+fn from_device(name: &str, kind: Kind, has_ended: impl Fn() -> bool) -> Result<Vec<f64>, Failure> {
+    let mut latencies = Vec::new();
+    let mut tap = None;
+    while !has_ended() {
+        thread::sleep(LOOK);
+        // A simulation has a time of its own.
+        if kind == Kind::Sim {
+            continue;
+        }
+        if tap.is_none() {
+            // It is there once the system is.
+            let observer = Observer::sit(&SystemName::new(name)?, "bench").ok();
+            tap = observer.and_then(|observer| Some((observer.tap(Topic::Attitude).ok()?, observer)));
+        }
+        let Some((tap, _)) = &tap else { continue };
+        tap.drain(&mut |bytes| {
+            if let Ok(AttitudeOutput { header, .. }) = bytemuck::try_pod_read_unaligned(bytes) {
+                latencies.push(header.t_sent_ns.saturating_sub(header.t_end_ns as u64) as f64 / 1000.0);
+            }
+        })?;
+    }
+    Ok(latencies)
+}
+
+fn middle(costs: &[Cost]) -> Cost {
+    let over = |pick: fn(&Cost) -> f64| median(costs.iter().map(pick));
+    Cost {
+        source: costs.first().map_or("", |cost| cost.source),
+        from_ingest_p50_us: over(|cost| cost.from_ingest_p50_us),
+        from_ingest_p99_us: over(|cost| cost.from_ingest_p99_us),
+        from_device_p50_us: over(|cost| cost.from_device_p50_us),
+        from_device_p99_us: over(|cost| cost.from_device_p99_us),
+        cpu_s_per_s: over(|cost| cost.cpu_s_per_s),
+        cpu_to_sim: over(|cost| cost.cpu_to_sim),
+        lost: costs.iter().map(|cost| cost.lost).sum(),
+    }
+}
+
+fn show(rows: &[Cost], Cli { rounds, seconds, rate_hz, .. }: &Cli) {
+    eprintln!("{rate_hz} readings a second; medians over {rounds} rounds of {seconds} s; lost: the sum");
+    eprintln!(
+        "{:10} {:>14} {:>14} {:>14} {:>14} {:>8} {:>8} {:>6}",
+        "source", "ingest p50 µs", "ingest p99 µs", "device p50 µs", "device p99 µs", "CPU s/s", "CPU/sim", "lost"
+    );
+    for row in rows {
+        eprintln!(
+            "{:10} {:>14.0} {:>14.0} {:>14.0} {:>14.0} {:>8.3} {:>8.2} {:>6}",
+            row.source,
+            row.from_ingest_p50_us,
+            row.from_ingest_p99_us,
+            row.from_device_p50_us,
+            row.from_device_p99_us,
+            row.cpu_s_per_s,
+            row.cpu_to_sim,
+            row.lost
+        );
+    }
+}

@@ -1,0 +1,169 @@
+//! Readings of recordings, and what is found in them.
+
+use std::path::{Path, PathBuf};
+
+use ingest::{conditioner::Conditioner, source::Reading};
+use judge::{Finding, Judge, Mistake};
+use launch::{GyroSamples, Launch};
+use recording::Reader;
+
+pub(crate) fn data() -> PathBuf {
+    std::env::var_os("PLUMBLINE_DATA")
+        .map_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into(), PathBuf::from)
+}
+
+/// The open recordings, or none with a word.
+pub(crate) fn recordings() -> Vec<PathBuf> {
+    let mut all: Vec<_> = ["broad", "flights"]
+        .iter()
+        .filter_map(|folder| std::fs::read_dir(data().join(folder)).ok())
+        .flatten()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "gz"))
+        .collect();
+    all.sort();
+    if all.is_empty() {
+        eprintln!("skipped: no recordings; set PLUMBLINE_DATA");
+    }
+    all
+}
+
+pub(crate) fn readings(path: &Path) -> Vec<Reading> {
+    let rows = Reader::open(path).unwrap().map(Result::unwrap);
+    rows.map(|row| Reading {
+        t_ns: row.t_ns,
+        rate_rad_s: row.rate_rad_s,
+        force_m_s2: row.force_m_s2,
+        field_ut: row.field_ut,
+        fix: None,
+        reference: row.reference,
+    })
+    .collect()
+}
+
+/// Samples per second.
+pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
+    let span_ns = readings[readings.len() - 1].t_ns - readings[0].t_ns;
+    (readings.len() - 1) as f64 * 1e9 / span_ns as f64
+}
+
+/// What is found, each with the time of the samples at which it was, s.
+pub(crate) fn judged(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Finding)> {
+    let launch = Launch::default();
+    let mut conditioner = Conditioner::new(&launch.ingest, rate_hz, GyroSamples::Means).unwrap();
+    let mut judge = Judge::default();
+    let (mut found, mut first_ns, mut now_s) = (Vec::new(), None, 0.0);
+    for reading in readings {
+        let Some(sample) = conditioner.condition(&reading) else { continue };
+        let t_ns = sample.imu.header.t_end_ns;
+        now_s = (t_ns - *first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
+        found.extend(judge.take(&sample.imu, sample.mag.as_ref()).into_iter().map(|finding| (now_s, finding)));
+    }
+    found.extend(judge.finish().into_iter().map(|finding| (now_s, finding)));
+    found
+}
+
+/// A mistake that is made in each reading.
+pub(crate) type Change = fn(Reading) -> Reading;
+
+/// The mistake, its name, what is found, and what the first candidate says.
+pub(crate) const MISTAKES: [(&str, Change, Mistake, &str); 17] = [
+    (
+        "rates in °/s",
+        |r| Reading { rate_rad_s: r.rate_rad_s.map(f64::to_degrees), ..r },
+        Mistake::RateUnit,
+        "rates in °/s",
+    ),
+    (
+        "rates converted twice",
+        |r| Reading { rate_rad_s: r.rate_rad_s.map(f64::to_radians), ..r },
+        Mistake::RateUnit,
+        "taken for °/s",
+    ),
+    (
+        "forces in g",
+        |r| Reading { force_m_s2: each(r.force_m_s2, 1.0 / 9.80665), ..r },
+        Mistake::ForceUnit,
+        "forces in g",
+    ),
+    ("times in ms", |r| Reading { t_ns: r.t_ns * 1000, ..r }, Mistake::TimeUnit, "times in ms"),
+    ("times in µs", |r| Reading { t_ns: r.t_ns * 1_000_000, ..r }, Mistake::TimeUnit, "times in µs"),
+    ("fields in gauss", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 0.01)), ..r }, Mistake::FieldUnit, "gauss"),
+    ("fields in nT", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 1000.0)), ..r }, Mistake::FieldUnit, "nT"),
+    ("fields in mT", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 0.001)), ..r }, Mistake::FieldUnit, "mT"),
+    ("a negated accelerometer", |r| Reading { force_m_s2: each(r.force_m_s2, -1.0), ..r }, Mistake::UpsideDown, ""),
+    (
+        "axes forward, right, down",
+        |r| Reading {
+            rate_rad_s: frd(r.rate_rad_s),
+            force_m_s2: frd(r.force_m_s2),
+            field_ut: r.field_ut.map(frd),
+            ..r
+        },
+        Mistake::UpsideDown,
+        "",
+    ),
+    (
+        "a sensor mounted upside down",
+        |r| Reading {
+            rate_rad_s: rolled(r.rate_rad_s),
+            force_m_s2: rolled(r.force_m_s2),
+            field_ut: r.field_ut.map(rolled),
+            ..r
+        },
+        Mistake::UpsideDown,
+        "mounted upside down",
+    ),
+    (
+        "left-handed axes",
+        |r| Reading {
+            rate_rad_s: mirrored(r.rate_rad_s),
+            force_m_s2: mirrored(r.force_m_s2),
+            field_ut: r.field_ut.map(mirrored),
+            ..r
+        },
+        Mistake::Turning,
+        "left-handed",
+    ),
+    ("a negated gyro", |r| Reading { rate_rad_s: each(r.rate_rad_s, -1.0), ..r }, Mistake::Turning, ""),
+    (
+        "an axis of the gyro negated",
+        |r| Reading { rate_rad_s: mirrored(r.rate_rad_s), ..r },
+        Mistake::Turning,
+        "its x, −y, z",
+    ),
+    (
+        "axes of the gyro exchanged",
+        |r| Reading { rate_rad_s: [r.rate_rad_s[1], r.rate_rad_s[0], r.rate_rad_s[2]], ..r },
+        Mistake::Turning,
+        "its y, x, z",
+    ),
+    (
+        "an axis stuck",
+        |r| Reading { rate_rad_s: [r.rate_rad_s[0], 0.01, r.rate_rad_s[2]], ..r },
+        Mistake::RateStuck,
+        "",
+    ),
+    (
+        "an axis of the force stuck",
+        |r| Reading { force_m_s2: [r.force_m_s2[0], r.force_m_s2[1], 9.8], ..r },
+        Mistake::ForceStuck,
+        "",
+    ),
+];
+
+pub(crate) fn each(vector: [f64; 3], factor: f64) -> [f64; 3] {
+    vector.map(|x| x * factor)
+}
+
+fn frd([x, y, z]: [f64; 3]) -> [f64; 3] {
+    [y, x, -z]
+}
+
+fn mirrored([x, y, z]: [f64; 3]) -> [f64; 3] {
+    [x, -y, z]
+}
+
+fn rolled([x, y, z]: [f64; 3]) -> [f64; 3] {
+    [x, -y, -z]
+}

@@ -1,0 +1,80 @@
+"""A ground station as pymavlink hears it: `PORT COUNT`. It says `ready`, hears COUNT attitudes, says `heard`, is told the file of attitudes on
+standard input (ours, east-north-up and right-forward-up), and says in one line of JSON how far the two are apart.
+"""
+
+import json
+import math
+import sys
+
+from pymavlink import mavutil
+from pymavlink.rotmat import Matrix3, Vector3
+
+port, count = int(sys.argv[1]), int(sys.argv[2])
+link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="common")
+print("ready", flush=True)
+
+heartbeats, quaternions, angles, numbers = [], {}, {}, []
+while min(len(quaternions), len(angles)) < count or len(heartbeats) < 3:
+    message = link.recv_match(blocking=True, timeout=60)
+    if message is None:
+        break
+    kind = message.get_type()
+    numbers.append(message.get_seq())
+    if kind == "HEARTBEAT":
+        heartbeats.append((message.get_srcSystem(), message.get_srcComponent(), message.type, message.autopilot, message.system_status))
+    elif kind == "ATTITUDE_QUATERNION":
+        quaternions[message.time_boot_ms] = message
+    elif kind == "ATTITUDE":
+        angles[message.time_boot_ms] = message
+print("heard", flush=True)
+
+
+def rotation(w, x, y, z):
+    """Body to reference."""
+    return Matrix3(
+        Vector3(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        Vector3(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        Vector3(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+# North is the second of east, north, up; forward the second of right, forward, up; down the third of either with its sign changed.
+SWAP = Matrix3(Vector3(0, 1, 0), Vector3(1, 0, 0), Vector3(0, 0, -1))
+
+
+def turn(a, b):
+    """The rotation vector from a to b in the axes of a, rad, for small ones."""
+    d = a.transposed() * b
+    return Vector3(d.c.y - d.b.z, d.a.z - d.c.x, d.b.x - d.a.y) * 0.5
+
+
+ours = {}
+with open(sys.stdin.readline().strip()) as lines:
+    next(lines)
+    for line in lines:
+        t_s, *q = map(float, line.split(","))
+        ours[math.floor(t_s * 1000 + 1e-6)] = SWAP * rotation(*q) * SWAP.transposed()
+
+apart = {"quaternion_rad": 0, "angles_rad": 0, "rate_rad_s": 0}
+times = sorted(quaternions.keys() & angles.keys() & ours.keys())
+fastest = 0
+for t in times:
+    q, a = quaternions[t], angles[t]
+    euler = Matrix3()
+    euler.from_euler(a.roll, a.pitch, a.yaw)
+    found = {
+        "quaternion_rad": turn(ours[t], rotation(q.q1, q.q2, q.q3, q.q4)).length(),
+        "angles_rad": turn(ours[t], euler).length(),
+    }
+    if t - 1 in ours:
+        rate = turn(ours[t - 1], ours[t]) * 1000
+        fastest = max(fastest, rate.length())
+        found["rate_rad_s"] = max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a))
+    apart = {name: max(apart[name], found.get(name, 0)) for name in apart}
+
+lost = sum((b - a - 1) % 256 for a, b in zip(numbers, numbers[1:]))
+steps = sorted({b - a for a, b in zip(times, times[1:])})
+print(json.dumps({
+    "compared": len(times), "unmatched": len(quaternions) - len(times), "lost": lost, "steps_ms": steps,
+    "heartbeats": heartbeats, "fastest_rad_s": fastest, **apart,
+}))

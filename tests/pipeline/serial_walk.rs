@@ -1,0 +1,100 @@
+//! The walk of the tutorial: from a bare IMU on a serial line through its calibration to a recorded flight that scores.
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Command},
+    thread,
+};
+
+use rustix::process::Signal;
+use serde_json::Value;
+
+use crate::common::{System, plumb, signal, until};
+
+/// Seconds of the unit in one of the clock.
+const SPEED: &str = "4";
+
+/// What a hand does with the unit, until it is dropped.
+struct Moved(Child);
+
+impl Moved {
+    fn start(port: &Path, motion: &str, more: &[&str]) -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/serial_imu.py");
+        let mut command = Command::new("python3");
+        Self(command.arg(script).arg(port).args([motion, "--speed", SPEED]).args(more).spawn().unwrap())
+    }
+}
+
+impl Drop for Moved {
+    fn drop(&mut self) {
+        signal(self.0.id(), Signal::TERM);
+        let _ = self.0.wait();
+    }
+}
+
+fn source(port: &Path) -> String {
+    let columns = "columns=t,gx,gy,gz,ax,ay,az,mx,my,mz&units=s,deg/s,g,uT";
+    format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
+}
+
+/// The piece of a launch file, found while the unit is moved.
+fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
+    let _moved = Moved::start(port, motion, &[]);
+    let arguments = ["calibrate", what, "--live", "--for", "40s", "--json", "--system", &system.name];
+    let output = plumb(&arguments).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{what}: {}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{report}");
+    report["block"].as_str().unwrap().to_owned()
+}
+
+/// Drives with these pieces of a launch file; the errors of the flight against the truth, degrees: heading, inclination.
+fn driven(pieces: &str) -> [f64; 2] {
+    let system = System::new(pieces);
+    let (port, truth, flights) = (system.path("imu"), system.path("truth.csv"), system.path("flights"));
+    let running = system.start(&["--source", &source(&port), "--record", flights.to_str().unwrap()]);
+    until("the system to answer", || !system.ps().is_empty());
+    let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
+    until("the end of the drive", || moved.0.try_wait().unwrap().is_some());
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);
+    let flight: PathBuf = fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
+    let output =
+        plumb(&["score", "--json", "--reference"]).arg(&truth).arg(&flight).current_dir(&flights).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{scores}");
+    ["heading", "inclination"].map(|error| scores["stages"][0]["mean"][error].as_f64().unwrap())
+}
+
+#[test]
+fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
+    let system = System::new("");
+    let port = system.path("imu");
+    let running = system.start(&["--source", &source(&port)]);
+    until("the system to answer", || !system.ps().is_empty());
+    let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
+        .map(|(what, motion)| piece(&system, &port, what, motion));
+    running.interrupt();
+    running.wait();
+    let sensors = [gyro, accel, mag].concat();
+
+    // How it sits is found of calibrated sensors.
+    let system = System::new(&sensors);
+    let port = system.path("imu");
+    let running = system.start(&["--source", &source(&port)]);
+    until("the system to answer", || !system.ps().is_empty());
+    let mounting = piece(&system, &port, "mounting", "poses");
+    running.interrupt();
+    running.wait();
+
+    let pieces = format!("{sensors}{mounting}");
+    let [raw, calibrated] = thread::scope(|scope| {
+        let drives = ["", &pieces].map(|pieces| scope.spawn(move || driven(pieces)));
+        drives.map(|drive| drive.join().unwrap())
+    });
+    println!("heading and inclination: {raw:?}° raw, {calibrated:?}° calibrated");
+    assert!(raw.iter().all(|error_deg| *error_deg > 2.0), "{raw:?}");
+    assert!(calibrated.iter().all(|error_deg| *error_deg < 1.5), "{calibrated:?}");
+}

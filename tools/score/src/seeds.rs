@@ -1,0 +1,141 @@
+//! A simulation with many seeds, and how its errors spread over them.
+//!
+//! Input: a simulation's name with `seed=A..B`. Output: one name for each seed; of their errors mean, deviation and quantiles. Time: none.
+//! Failure: a range that is empty or too long.
+
+use attitude::metrics::Accuracy;
+use serde::Serialize;
+
+use crate::{
+    ScoreError,
+    table::{ErrorsDeg, TrialScore},
+};
+
+/// Seeds of one simulation at most.
+pub const SEEDS_MAX: u64 = 10_000;
+/// The quantiles that are told.
+pub const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
+
+/// How errors spread over seeds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spread {
+    /// Seeds.
+    pub seeds: u64,
+    /// Standard deviation.
+    pub sd: ErrorsDeg,
+    /// The errors that 5, 50 and 95 % of the seeds do not exceed.
+    pub quantiles: [ErrorsDeg; QUANTILES.len()],
+    /// The seed with the largest error in total.
+    pub worst_seed: u64,
+    /// Its error.
+    pub worst: ErrorsDeg,
+}
+
+/// The simulations of a range of seeds; none where the name has no range.
+pub fn each(text: &str) -> Result<Option<Vec<(u64, String)>>, ScoreError> {
+    let Some((name, query)) = text.split_once('?').filter(|(name, _)| name.starts_with("sim:")) else {
+        return Ok(None);
+    };
+    let range = |pair: &str| pair.strip_prefix("seed=")?.split_once("..").map(|(a, b)| (a.to_owned(), b.to_owned()));
+    let Some((first, last)) = query.split('&').find_map(range) else { return Ok(None) };
+    let refused = || ScoreError::Seeds { text: text.into() };
+    let (first, last): (u64, u64) = first.parse().ok().zip(last.parse().ok()).ok_or_else(refused)?;
+    if !last.checked_sub(first).is_some_and(|more| more < SEEDS_MAX) {
+        return Err(refused());
+    }
+    let of = |seed: u64| {
+        let pairs =
+            query.split('&').map(|pair| if range(pair).is_some() { format!("seed={seed}") } else { pair.into() });
+        format!("{name}?{}", pairs.collect::<Vec<_>>().join("&"))
+    };
+    Ok(Some((first..=last).map(|seed| (seed, of(seed))).collect()))
+}
+
+/// The score over all seeds, as that of one trial of that name.
+pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
+    let errors = || of.iter().filter_map(|(_, score)| score.error.error());
+    TrialScore {
+        name: name.into(),
+        error: ErrorsDeg::of(Accuracy::mean(errors())),
+        scored: of.iter().map(|(_, score)| score.scored).sum(),
+        ticks: of.iter().map(|(_, score)| score.ticks).sum(),
+        ns_per_update: of.iter().find_map(|(_, score)| score.ns_per_update),
+        spread: spread(of),
+    }
+}
+
+fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
+    let total = |score: &TrialScore| score.error.total.unwrap_or(f64::NEG_INFINITY);
+    let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| total(a).total_cmp(&total(b)))?;
+    let each = |pick: fn(&ErrorsDeg) -> Option<f64>| {
+        let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| pick(&score.error)).collect();
+        sorted.sort_by(f64::total_cmp);
+        sorted
+    };
+    let [total, heading, inclination] =
+        [each(|error| error.total), each(|error| error.heading), each(|error| error.inclination)];
+    let errors = |of: &dyn Fn(&[f64]) -> Option<f64>| ErrorsDeg {
+        total: of(&total),
+        heading: of(&heading),
+        inclination: of(&inclination),
+    };
+    Some(Spread {
+        seeds: of.len() as u64,
+        sd: errors(&deviation),
+        quantiles: QUANTILES.map(|part| errors(&|sorted| quantile(sorted, part))),
+        worst_seed: *worst_seed,
+        worst: worst.error,
+    })
+}
+
+/// Of a sample; none of fewer than two.
+fn deviation(of: &[f64]) -> Option<f64> {
+    let count = of.len() as f64;
+    let mean = of.iter().sum::<f64>() / count;
+    let squares: f64 = of.iter().map(|x| (x - mean) * (x - mean)).sum();
+    (of.len() > 1).then(|| (squares / (count - 1.0)).sqrt())
+}
+
+/// Between the two nearest in proportion.
+fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
+    let place = part * sorted.len().checked_sub(1)? as f64;
+    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    Some(below + (above - below) * place.fract())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_range_of_seeds_is_a_simulation_each() {
+        let names = each("sim:cruise?gnss=gaps&seed=3..5").unwrap().unwrap();
+        let expected = [3, 4, 5].map(|seed| (seed, format!("sim:cruise?gnss=gaps&seed={seed}")));
+        assert_eq!(names, expected);
+        for one in ["sim:s1", "sim:s1?seed=4", "seed=1..3.csv", "flight?seed=1..2"] {
+            assert_eq!(each(one).unwrap(), None, "{one}");
+        }
+        for bad in ["sim:s1?seed=5..3", "sim:s1?seed=1..10001", "sim:s1?seed=a..3", "sim:s1?seed=1.."] {
+            assert_eq!(each(bad).unwrap_err().exit_code(), 2, "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_spread_is_what_a_hand_computes() {
+        let score = |deg: f64| TrialScore {
+            name: String::new(),
+            error: ErrorsDeg { total: Some(deg), heading: Some(2.0 * deg), inclination: None },
+            scored: 2,
+            ticks: 3,
+            ns_per_update: None,
+            spread: None,
+        };
+        let of: Vec<_> =
+            [(7, 1.0), (8, 5.0), (9, 2.0), (10, 4.0), (11, 3.0)].map(|(seed, deg)| (seed, score(deg))).into();
+        let spread = spread(&of).unwrap();
+        assert_eq!((spread.seeds, spread.worst_seed, spread.worst.total), (5, 8, Some(5.0)));
+        assert!((spread.sd.total.unwrap() - 2.5f64.sqrt()).abs() < 1e-15 && spread.sd.inclination.is_none());
+        let [least, middle, most] = spread.quantiles.map(|errors| errors.heading.unwrap());
+        assert!((least - 2.4).abs() < 1e-12 && middle == 6.0 && (most - 9.6).abs() < 1e-12);
+    }
+}
