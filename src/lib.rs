@@ -22,6 +22,7 @@ mod system;
 mod top;
 mod topic;
 mod up;
+mod view;
 
 use std::{fmt::Display, path::PathBuf, process::ExitCode};
 
@@ -76,6 +77,8 @@ enum Command {
         #[command(subcommand)]
         command: topic::TopicCommand,
     },
+    /// Show a system, a vehicle elsewhere or a recorded flight as a page in a browser.
+    View(view::View),
     /// Say what is wrong with the machine and the system, if anything is, and what to do about it.
     Doctor(doctor::DoctorCommand),
     /// Look at vehicles from elsewhere, and check that all they send arrives.
@@ -134,6 +137,7 @@ pub fn main() -> ExitCode {
         Command::Ps(system) => swap::ps(system),
         Command::Top(command) => top::run(command),
         Command::Topic { command } => topic::run(command),
+        Command::View(view) => view::run(&view),
         Command::Doctor(command) => doctor::run(command),
         Command::Station(station) => station::run(&station),
         Command::Bench { command } => bench::run(&command),
@@ -153,6 +157,7 @@ pub fn main() -> ExitCode {
                 Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
                 Service::Course => course::run().map_err(|error| Box::new(error) as _),
                 Service::Gateway => gateway::run().map_err(|error| Box::new(error) as _),
+                Service::Cockpit => cockpit::run().map_err(|error| Box::new(error) as _),
                 Service::Drivers => drivers::run().map_err(|error| Box::new(error) as _),
             };
             ended.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)

@@ -52,7 +52,12 @@ impl OnBoard {
     }
 
     pub(crate) fn name(&self) -> String {
-        let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
-        self.name.clone().or_else(of_file).unwrap_or_else(|| Launch::default().name)
+        name(self.name.as_deref())
     }
+}
+
+/// The system of that name; where none is named, that of the folder's launch file.
+pub(crate) fn name(named: Option<&str>) -> String {
+    let of_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
+    named.map(str::to_owned).or_else(of_file).unwrap_or_else(|| Launch::default().name)
 }

@@ -6,7 +6,7 @@ use protox::prost::Message as _;
 
 /// Ours, and those that viewers know: each package with its files.
 const PACKAGES: [(&str, &[&str]); 2] = [
-    ("plumbline/v1", &["common", "sensing", "estimate", "operation", "telemetry", "command"]),
+    ("plumbline/v1", &["common", "sensing", "estimate", "operation", "telemetry", "command", "cockpit"]),
     ("foxglove", &["FrameTransform", "PoseInFrame", "LocationFix"]),
 ];
 

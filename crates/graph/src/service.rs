@@ -20,6 +20,8 @@ pub enum Service {
     Gateway,
     /// Reads the devices of a live source.
     Drivers,
+    /// Shows the system in a browser.
+    Cockpit,
 }
 
 impl Service {
@@ -28,10 +30,11 @@ impl Service {
     /// Those of the path that a stage fills.
     pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
     /// Every service: those of the path, and those beside it.
-    pub const ALL: [Self; 7] =
-        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers];
+    pub const ALL: [Self; 8] =
+        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers, Self::Cockpit];
     /// Those that a launch file lists. The drivers run where its source needs them.
-    pub const LISTED: [Self; 6] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway];
+    pub const LISTED: [Self; 7] =
+        [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Cockpit];
 
     /// It is not of the data path: it makes no ticks of its own, and its end is no failure of the system.
     pub fn is_beside(self) -> bool {
@@ -45,7 +48,7 @@ impl Service {
 
     /// Nothing on board waits for it: on a machine with too much to do it is the one to wait.
     pub const fn can_wait(self) -> bool {
-        matches!(self, Self::Gateway)
+        matches!(self, Self::Gateway | Self::Cockpit)
     }
 
     /// A stage fills it.
@@ -63,6 +66,7 @@ impl Service {
             Self::Course => "course",
             Self::Gateway => "gateway",
             Self::Drivers => "drivers",
+            Self::Cockpit => "cockpit",
         }
     }
 

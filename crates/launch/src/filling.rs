@@ -76,10 +76,17 @@ pub(crate) fn filling(
     taken
 }
 
+impl Launch {
+    /// The names of the stages that may fill a slot: Plumbline's, then the user's own.
+    pub fn stages_of(&self, slot: Service) -> Vec<&str> {
+        stages(slot, &self.stages)
+    }
+}
+
 /// Plumbline's stages for a slot, then the user's own.
 fn stages(slot: Service, programs: &BTreeMap<String, Program>) -> Vec<&str> {
     let built_in: &[&str] = match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers => &[],
+        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => &[],
         Service::Gyro => &Gyro::NAMES,
         Service::Accel => &Accelerometer::NAMES,
         Service::Fuser => &Fuser::NAMES,
@@ -91,7 +98,7 @@ fn stages(slot: Service, programs: &BTreeMap<String, Program>) -> Vec<&str> {
 
 fn parameters(slot: Service, stage: &str) -> Option<&'static [Parameter]> {
     match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers => None,
+        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
         Service::Gyro => Some(Gyro::named(stage)?.parameters()),
         Service::Accel => Some(Accelerometer::named(stage)?.parameters()),
         Service::Fuser => Some(Fuser::named(stage)?.parameters()),

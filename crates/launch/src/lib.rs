@@ -15,6 +15,7 @@
 //! | `north` | from which north a course is counted |
 //! | `output` | in which frame the attitude leaves the system |
 //! | `gateway` | what goes beyond the board, and to where |
+//! | `cockpit` | where the system is shown in a browser |
 //! | `endpoint` | how far the gateway's endpoints reach |
 //! | `split` | one system on several hosts |
 //! | `fault` | what the sensors are made to do wrong |
@@ -24,6 +25,7 @@
 //! | `problem` | what is wrong with a file, and how it is shown |
 #![forbid(unsafe_code)]
 
+mod cockpit;
 mod endpoint;
 mod fault;
 mod filling;
@@ -45,6 +47,7 @@ mod watch;
 
 pub use graph::Service;
 
+pub use cockpit::Cockpit;
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};

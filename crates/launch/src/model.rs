@@ -10,7 +10,10 @@ use scenario::{Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
-use crate::{fault::Fault, gateway::Gateway, live::Live, north::North, output::Output, program::Program, watch::Watch};
+use crate::{
+    cockpit::Cockpit, fault::Fault, gateway::Gateway, live::Live, north::North, output::Output, program::Program,
+    watch::Watch,
+};
 
 /// Messages that a topic holds for a reader at most: 13 MB of the largest.
 pub const TOPIC_MESSAGES_MAX: usize = 65_536;
@@ -36,6 +39,8 @@ pub struct Launch {
     pub output: Output,
     /// What goes beyond the board, if the gateway is among the services.
     pub gateway: Gateway,
+    /// Where the system is shown, if the cockpit is among the services.
+    pub cockpit: Cockpit,
     /// Where samples come from, and what is wrong with a sample.
     pub ingest: Ingest,
     /// Programs of the user's own that may fill a slot, by name.
@@ -308,6 +313,7 @@ impl Default for Launch {
             faults: false,
             output: Output::default(),
             gateway: Gateway::default(),
+            cockpit: Cockpit::default(),
             ingest: Ingest {
                 source: Source::Sim,
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, set: BTreeMap::new() },
@@ -340,7 +346,7 @@ impl Launch {
     /// What fills a slot; `None` for a service that has no stage.
     pub fn slot(&self, service: Service) -> Option<&Stage> {
         match service {
-            Service::Ingest | Service::Gateway | Service::Drivers => None,
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&self.gyro),
             Service::Accel => Some(&self.accel),
             Service::Fuser => Some(&self.fuser),
@@ -351,7 +357,7 @@ impl Launch {
     /// What fills a slot, to be swapped.
     pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
         match service {
-            Service::Ingest | Service::Gateway | Service::Drivers => None,
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&mut self.gyro),
             Service::Accel => Some(&mut self.accel),
             Service::Fuser => Some(&mut self.fuser),

@@ -1,7 +1,9 @@
 //! Which keys there are, and what each may be.
 
 use crate::{
-    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source, fault,
+    GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
+    cockpit::cockpit,
+    fault,
     filling::filling,
     gateway::{Gateway, Tls},
     gateway_section::gateway,
@@ -78,6 +80,7 @@ impl Launch {
         section.text("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
         section.section("output", |section| output(section, &mut self.output));
         section.section("gateway", |section| gateway(section, &mut self.gateway));
+        section.section("cockpit", |section| cockpit(section, &mut self.cockpit));
         section.section("restart", |section| restart(section, &mut self.restart));
         let allowed = !section.flag("faults", &mut self.faults) || self.faults;
         section.section("ingest", |section| {
@@ -99,7 +102,7 @@ impl Launch {
         for slot in Service::SLOTS {
             let Self { stages, gyro, accel, fuser, course, north, .. } = &mut *self;
             let out = match slot {
-                Service::Ingest | Service::Gateway | Service::Drivers => continue,
+                Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => continue,
                 Service::Gyro => gyro,
                 Service::Accel => accel,
                 Service::Fuser => fuser,
@@ -412,7 +415,7 @@ mod tests {
   | ^^^^^^^ not known here
   |
   = help: did you mean "buffer_s"?
-  = note: allowed: "name", "services", "buffer_s", "lateness_s", "state_file", "output", "gateway", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
+  = note: allowed: "name", "services", "buffer_s", "lateness_s", "state_file", "output", "gateway", "cockpit", "restart", "faults", "ingest", "stages", "watch", "gyro", "accel", "fuser", "course"
 
 error: fuser.stage: unknown value "wz-opn"
  --> launch.toml:3:9

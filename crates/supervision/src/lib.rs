@@ -170,7 +170,9 @@ impl Supervision {
             }
             ControlRequest::At { service, at } => {
                 self.announce(format!("{service}: {at}"));
-                self.table.found(&service, at);
+                // What stands behind `#` gives rights to whoever reads it: it is for people at the terminal, and not for all who ask.
+                let place = at.split('#').next().unwrap_or_default();
+                self.table.found(&service, place.into());
                 Reply::Done
             }
         };

@@ -87,7 +87,7 @@ impl Supervision {
             Service::Gyro => !self.table.entry(Service::Accel).away,
             Service::Accel => !self.table.entry(Service::Gyro).away,
             Service::Ingest | Service::Fuser | Service::Course => false,
-            Service::Gateway | Service::Drivers => true,
+            Service::Gateway | Service::Drivers | Service::Cockpit => true,
         }
     }
 

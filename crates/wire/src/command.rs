@@ -98,7 +98,8 @@ impl ControlMessage for GatewayReport {
     }
 }
 
-fn text(text: &str, field: &'static str, max: usize) -> Result<(), Refusal> {
+/// Refuses a text that is long or has control characters.
+pub(crate) fn text(text: &str, field: &'static str, max: usize) -> Result<(), Refusal> {
     if text.len() <= max && !text.chars().any(|letter| letter.is_control() && letter != '\n') {
         return Ok(());
     }

@@ -129,11 +129,11 @@ impl Field<i32> for EventKind {
 /// A service.
 impl Field<i32> for u32 {
     fn put(self) -> i32 {
-        place_put(self.into(), v1::Service::Drivers as i32)
+        place_put(self.into(), v1::Service::Cockpit as i32)
     }
 
     fn take(form: i32, field: &'static str) -> Result<Self, Refusal> {
-        Ok(place_taken(form, v1::Service::Drivers as i32, field)? as Self)
+        Ok(place_taken(form, v1::Service::Cockpit as i32, field)? as Self)
     }
 }
 

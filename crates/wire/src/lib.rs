@@ -13,6 +13,7 @@
 //! | `frame` | in which frame samples are |
 //! | [`measurement`] | what a program sends that has sensors |
 //! | [`command`] | what a running system can be asked |
+//! | [`cockpit`] | what the cockpit's page is told and asks for |
 //! | [`keys`] | where everything is found |
 //! | [`refusal`] | why bytes are no message |
 //! | [`schema`] | the descriptors, for whoever has no copy of the files |
@@ -20,6 +21,7 @@
 #![forbid(unsafe_code)]
 
 pub mod batch;
+pub mod cockpit;
 pub mod command;
 mod field;
 mod frame;

@@ -200,7 +200,15 @@ impl FuserSlot {
         match Service::at(control.service) {
             Some(Service::Gyro) => self.join.lanes_mut().gyro.is_absent_from(absent_from),
             Some(Service::Accel) => self.join.lanes_mut().accel.is_absent_from(absent_from),
-            Some(Service::Ingest | Service::Fuser | Service::Course | Service::Gateway | Service::Drivers) | None => {}
+            Some(
+                Service::Ingest
+                | Service::Fuser
+                | Service::Course
+                | Service::Gateway
+                | Service::Drivers
+                | Service::Cockpit,
+            )
+            | None => {}
         }
     }
 

@@ -212,7 +212,7 @@ pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
     }
     let config = alone(launch.clone(), 1000.0, Pace::Speed(1.0));
     let filled = match slot {
-        Service::Ingest | Service::Gateway | Service::Drivers => return Ok(()),
+        Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => return Ok(()),
         Service::Gyro => gyro::slot(&config).map(|_| ()),
         Service::Accel => accel::slot(&config).map(|_| ()),
         Service::Fuser => fuser::slot(&config).map(|_| ()),

@@ -28,7 +28,7 @@ pub fn program(name: &str, program: &Program, on_begin: &mut dyn FnMut(&str)) ->
         Service::Accel => judged::<AccelSlot>(name, program, on_begin),
         Service::Course => judged::<CourseSlot>(name, program, on_begin),
         // A launch file has programs for these slots only.
-        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers => {
+        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => {
             judged::<FuserSlot>(name, program, on_begin)
         }
     }

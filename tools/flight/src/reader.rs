@@ -4,13 +4,14 @@
 //! that is no flight, or has no launch file, is refused; one that was cut ends where it was.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs::File,
     io::Read,
     marker::PhantomData,
     path::{Path, PathBuf},
 };
 
+use graph::Topic;
 use mcap::{
     McapError, parse_record,
     records::Record,
@@ -88,6 +89,76 @@ impl<M: Payload> Iterator for Messages<M> {
         };
         self.ended = !matches!(message, Some(Ok(_)));
         message
+    }
+}
+
+/// When the ticks of a flight were, on the source's clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Span {
+    /// Samples of the IMU.
+    pub samples: u64,
+    /// The time of the first.
+    pub t_first_ns: i64,
+    /// The time of the last.
+    pub t_last_ns: i64,
+}
+
+/// The span of a flight; `None` of one without samples.
+pub fn span(path: &Path) -> Result<Option<Span>, FlightError> {
+    let (mut records, mut channels, mut found) = (Records::open(path)?, Channels::default(), None::<Span>);
+    let end: Option<()> = records.next(&mut |record| {
+        channels.see(&record);
+        if let Record::Message { header, .. } = record
+            && channels.topic(header.channel_id) == Some(Topic::Imu)
+        {
+            let t_ns = header.publish_time.cast_signed();
+            let span = found.get_or_insert(Span { samples: 0, t_first_ns: t_ns, t_last_ns: t_ns });
+            span.samples += 1;
+            (span.t_first_ns, span.t_last_ns) = (span.t_first_ns.min(t_ns), span.t_last_ns.max(t_ns));
+        }
+        None
+    })?;
+    debug_assert!(end.is_none());
+    Ok(found)
+}
+
+/// Hands over every message of the topics as it was on the bus, in the order in which they were taken down, with the source's time: of a message
+/// that has none, that of the one before it.
+pub fn every_message(path: &Path, take: &mut dyn FnMut(i64, Topic, &[u8])) -> Result<(), FlightError> {
+    let (mut records, mut channels, mut t_ns) = (Records::open(path)?, Channels::default(), None);
+    let refused = records.next(&mut |record| {
+        channels.see(&record);
+        let Record::Message { header, data } = record else { return None };
+        let topic = channels.topic(header.channel_id)?;
+        if topic.entry().presence.is_ticked() {
+            t_ns = Some(header.publish_time.cast_signed());
+        }
+        match messages::dispatch!(topic, M => M::decoded(&data).map(|message| bytemuck::bytes_of(&message).to_vec())) {
+            Ok(bytes) => {
+                take(t_ns.unwrap_or(i64::MIN), topic, &bytes);
+                None
+            }
+            Err(cause) => Some(cause),
+        }
+    })?;
+    refused.map_or(Ok(()), |cause| Err(FlightError::Message { path: path.to_owned(), cause }))
+}
+
+/// Which topic a channel carries.
+#[derive(Default)]
+struct Channels(BTreeMap<u16, Topic>);
+
+impl Channels {
+    fn see(&mut self, record: &Record<'_>) {
+        if let Record::Channel(channel) = record
+            && let Some(topic) = channel.topic.strip_prefix('/').and_then(Topic::named)
+        {
+            self.0.insert(channel.id, topic);
+        }
+    }
+
+    fn topic(&self, channel: u16) -> Option<Topic> {
+        self.0.get(&channel).copied()
     }
 }
 

@@ -49,7 +49,7 @@ impl Stages {
             Service::Accel => self.accel.set(key, value),
             Service::Fuser => self.fuser.set(key, value),
             Service::Course => self.course.set(key, value),
-            Service::Ingest | Service::Gateway | Service::Drivers => Ok(()),
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => Ok(()),
         }
     }
 

@@ -142,7 +142,7 @@ fn filling(launch: &mut Launch, slot: Service) -> &mut launch::Stage {
         Service::Gyro => &mut launch.gyro,
         Service::Accel => &mut launch.accel,
         Service::Course => &mut launch.course,
-        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers => &mut launch.fuser,
+        Service::Fuser | Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => &mut launch.fuser,
     }
 }
 

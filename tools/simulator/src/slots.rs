@@ -61,7 +61,7 @@ impl SlotProcess {
                     vec![ports.ordered(|bus| &mut bus.fused), ports.plain(|bus| &mut bus.gnss)];
                 Self::Course(ports.begin(course::slot(config).map_err(text)?, service, inputs, |bus| &mut bus.attitude))
             }
-            Service::Ingest | Service::Gateway | Service::Drivers => return Err("no slot".into()),
+            Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => return Err("no slot".into()),
         })
     }
 

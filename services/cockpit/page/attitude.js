@@ -1,0 +1,96 @@
+// The mathematics of drawing: docs/conventions.md. A quaternion [w, x, y, z] takes body → reference; the reference has z up.
+
+/** @typedef {[number, number, number]} Vec */
+/** @typedef {[number, number, number, number]} Quat */
+
+export const DEGREE = Math.PI / 180;
+
+/**
+ * The components in the reference frame of a vector given in body axes.
+ * @param {Quat} q
+ * @param {Vec} v
+ * @returns {Vec}
+ */
+export function rotate([w, x, y, z], [a, b, c]) {
+  const s = y * c - z * b + w * a, t = z * a - x * c + w * b, u = x * b - y * a + w * c;
+  return [a + 2 * (y * u - z * t), b + 2 * (z * s - x * u), c + 2 * (x * t - y * s)];
+}
+
+/**
+ * @param {Quat} q
+ * @returns {Quat}
+ */
+export const conjugate = ([w, x, y, z]) => [w, -x, -y, -z];
+
+/**
+ * @param {Quat} p
+ * @param {Quat} q
+ * @returns {Quat}
+ */
+export function product([a, b, c, d], [w, x, y, z]) {
+  return [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y, a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w];
+}
+
+/**
+ * The up vector in body axes.
+ * @param {Quat} q
+ */
+export const up = (q) => rotate(conjugate(q), [0, 0, 1]);
+
+/**
+ * The point w = u + jv of an up vector in body axes: its projection from the nadir; not finite upside down.
+ * @param {Vec} up
+ * @returns {[number, number]}
+ */
+export const pointOf = ([a, b, c]) => [a / (1 + c), b / (1 + c)];
+
+/**
+ * The up vector of a point in its chart.
+ * @param {number} u
+ * @param {number} v
+ * @param {boolean} inverted
+ * @returns {Vec}
+ */
+export function upOf(u, v, inverted) {
+  const square = u * u + v * v, by = 2 / (1 + square);
+  const [a, b, c] = [u * by, v * by, (1 - square) / (1 + square)];
+  return inverted ? [a, -b, -c] : [a, b, c];
+}
+
+/**
+ * The attitude with this up vector and the turn z about the vertical.
+ * @param {Vec} up
+ * @param {number} z
+ * @param {boolean} inverted
+ * @returns {Quat}
+ */
+export function attitudeOf(up, z, inverted) {
+  const [a, b, c] = inverted ? [up[0], -up[1], -up[2]] : up;
+  // The shortest turn that takes the body's up to the vertical, after the turn z.
+  const length = Math.hypot(1 + c, a, b);
+  /** @type {Quat} */
+  const tilt = [(1 + c) / length, b / length, -a / length, 0];
+  const q = product([Math.cos(z / 2), 0, 0, Math.sin(z / 2)], tilt);
+  return inverted ? product(q, [0, 1, 0, 0]) : q;
+}
+
+/**
+ * The angle of the turn from one attitude to another, rad, 0 to π.
+ * @param {Quat} p
+ * @param {Quat} q
+ */
+export function angleBetween(p, q) {
+  const [w, x, y, z] = product(conjugate(p), q);
+  return 2 * Math.atan2(Math.hypot(x, y, z), Math.abs(w));
+}
+
+/**
+ * Yaw, pitch, roll, rad.
+ * @param {Quat} q
+ * @returns {Vec}
+ */
+export function angles(q) {
+  const [x, y] = [rotate(q, [1, 0, 0]), rotate(q, [0, 1, 0])];
+  const z = rotate(q, [0, 0, 1]);
+  return [Math.atan2(-y[0], y[1]), Math.asin(Math.max(-1, Math.min(1, y[2]))), Math.atan2(-x[2], z[2])];
+}

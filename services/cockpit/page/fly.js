@@ -1,0 +1,220 @@
+// Fly: how the body lies, and whether to believe it.
+
+import { DEGREE, angles, rotate } from "./attitude.js";
+import { attitudeOfPoint, errorOf, quaternion } from "./data.js";
+import { colour, element, rows, tint } from "./look.js";
+import { Scene } from "./scene.js";
+import { Strips, signed } from "./strips.js";
+
+/** @typedef {import("./data.js").Data} Data */
+/** @typedef {import("./attitude.js").Vec} Vec */
+/** @typedef {import("./attitude.js").Quat} Quat */
+
+const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
+/** A body with a nose, wings and a fin: right x, forward y, up z. @type {Vec[][]} */
+const BODY = [
+  [[0, 1.15, 0], [0.16, 0.35, -0.06], [-0.16, 0.35, -0.06]], [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [-0.16, 0.35, -0.06], [-0.16, 0.35, 0.1]],
+  [[0, 1.15, 0], [-0.16, 0.35, 0.1], [0.16, 0.35, 0.1]], [[0.16, 0.35, 0.1], [-0.16, 0.35, 0.1], [0, -0.95, 0.08]], [[0.16, 0.35, -0.06], [0, -0.95, 0.08], [-0.16, 0.35, -0.06]],
+  [[0.16, 0.35, -0.06], [0.16, 0.35, 0.1], [0, -0.95, 0.08]], [[-0.16, 0.35, -0.06], [0, -0.95, 0.08], [-0.16, 0.35, 0.1]],
+  [[0.12, 0.4, 0.02], [1.1, -0.15, 0.02], [0.1, -0.1, 0.02]], [[-0.12, 0.4, 0.02], [-0.1, -0.1, 0.02], [-1.1, -0.15, 0.02]],
+  [[0, -0.6, 0.08], [0, -0.98, 0.42], [0, -0.98, 0.08]], [[0, -0.7, 0.08], [0.38, -0.98, 0.08], [-0.38, -0.98, 0.08]],
+];
+
+export class Fly {
+  /** @param {HTMLElement} place @param {Data} data */
+  constructor(place, data) {
+    this.data = data;
+    const grid = element("div", "grid fly");
+    const [scene, side, horizon, rose, strips] = [element("div", "panel"), element("div", "side"), element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
+    scene.style.gridArea = "scene";
+    strips.style.gridArea = "strips";
+    this.horizon = document.createElement("canvas");
+    this.rose = document.createElement("canvas");
+    this.horizon.setAttribute("aria-label", "Artificial horizon");
+    this.rose.setAttribute("aria-label", "Compass rose");
+    horizon.append(this.horizon);
+    rose.append(this.rose);
+    this.values = element("tbody", "");
+    side.append(horizon, rose, element("table", "big", this.values));
+    grid.append(scene, side, strips);
+    place.replaceChildren(grid);
+    this.scene = new Scene(scene, 5);
+    const legend = element("ul", "legend");
+    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"]]).map(([mark, look, name]) => {
+      const item = element("li", look, name);
+      item.dataset.mark = mark;
+      legend.append(item);
+      return item;
+    });
+    this.note = element("p", "note");
+    scene.append(legend, this.note);
+    const deg = 1 / DEGREE;
+    this.strips = new Strips(strips, data, [
+      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ of: "yaw", name: "yaw", colour: "axis-z" }, { of: "pitch", name: "pitch", colour: "axis-x" }, { of: "roll", name: "roll", colour: "axis-y" }] },
+      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ of: "rate_x", name: "x", colour: "axis-x" }, { of: "rate_y", name: "y", colour: "axis-y" }, { of: "rate_z", name: "z", colour: "axis-z" }] },
+      { title: "error, ± sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error", name: "error", colour: "fault" }, { of: "inclination_sd", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference", name: "shadow", colour: "shadow" }] },
+    ]);
+    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+  }
+
+  draw() {
+    const frame = this.data.shown();
+    const picture = frame?.picture ?? {};
+    const own = quaternion(picture.attitude?.quaternion);
+    const truth = quaternion(picture.reference?.quaternion);
+    const gyro = attitudeOfPoint(picture.gyro);
+    this.drawn = { quaternion: own, reference: truth, gyro, yaw_deg: null, error_deg: null };
+    this.ghosts[1].hidden = !truth;
+    this.ghosts[2].hidden = !gyro;
+    this.draw3d(own, truth, gyro);
+    this.drawHorizon(own);
+    this.drawRose(picture.attitude);
+    this.drawValues(picture);
+    this.strips.draw();
+  }
+
+  /** @param {Quat | null} own @param {Quat | null} truth @param {Quat | null} gyro */
+  draw3d(own, truth, gyro) {
+    const { scene } = this;
+    scene.begin();
+    const ring = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
+    scene.line(ring, tint("line"), 0.8);
+    for (const [name, axis] of AXES) {
+      scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.5))], tint(`axis-${name}`), 0.7);
+      const end = /** @type {Vec} */ (axis.map((part) => part * 1.62));
+      scene.label(end, { x: "east x", y: "north y", z: "up z" }[name] ?? name, `c-${name}`);
+    }
+    if (truth) for (const [, axis] of AXES) scene.line(dashes(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
+    if (gyro) for (const [, axis] of AXES) scene.line([[0, 0, 0], /** @type {Vec} */ (rotate(gyro, axis).map((part) => part * 1.1))], tint("gyro"), 0.9);
+    if (own) {
+      const light = [0.35, -0.5, 0.8];
+      for (const shape of BODY) {
+        const [a, b, c] = shape.map((point) => rotate(own, point));
+        const n = normal(a, b, c);
+        const bright = 0.62 + 0.38 * Math.abs(n[0] * light[0] + n[1] * light[1] + n[2] * light[2]);
+        const [r, g, blue] = tint("body");
+        scene.triangle(a, b, c, [r * bright, g * bright, blue * bright, 1]);
+      }
+      for (const [name, axis] of AXES) {
+        const end = /** @type {Vec} */ (rotate(own, axis).map((part) => part * 1.25));
+        scene.line([[0, 0, 0], end], tint("fused"), 1.6);
+        scene.label(end, { x: "right", y: "nose", z: "top" }[name] ?? "", "c-fused");
+      }
+    }
+    scene.end();
+    this.note.textContent = own ? scene.why : "no attitude yet: `plumb up` starts a system";
+  }
+
+  /** @param {Quat | null} q */
+  drawHorizon(q) {
+    const made = begin(this.horizon);
+    if (!made) return;
+    const [context, width, height] = made;
+    const [x, y, r] = [width / 2, height / 2, Math.min(width, height) * 0.46];
+    context.save();
+    context.beginPath(); context.arc(x, y, r, 0, 7); context.clip();
+    context.fillStyle = colour("panel");
+    context.fillRect(0, 0, width, height);
+    if (q) {
+      const [, pitch, roll] = angles(q);
+      const scale = r / (45 * DEGREE);
+      context.translate(x, y);
+      context.rotate(-roll);
+      context.translate(0, pitch * scale);
+      context.fillStyle = colour("sky"); context.fillRect(-3 * r, -12 * r, 6 * r, 12 * r);
+      context.fillStyle = colour("ground"); context.fillRect(-3 * r, 0, 6 * r, 12 * r);
+      context.strokeStyle = context.fillStyle = colour("ink");
+      context.font = "13px system-ui";
+      context.textAlign = "right";
+      context.textBaseline = "middle";
+      for (let mark = -80; mark <= 80; mark += 10) {
+        const half = mark === 0 ? 3 * r : mark % 30 === 0 ? 0.3 * r : 0.16 * r;
+        const at = -mark * DEGREE * scale;
+        context.beginPath(); context.moveTo(-half, at); context.lineTo(half, at); context.stroke();
+        if (mark && mark % 30 === 0) context.fillText(`${mark}°`, -half - 5, at);
+      }
+    }
+    context.restore();
+    context.strokeStyle = colour("fused");
+    context.lineWidth = 3;
+    context.beginPath();
+    context.moveTo(x - 0.5 * r, y); context.lineTo(x - 0.15 * r, y); context.lineTo(x, y + 0.1 * r); context.lineTo(x + 0.15 * r, y); context.lineTo(x + 0.5 * r, y);
+    context.stroke();
+  }
+
+  /** @param {import("./wire.js").Message | undefined} attitude */
+  drawRose(attitude) {
+    const made = begin(this.rose);
+    if (!made) return;
+    const [context, width, height] = made;
+    const [x, y, r] = [width / 2, height / 2, Math.min(width, height) * 0.44];
+    const course = attitude?.course_rad;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.strokeStyle = colour("line");
+    context.beginPath(); context.arc(x, y, r, 0, 7); context.stroke();
+    if (course === undefined) return;
+    const arbitrary = attitude?.course_reference === "COURSE_REFERENCE_ARBITRARY";
+    context.font = "14px system-ui";
+    for (let mark = 0; mark < 360; mark += 10) {
+      const turn = mark * DEGREE - course;
+      const [s, c] = [Math.sin(turn), -Math.cos(turn)];
+      const long = mark % 30 === 0;
+      context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
+      context.beginPath(); context.moveTo(x + r * s, y + r * c); context.lineTo(x + r * (long ? 0.9 : 0.95) * s, y + r * (long ? 0.9 : 0.95) * c); context.stroke();
+      if (mark % 90 === 0 || long) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
+    }
+    context.fillStyle = colour("fused");
+    context.beginPath(); context.moveTo(x, y - r * 1.02); context.lineTo(x - 7, y - r * 1.02 - 11); context.lineTo(x + 7, y - r * 1.02 - 11); context.fill();
+    context.font = "600 20px system-ui";
+    context.fillText(`${degrees(course)}°`, x, y - 8);
+    context.font = "13px system-ui";
+    context.fillStyle = colour("quiet");
+    context.fillText(countedFrom(attitude?.course_reference), x, y + 14);
+  }
+
+  /** @param {import("./wire.js").Message} picture */
+  drawValues(picture) {
+    const { attitude } = picture;
+    const deg = (/** @type {number} */ rad) => `${signed(rad / DEGREE, 1)}°`;
+    const sd = (/** @type {number | undefined} */ rad) => (rad === undefined || rad >= Math.PI ? "± –" : `± ${(rad / DEGREE).toFixed(2)}°`);
+    const error = errorOf(picture);
+    if (attitude) Object.assign(this.drawn, { yaw_deg: attitude.yaw_rad / DEGREE, pitch_deg: attitude.pitch_rad / DEGREE, roll_deg: attitude.roll_rad / DEGREE, course_deg: attitude.course_rad / DEGREE });
+    this.drawn.error_deg = error === null ? null : error / DEGREE;
+    rows(this.values, [
+      ["pitch", attitude ? deg(attitude.pitch_rad) : "–", "roll", attitude ? deg(attitude.roll_rad) : "–", attitude ? sd(attitude.inclination_sd_rad) : ""],
+      ["yaw", attitude ? deg(attitude.yaw_rad) : "–", `course ${countedFrom(attitude?.course_reference)}`, attitude ? `${degrees(attitude.course_rad)}°` : "–", attitude ? sd(attitude.course_sd_rad) : ""],
+      ["error", error === null ? "–" : `${(error / DEGREE).toFixed(2)}°`, error === null ? "the source knows no true attitude" : "against the reference", "", ""],
+    ], ["", "number", "", "number", "c-quiet"]);
+  }
+}
+
+/** @param {number} rad */
+const degrees = (rad) => (rad / DEGREE).toFixed(1).padStart(5, "0");
+
+/** @param {string | undefined} reference */
+const countedFrom = (reference) => ({ COURSE_REFERENCE_MAGNETIC: "mag.", COURSE_REFERENCE_TRUE: "true", COURSE_REFERENCE_ARBITRARY: "arb." })[reference ?? ""] ?? "";
+
+/** @param {Vec} end @param {number} length @returns {Vec[]} */
+const dashes = (end, length) => [...Array(16).keys()].map((i) => /** @type {Vec} */ (end.map((part) => (part * length * i) / 15)));
+
+/** @param {Vec} a @param {Vec} b @param {Vec} c @returns {Vec} */
+function normal(a, b, c) {
+  const [p, q] = [b.map((part, i) => part - a[i]), c.map((part, i) => part - a[i])];
+  const n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+  const length = Math.hypot(...n) || 1;
+  return [n[0] / length, n[1] / length, n[2] / length];
+}
+
+/** A canvas that fits its place. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
+export function begin(canvas) {
+  const context = canvas.getContext("2d");
+  const ratio = Math.min(devicePixelRatio, 2);
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!context || !width || !height) return null;
+  const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
+  if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return [context, width, height];
+}

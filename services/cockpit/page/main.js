@@ -1,0 +1,230 @@
+// The page: the connection, the views, the bar, the keys.
+
+import { Data } from "./data.js";
+import { Fly } from "./fly.js";
+import { element, theme } from "./look.js";
+import { Method } from "./method.js";
+import { Sensors } from "./sensors.js";
+import { System } from "./system.js";
+import { Wire } from "./wire.js";
+
+/** @typedef {import("./wire.js").Message} Message */
+
+const VIEWS = ["fly", "method", "sensors", "system"];
+/** Between two attempts to connect, ms. */
+const AGAIN_MS = 500;
+/** Pictures of a recording asked for at once. */
+const CHUNK = 2000;
+const PICTURE_S = 0.033;
+
+const data = new Data();
+const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
+const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (document.getElementById(id));
+/** Behind the # of the address stands the token: no request ever carries it but a command. */
+const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
+if (token) sessionStorage.setItem("token", token);
+
+/** @type {Wire} */ let wire;
+/** @type {WebSocket | null} */ let socket = null;
+/** @type {any} */ let shown = null;
+let name = "";
+let asked = 0;
+let played = 0;
+
+/** A command, with the token; why not, where it cannot be sent. @param {Message} command */
+function ask(command) {
+  if (!token) return "commands need the token: open the address that `plumb up` or `plumb view` prints, to its end";
+  if (socket?.readyState !== WebSocket.OPEN) return "there is no connection";
+  asked += 1;
+  socket.send(wire.encode("PageCommand", { ...command, request_id: `page-${asked}`, token }));
+  return null;
+}
+
+function connect() {
+  data.link = "connecting";
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
+  socket.binaryType = "arraybuffer";
+  socket.addEventListener("open", () => { data.link = "open"; });
+  socket.addEventListener("message", ({ data: bytes }) => {
+    data.bytes += bytes.byteLength;
+    const { picture, standing, answer } = wire.decode("ToPage", new Uint8Array(bytes));
+    if (picture) data.take(picture, performance.now());
+    if (standing) {
+      const first = data.standing.pictures !== standing.pictures;
+      data.standing = standing;
+      if (standing.state === "STATE_RECORDING" && first) void load(standing.pictures);
+    }
+    if (answer) {
+      data.answer = answer;
+      if (shown instanceof System) shown.answered(answer);
+    }
+  });
+  socket.addEventListener("close", () => {
+    data.link = "closed";
+    setTimeout(connect, AGAIN_MS);
+  });
+}
+
+/** Loads a recording. @param {number} count */
+async function load(count) {
+  const all = [];
+  while (all.length < count) {
+    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`);
+    const { pictures } = wire.decode("Pictures", new Uint8Array(await answer.arrayBuffer()));
+    if (!pictures.length) break;
+    all.push(...pictures);
+  }
+  data.recording = all;
+  data.paused = true;
+  get("scrub").hidden = false;
+  input("place").max = String(Math.max(0, all.length - 1));
+  seek(0);
+}
+
+/** Shows a recording up to a picture. @param {number} place */
+function seek(place) {
+  data.place = Math.max(0, Math.min(data.recording.length - 1, Math.round(place)));
+  data.frames.length = 0;
+  data.events.length = 0;
+  data.newest = {};
+  data.cursor = null;
+  const from = Math.max(0, data.place - 1800);
+  for (const picture of data.recording.slice(0, from)) for (const event of picture.events) data.note(event);
+  for (const picture of data.recording.slice(from, data.place + 1)) data.take(picture, performance.now());
+  input("place").value = String(data.place);
+}
+
+/** Goes on in a recording by the time that has passed. @param {number} seconds */
+function play(seconds) {
+  played += (seconds * Number(/** @type {HTMLSelectElement} */ (get("speed")).value)) / pictureLength();
+  const whole = Math.floor(played);
+  if (!whole) return;
+  played -= whole;
+  for (let i = 0; i < whole && data.place + 1 < data.recording.length; i++) {
+    data.place += 1;
+    data.take(data.recording[data.place], performance.now());
+  }
+  input("place").value = String(data.place);
+  if (data.place + 1 >= data.recording.length) data.paused = true;
+}
+
+/** The time that a picture of a recording covers, s. */
+function pictureLength() {
+  const { t_first_ns, t_last_ns } = data.standing;
+  return data.recording.length > 1 ? Math.max(PICTURE_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : PICTURE_S;
+}
+
+/** @param {string} wanted */
+function show(wanted) {
+  name = wanted;
+  for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
+  const place = get("view");
+  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data) : new System(place, data, ask);
+  if (shown instanceof System && data.answer) shown.answered(data.answer);
+}
+
+/** @param {number} us */
+const time = (us) => (us >= 1000 ? `${(us / 1000).toFixed(2)} ms` : `${us.toFixed(0)} µs`);
+
+/** @param {number} now */
+function bar(now) {
+  const { standing } = data;
+  const state = data.state(now);
+  const put = (/** @type {string} */ id, /** @type {string} */ text) => { const at = get(id); if (at.textContent !== text) at.textContent = text; };
+  put("system", standing.system || "no system");
+  put("source", standing.source ?? "");
+  put("state", state.word);
+  get("state").className = `state-${state.kind}`;
+  const frame = data.shown();
+  put("time", frame ? `${frame.t.toFixed(2)} s` : "–");
+  put("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
+  const latency = standing.latency_us;
+  put("latency", latency ? `p50 ${time(latency.p50)}  p99 ${time(latency.p99)}` : "–");
+  const course = (standing.services ?? []).find((/** @type {Message} */ one) => one.status?.service === "course");
+  put("lost", course ? String(course.status.lost) : "–");
+  get("lost-place").className = course && course.status.lost > 0 ? "loud" : "";
+  get("why").hidden = !state.why;
+  put("why", state.why);
+  get("view").classList.toggle("stale", state.kind === "stale" || state.kind === "connecting" || state.kind === "ended");
+  put("pause", data.paused ? (data.recording.length ? "Play" : "Go on") : "Pause");
+  put("play", data.paused ? "Play" : "Stop");
+  if (data.recording.length && frame) put("place-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
+}
+
+function pause() {
+  data.paused = !data.paused;
+  if (data.paused) data.cursor = data.recording.length ? null : data.frames.at(-1)?.t ?? null;
+  else data.cursor = null;
+  if (!data.paused && data.recording.length && data.place + 1 >= data.recording.length) seek(0);
+}
+
+/** Copies what is under the cursor. */
+function copy() {
+  const frame = data.shown();
+  if (!frame) return;
+  const names = Object.keys(frame.values);
+  const q = frame.picture.attitude?.quaternion;
+  const head = ["t_s", "qw", "qx", "qy", "qz", ...names].join(",");
+  const line = [frame.t, ...(q ? [q.w, q.x, q.y, q.z] : ["", "", "", ""]), ...names.map((one) => frame.values[one][1])].join(",");
+  void navigator.clipboard?.writeText(`${head}\n${line}\n`);
+}
+
+/** @param {KeyboardEvent} event */
+function key(event) {
+  const at = /** @type {HTMLElement} */ (event.target);
+  if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(at.tagName)) return;
+  const step = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
+  if (step && at.getAttribute("role") !== "tab") {
+    if (data.recording.length) seek(data.place + step * (event.shiftKey ? Math.max(1, 1 / pictureLength()) : 1));
+    else { data.paused = true; data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0); }
+  } else if (VIEWS[Number(event.key) - 1]) show(VIEWS[Number(event.key) - 1]);
+  else if (event.key === " " && at.tagName !== "BUTTON") pause();
+  else if (event.key === "l") { data.paused = false; data.cursor = null; }
+  else if (event.key === "r") shown?.scene?.reset();
+  else if (event.key === "c") copy();
+  else if (event.key === "t") theme();
+  else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
+  else if (event.key === "s") { show("system"); get("slot").focus(); }
+  else return;
+  event.preventDefault();
+}
+
+let before = performance.now();
+/** Script time of the last frames, ms. @type {number[]} */
+const costs = [];
+/** @param {number} now */
+function frame(now) {
+  const began = performance.now();
+  if (data.recording.length && !data.paused) play((now - before) / 1000);
+  before = now;
+  bar(now);
+  shown?.draw();
+  costs.push(performance.now() - began);
+  if (costs.length > 600) costs.shift();
+  requestAnimationFrame(frame);
+}
+
+async function begin() {
+  theme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  for (const [place, of] of VIEWS.entries()) {
+    const tab = element("button", "", `${place + 1} ${of[0].toUpperCase()}${of.slice(1)}`);
+    tab.id = `tab-${of}`;
+    tab.setAttribute("role", "tab");
+    tab.addEventListener("click", () => show(of));
+    get("tabs").append(tab);
+  }
+  get("pause").addEventListener("click", pause);
+  get("play").addEventListener("click", pause);
+  get("theme").addEventListener("click", () => theme());
+  get("help").addEventListener("click", () => /** @type {HTMLDialogElement} */ (get("keys")).showModal());
+  input("place").addEventListener("input", () => seek(Number(input("place").value)));
+  document.addEventListener("keydown", key);
+  wire = new Wire(await (await fetch("/schema.json")).json());
+  show("fly");
+  connect();
+  requestAnimationFrame(frame);
+}
+
+/** What is drawn, for tests. */
+Object.assign(window, { plumb: { data, costs, state: () => data.state(performance.now()), drawn: () => shown?.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
+void begin();

@@ -1,0 +1,160 @@
+// Method: how it knows. The up vector on the Riemann sphere with its ray to w, and the plane of w = u + jv.
+
+import { DEGREE, pointOf, up } from "./attitude.js";
+import { quaternion, upOfPoint } from "./data.js";
+import { begin } from "./fly.js";
+import { colour, element, tint } from "./look.js";
+import { Scene } from "./scene.js";
+import { Strips, signed } from "./strips.js";
+
+/** @typedef {import("./data.js").Data} Data */
+/** @typedef {import("./attitude.js").Vec} Vec */
+
+const TRAIL = 300;
+
+export class Method {
+  /** @param {HTMLElement} place @param {Data} data */
+  constructor(place, data) {
+    this.data = data;
+    const grid = element("div", "grid method");
+    const [sphere, plane, strips] = [element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
+    this.plane = document.createElement("canvas");
+    this.plane.setAttribute("aria-label", "The plane of w");
+    plane.append(this.plane);
+    grid.append(sphere, plane, strips);
+    place.replaceChildren(grid);
+    this.scene = new Scene(sphere, 3.7);
+    this.note = element("p", "note");
+    for (const panel of [sphere, plane]) panel.append(legend());
+    sphere.append(this.note);
+    const deg = 1 / DEGREE;
+    this.strips = new Strips(strips, data, [
+      { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ of: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "u_gyro", name: "gyro", colour: "gyro" }, { of: "u", name: "fused", colour: "fused" }] },
+      { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ of: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "v_gyro", name: "gyro", colour: "gyro" }, { of: "v", name: "fused", colour: "fused" }] },
+      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ of: "z_gyro", name: "gyro", colour: "gyro" }, { of: "z", name: "fused", colour: "fused" }] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ of: "innovation", name: "accelerometer against fused", colour: "accel" }] },
+      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ of: "bias_x", name: "x", colour: "axis-x" }, { of: "bias_y", name: "y", colour: "axis-y" }, { of: "bias_z", name: "z", colour: "axis-z" }] },
+    ]);
+    /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
+  }
+
+  draw() {
+    const { frames } = this.data;
+    const frame = this.data.shown();
+    const end = frame ? frames.indexOf(frame) : -1;
+    const trail = frames.slice(Math.max(0, end - TRAIL), end + 1);
+    const truth = quaternion(frame?.picture.reference?.quaternion);
+    const now = { fused: upOfPoint(frame?.picture.fused), gyro: upOfPoint(frame?.picture.gyro), accel: upOfPoint(frame?.picture.accel), ink: truth ? up(truth) : null };
+    const inverted = frame?.picture.fused?.chart === "CHART_INVERTED";
+    const plane = (/** @type {Vec} */ v) => (inverted ? pointOf([v[0], -v[1], -v[2]]) : pointOf(v));
+    this.drawn = { w: now.fused ? plane(now.fused) : null, w_gyro: now.gyro ? plane(now.gyro) : null, w_accel: now.accel ? plane(now.accel) : null, chart: inverted ? "inverted" : "upright" };
+    this.drawSphere(trail, now, plane, inverted);
+    this.drawPlane(trail, now, plane, inverted);
+    this.strips.draw();
+  }
+
+  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} plane @param {boolean} inverted */
+  drawSphere(trail, now, plane, inverted) {
+    const { scene } = this;
+    scene.begin();
+    const circle = (/** @type {(s: number, c: number) => Vec} */ at) => [...Array(49).keys()].map((i) => at(Math.sin((i * Math.PI) / 24), Math.cos((i * Math.PI) / 24)));
+    for (const part of [-60, -30, 0, 30, 60]) {
+      const [s, c] = [Math.sin(part * DEGREE), Math.cos(part * DEGREE)];
+      scene.line(circle((p, q) => [c * q, c * p, s]), tint("quiet", part ? 0.45 : 1), part ? 0.5 : 0.8);
+    }
+    for (let part = 0; part < 180; part += 30) {
+      const [s, c] = [Math.sin(part * DEGREE), Math.cos(part * DEGREE)];
+      scene.line(circle((p, q) => [c * q, s * q, p]), tint("quiet", 0.45), 0.5);
+    }
+    const pole = inverted ? 1 : -1;
+    scene.point([0, 0, pole], tint("fault"), 4);
+    scene.label([0, 0, pole * 1.14], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
+    scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
+    scene.label([1.3, 0, 0], "right", "c-x");
+    scene.label([0, 1.3, 0], "nose", "c-y");
+    for (const name of ["accel", "gyro", "fused"]) {
+      const points = trail.map((frame) => upOfPoint(frame.picture[name])).filter((point) => point !== null);
+      if (name === "accel") points.forEach((point, i) => i % 2 === 0 && scene.point(point, tint("accel", 0.6), 1.4));
+      else scene.line(points, tint(name), name === "fused" ? 1.3 : 0.8);
+    }
+    for (const [name, size] of /** @type {[string, number][]} */ ([["accel", 4], ["gyro", 4], ["ink", 3.5], ["fused", 5]])) {
+      const at = now[name];
+      if (!at) continue;
+      scene.point(at, tint(name), size);
+      if (name !== "fused") continue;
+      // The ray from the pole through the point meets the plane through the middle at w.
+      const [u, v] = plane(at);
+      scene.line([[0, 0, pole], at, inverted ? [u, -v, 0] : [u, v, 0]], tint("fused"), 1);
+      scene.point(inverted ? [u, -v, 0] : [u, v, 0], tint("fused"), 3);
+      scene.label([at[0] * 1.15, at[1] * 1.15, at[2] * 1.15], "up", "c-fused");
+    }
+    scene.end();
+    this.note.textContent = now.fused ? scene.why || "body axes: right, nose, top; the ray from the pole meets the plane at w" : "no attitude yet: `plumb up` starts a system";
+  }
+
+  /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} plane @param {boolean} inverted */
+  drawPlane(trail, now, plane, inverted) {
+    const made = begin(this.plane);
+    if (!made) return;
+    const [context, width, height] = made;
+    let reach = 0.1;
+    for (const frame of trail) {
+      const point = upOfPoint(frame.picture.fused);
+      if (point) reach = Math.max(reach, ...plane(point).map(Math.abs).filter((part) => part < 3));
+    }
+    const step = [0.05, 0.1, 0.2, 0.5, 1].find((size) => reach / size <= 4) ?? 1;
+    reach = step * Math.ceil((reach * 1.15) / step);
+    const scale = (Math.min(width, height) * 0.46) / reach;
+    const at = (/** @type {[number, number]} */ [u, v]) => /** @type {[number, number]} */ ([width / 2 + u * scale, height / 2 - v * scale]);
+    context.font = "13px system-ui";
+    context.strokeStyle = colour("line");
+    context.fillStyle = colour("quiet");
+    for (let mark = -reach; mark <= reach + 1e-9; mark += step) {
+      const [x, y] = at([mark, mark]);
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.moveTo(0, y); context.lineTo(width, y); context.stroke();
+      if (Math.abs(mark) > 1e-9) { context.fillText(mark.toFixed(2), x + 2, height / 2 - 3); context.fillText(mark.toFixed(2), width / 2 + 4, y - 3); }
+    }
+    context.strokeStyle = colour("quiet");
+    context.beginPath(); context.moveTo(0, height / 2); context.lineTo(width, height / 2); context.moveTo(width / 2, 0); context.lineTo(width / 2, height); context.stroke();
+    context.fillText("u, right side up", width - 110, height / 2 + 16);
+    context.fillText("v, nose up", width / 2 + 6, 16);
+    for (const name of ["accel", "gyro", "fused"]) {
+      context.strokeStyle = context.fillStyle = colour(name);
+      context.lineWidth = name === "fused" ? 2 : 1.2;
+      context.beginPath();
+      let before = false;
+      trail.forEach((frame) => {
+        const point = upOfPoint(frame.picture[name]);
+        if (!point) { before = false; return; }
+        const [x, y] = at(plane(point));
+        if (name === "accel") context.rect(x - 1, y - 1, 2, 2);
+        else if (before) context.lineTo(x, y);
+        else context.moveTo(x, y);
+        before = true;
+      });
+      if (name === "accel") context.fill(); else context.stroke();
+    }
+    for (const [name, size] of /** @type {[string, number][]} */ ([["accel", 4], ["gyro", 5], ["ink", 6], ["fused", 5]])) {
+      const point = now[name];
+      if (!point) continue;
+      const [x, y] = at(plane(point));
+      context.fillStyle = context.strokeStyle = colour(name);
+      context.lineWidth = 2;
+      context.beginPath(); context.arc(x, y, size, 0, 7);
+      if (name === "gyro" || name === "ink") context.stroke(); else context.fill();
+    }
+    const w = now.fused ? plane(now.fused) : null;
+    context.fillStyle = colour("ink");
+    context.fillText(w ? `w = ${signed(w[0], 4)} ${signed(w[1], 4)} j, ${inverted ? "inverted" : "upright"} chart` : "w = –", 8, height - 8);
+  }
+}
+
+function legend() {
+  const list = element("ul", "legend");
+  for (const [mark, look, name] of [["●", "c-fused", "fused"], ["○", "c-gyro", "gyro alone"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]]) {
+    const item = element("li", look, name);
+    item.dataset.mark = mark;
+    list.append(item);
+  }
+  return list;
+}

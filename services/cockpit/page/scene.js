@@ -1,0 +1,221 @@
+// A small scene: lines, triangles, points and labels in space. On WebGL 2, and where that is missing on a plain canvas, with a word why.
+// It knows nothing of attitude. Space is right-handed, z up; the camera looks at the origin.
+
+/** @typedef {import("./attitude.js").Vec} Vec */
+/** @typedef {[number, number, number, number]} Colour */
+/** @typedef {{ at: Vec, text: string, look: string }} Label */
+
+const VERTEX = `#version 300 es
+in vec3 a; in vec3 b; in vec2 side; in vec4 colour;
+uniform mat4 camera; uniform vec2 size;
+out vec4 tint; out vec2 disc;
+void main() {
+  vec4 p = camera * vec4(a, 1.0);
+  tint = colour; disc = vec2(0.0);
+  if (side.x != 0.0 && a != b) {
+    vec4 q = camera * vec4(b, 1.0);
+    vec2 along = normalize((q.xy / q.w - p.xy / p.w) * size);
+    p.xy += vec2(-along.y, along.x) * side.x * side.y / size * p.w * 2.0;
+  } else if (side.x != 0.0) {
+    float corner = abs(side.x);
+    vec2 to = corner == 1.0 ? vec2(-1, -1) : corner == 2.0 ? vec2(1, -1) : corner == 3.0 ? vec2(1, 1) : vec2(-1, 1);
+    disc = to; p.xy += to * side.y / size * p.w * 2.0;
+  }
+  gl_Position = p;
+}`;
+const FRAGMENT = `#version 300 es
+precision mediump float;
+in vec4 tint; in vec2 disc; out vec4 colour;
+void main() { if (dot(disc, disc) > 1.0) discard; colour = vec4(tint.rgb * tint.a, tint.a); }`;
+const FLOATS = 12;
+
+export class Scene {
+  /** Seen from so far. @param {HTMLElement} panel @param {number} distance */
+  constructor(panel, distance) {
+    this.home = distance;
+    this.canvas = document.createElement("canvas");
+    this.places = document.createElement("div");
+    this.places.className = "labels";
+    panel.append(this.canvas, this.places);
+    /** @type {number[]} */ this.vertices = [];
+    /** @type {Label[]} */ this.labels = [];
+    /** What was drawn last, for tests. @type {{ lines: number, triangles: number, points: number }} */ this.count = { lines: 0, triangles: 0, points: 0 };
+    this.azimuth = -0.9; this.elevation = 0.45; this.distance = distance;
+    this.why = "";
+    this.start();
+    this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.gl = null; this.plain("the browser has taken WebGL away"); });
+    this.canvas.addEventListener("pointerdown", (event) => this.drag(event));
+    this.canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.distance = Math.max(2.5, Math.min(12, this.distance * Math.exp(event.deltaY * 1e-3))); }, { passive: false });
+  }
+
+  start() {
+    const gl = this.canvas.getContext("webgl2", { antialias: true, alpha: true });
+    if (!gl) {
+      this.plain("this browser has no WebGL 2");
+      return;
+    }
+    const program = gl.createProgram();
+    for (const [kind, text] of /** @type {[number, string][]} */ ([[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]])) {
+      const shader = gl.createShader(kind);
+      if (!program || !shader) { this.plain("WebGL 2 makes no program"); return; }
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    ["a", "b", "side", "colour"].forEach((name, place) => gl.bindAttribLocation(program, place, name));
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) { this.plain("WebGL 2 refuses the program"); return; }
+    gl.useProgram(program);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    [[3, 0], [3, 3], [2, 6], [4, 8]].forEach(([size, offset], place) => {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, FLOATS * 4, offset * 4);
+    });
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    this.program = program;
+    this.gl = gl;
+  }
+
+  /** Goes on without WebGL, on a canvas of its own: one that had WebGL has nothing else. @param {string} why */
+  plain(why) {
+    this.why = `${why}: drawn flat`;
+    const canvas = document.createElement("canvas");
+    canvas.addEventListener("pointerdown", (event) => this.drag(event));
+    this.canvas.replaceWith(canvas);
+    this.canvas = canvas;
+    this.flat = canvas.getContext("2d");
+  }
+
+  reset() {
+    this.azimuth = -0.9; this.elevation = 0.45; this.distance = this.home;
+  }
+
+  /** @param {PointerEvent} event */
+  drag(event) {
+    this.canvas.setPointerCapture(event.pointerId);
+    const move = (/** @type {PointerEvent} */ moved) => {
+      this.azimuth -= moved.movementX * 0.008;
+      this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + moved.movementY * 0.008));
+    };
+    this.canvas.addEventListener("pointermove", move);
+    this.canvas.addEventListener("pointerup", () => this.canvas.removeEventListener("pointermove", move), { once: true });
+  }
+
+  begin() {
+    this.vertices.length = 0;
+    this.labels.length = 0;
+    this.count = { lines: 0, triangles: 0, points: 0 };
+  }
+
+  /** A line from point to point, so many pixels wide; every second piece where it is dashed.
+   * @param {Vec[]} points @param {Colour} colour @param {number} width @param {boolean} [dashed] */
+  line(points, colour, width, dashed = false) {
+    for (let i = 0; i + 1 < points.length; i += dashed ? 2 : 1) {
+      const [a, b] = [points[i], points[i + 1]];
+      for (const [p, q, side] of /** @type {[Vec, Vec, number][]} */ ([[a, b, -1], [a, b, 1], [b, a, -1], [b, a, -1], [b, a, 1], [a, b, -1]])) this.vertex(p, q, side, width, colour);
+      this.count.lines++;
+    }
+  }
+
+  /** @param {Vec} a @param {Vec} b @param {Vec} c @param {Colour} colour */
+  triangle(a, b, c, colour) {
+    for (const p of [a, b, c]) this.vertex(p, p, 0, 0, colour);
+    this.count.triangles++;
+  }
+
+  /** A disc of so many pixels. @param {Vec} at @param {Colour} colour @param {number} size */
+  point(at, colour, size) {
+    for (const corner of [1, 2, 3, 1, 3, 4]) this.vertex(at, at, corner, size, colour);
+    this.count.points++;
+  }
+
+  /** @param {Vec} at @param {string} text @param {string} look */
+  label(at, text, look) {
+    this.labels.push({ at, text, look });
+  }
+
+  /** @param {Vec} a @param {Vec} b @param {number} side @param {number} width @param {Colour} colour */
+  vertex(a, b, side, width, colour) {
+    this.vertices.push(a[0], a[1], a[2], b[0], b[1], b[2], side, width, colour[0], colour[1], colour[2], colour[3]);
+  }
+
+  end() {
+    const { canvas } = this;
+    const ratio = Math.min(devicePixelRatio, 2);
+    const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+    if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    if (!width || !height) return;
+    const camera = view(this.azimuth, this.elevation, this.distance, width / height);
+    if (this.gl && this.program) this.drawOn(this.gl, this.program, camera, width, height, ratio);
+    else if (this.flat) this.drawFlat(this.flat, camera, width, height, ratio);
+    this.placeLabels(camera);
+  }
+
+  /** @param {WebGL2RenderingContext} gl @param {WebGLProgram} program @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
+  drawOn(gl, program, camera, width, height, ratio) {
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.uniformMatrix4fv(gl.getUniformLocation(program, "camera"), false, camera);
+    gl.uniform2f(gl.getUniformLocation(program, "size"), width / ratio, height / ratio);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(this.vertices), gl.DYNAMIC_DRAW);
+    gl.drawArrays(gl.TRIANGLES, 0, this.vertices.length / FLOATS);
+  }
+
+  /** @param {CanvasRenderingContext2D} flat @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
+  drawFlat(flat, camera, width, height, ratio) {
+    flat.clearRect(0, 0, width, height);
+    const v = this.vertices;
+    const place = (/** @type {number} */ i) => project(camera, [v[i], v[i + 1], v[i + 2]], width, height);
+    const shapes = [];
+    for (let i = 0; i + 2 * FLOATS < v.length; i += 3 * FLOATS) shapes.push({ i, depth: place(i)[2] + place(i + FLOATS)[2] + place(i + 2 * FLOATS)[2] });
+    shapes.sort((p, q) => q.depth - p.depth);
+    for (const { i } of shapes) {
+      const [p, q, r] = [place(i), place(i + FLOATS), place(i + 2 * FLOATS)];
+      flat.fillStyle = flat.strokeStyle = `rgba(${v[i + 8] * 255},${v[i + 9] * 255},${v[i + 10] * 255},${v[i + 11]})`;
+      flat.lineWidth = 2 * v[i + 7] * ratio;
+      flat.beginPath();
+      if (v[i + 6] !== 0 && p[0] === q[0] && p[1] === q[1] && r[0] === p[0]) flat.arc(p[0], p[1], v[i + 7] * ratio, 0, 7);
+      else { flat.moveTo(p[0], p[1]); flat.lineTo(q[0], q[1]); flat.lineTo(r[0], r[1]); }
+      if (v[i + 6] === 0 || flat.lineWidth === 0) flat.fill();
+      else flat.stroke();
+    }
+  }
+
+  /** @param {number[]} camera */
+  placeLabels(camera) {
+    const spans = /** @type {HTMLCollectionOf<HTMLElement>} */ (this.places.children);
+    while (spans.length < this.labels.length) this.places.append(document.createElement("span"));
+    for (let i = 0; i < spans.length; i++) {
+      const label = this.labels[i];
+      spans[i].hidden = !label;
+      if (!label) continue;
+      const [x, y] = project(camera, label.at, this.canvas.clientWidth, this.canvas.clientHeight);
+      if (spans[i].textContent !== label.text) spans[i].textContent = label.text;
+      if (spans[i].className !== label.look) spans[i].className = label.look;
+      spans[i].style.left = `${x.toFixed(1)}px`;
+      spans[i].style.top = `${y.toFixed(1)}px`;
+    }
+  }
+}
+
+/** The camera, by columns. @param {number} azimuth @param {number} elevation @param {number} distance @param {number} aspect */
+function view(azimuth, elevation, distance, aspect) {
+  const [s, c, t, e] = [Math.sin(azimuth), Math.cos(azimuth), Math.sin(elevation), Math.cos(elevation)];
+  const [right, upward, back] = [[-s, c, 0], [-t * c, -t * s, e], [e * c, e * s, t]];
+  const [near, far, focal] = [0.5, 40, aspect < 1 ? 2.4 * aspect : 2.4];
+  const [m, n] = [(far + near) / (near - far), (2 * far * near) / (near - far)];
+  const columns = [];
+  for (let i = 0; i < 3; i++) columns.push((focal / aspect) * right[i], focal * upward[i], m * back[i], -back[i]);
+  columns.push(0, 0, -m * distance + n, distance);
+  return columns;
+}
+
+/** @param {number[]} m @param {Vec} p @param {number} width @param {number} height @returns {Vec} */
+function project(m, [x, y, z], width, height) {
+  const at = (/** @type {number} */ row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row];
+  const w = at(3);
+  return [(0.5 + (0.5 * at(0)) / w) * width, (0.5 - (0.5 * at(1)) / w) * height, at(2) / w];
+}

@@ -1,0 +1,140 @@
+// Quantities over the last minute, one strip below the other, with one cursor.
+
+/** @typedef {import("./data.js").Data} Data */
+/** A line of a strip: the quantity, its colour, how it is drawn. @typedef {{ of: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
+/** @typedef {{ title: string, unit: string, scale: number, digits: number, lines: Line[] }} Strip */
+
+import { SHOWN_S } from "./data.js";
+import { colour } from "./look.js";
+
+export class Strips {
+  /** @param {HTMLElement} panel @param {Data} data @param {Strip[]} strips */
+  constructor(panel, data, strips) {
+    this.data = data;
+    this.strips = strips;
+    this.shown_s = SHOWN_S;
+    this.canvas = document.createElement("canvas");
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("aria-label", `Strips of ${strips.map((strip) => strip.title).join(", ")}; click sets the cursor, the wheel changes how much is shown`);
+    panel.append(this.canvas);
+    this.canvas.addEventListener("click", (event) => {
+      const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
+      if (part >= 0 && part <= 1) data.cursor = this.from + part * this.shown_s;
+    });
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.shown_s = Math.max(2, Math.min(SHOWN_S, this.shown_s * Math.exp(event.deltaY * 1e-3)));
+    }, { passive: false });
+    this.from = 0;
+  }
+
+  draw() {
+    const { canvas, data } = this;
+    const context = canvas.getContext("2d");
+    const ratio = Math.min(devicePixelRatio, 2);
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!context || !width || !height) return;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+    }
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.font = "13px system-ui, sans-serif";
+    const end = data.paused && data.cursor !== null ? Math.max(data.cursor, (data.frames.at(-1)?.t ?? 0) - (SHOWN_S - this.shown_s)) : data.frames.at(-1)?.t ?? 0;
+    this.from = end - this.shown_s;
+    const each = (height - FOOT) / this.strips.length;
+    this.strips.forEach((strip, place) => this.strip(context, strip, place * each, each, width));
+    context.fillStyle = colour("quiet");
+    context.textAlign = "center";
+    for (let part = 0; part <= 4; part++) {
+      const t = this.from + (part / 4) * this.shown_s;
+      const x = LEFT + (part / 4) * (width - LEFT - RIGHT);
+      if (t >= (data.frames[0]?.t ?? Infinity)) context.fillText(`${t.toFixed(1)} s`, Math.min(x, width - 30), height - 5);
+    }
+    if (data.cursor !== null) {
+      const x = LEFT + ((data.cursor - this.from) / this.shown_s) * (width - LEFT - RIGHT);
+      context.strokeStyle = colour("ink");
+      context.setLineDash([2, 3]);
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height - FOOT); context.stroke();
+      context.setLineDash([]);
+    }
+  }
+
+  /** @param {CanvasRenderingContext2D} context @param {Strip} strip @param {number} top @param {number} height @param {number} width */
+  strip(context, strip, top, height, width) {
+    const inner = width - LEFT - RIGHT;
+    const binned = strip.lines.map((line) => this.bins(line.of, strip.scale, Math.ceil(inner)));
+    let [least, most] = [Infinity, -Infinity];
+    for (const bins of binned) for (const bin of bins) if (bin) { least = Math.min(least, bin[0]); most = Math.max(most, bin[1]); }
+    context.strokeStyle = colour("line");
+    context.strokeRect(LEFT, top + 2.5, inner, height - 5);
+    context.textAlign = "left";
+    context.fillStyle = colour("ink");
+    context.fillText(strip.title, 8, top + 17);
+    context.fillStyle = colour("quiet");
+    context.fillText(strip.unit, 8, top + 33);
+    if (!(most >= least)) {
+      context.fillText("nothing came", LEFT + 8, top + height / 2 + 4);
+      return;
+    }
+    const room = Math.max((most - least) * 0.08, 10 ** -strip.digits / 2);
+    [least, most] = [least - room, most + room];
+    const y = (/** @type {number} */ value) => top + 3 + (1 - (value - least) / (most - least)) * (height - 6);
+    strip.lines.forEach((line, index) => {
+      context.strokeStyle = context.fillStyle = colour(line.colour);
+      context.lineWidth = line.dashed ? 1 : 1.6;
+      context.setLineDash(line.dashed ? [5, 3] : []);
+      context.beginPath();
+      let before = false;
+      binned[index].forEach((bin, x) => {
+        if (!bin) { before = false; return; }
+        if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(bin[0]) - 1, 2, 2); return; }
+        if (before) context.lineTo(LEFT + x, y(bin[0])); else context.moveTo(LEFT + x, y(bin[0]));
+        if (bin[1] > bin[0]) context.lineTo(LEFT + x, y(bin[1]));
+        before = true;
+      });
+      if (line.dots) context.fill(); else context.stroke();
+    });
+    context.setLineDash([]);
+    context.lineWidth = 1;
+    context.textAlign = "right";
+    context.fillStyle = colour("quiet");
+    context.fillText(most.toFixed(strip.digits), LEFT - 4, top + 15);
+    context.fillText(least.toFixed(strip.digits), LEFT - 4, top + height - 6);
+    context.textAlign = "left";
+    const at = this.data.shown();
+    let x = LEFT + 8;
+    for (const line of strip.lines) {
+      const value = at?.values[line.of];
+      const text = `${line.name} ${value ? signed(value[1] * strip.scale, strip.digits) : "–"}`;
+      context.fillStyle = colour(line.colour);
+      context.fillText(text, x, top + 17);
+      x += context.measureText(text).width + 16;
+    }
+  }
+
+  /** Least and most in each pixel. @param {string} of @param {number} scale @param {number} count */
+  bins(of, scale, count) {
+    /** @type {([number, number] | undefined)[]} */
+    const bins = new Array(count);
+    let before = -1;
+    for (const frame of this.data.frames) {
+      const x = Math.floor(((frame.t - this.from) / this.shown_s) * count);
+      const value = frame.values[of];
+      if (!value || x < 0 || x >= count) continue;
+      const [least, most] = [value[0] * scale, value[1] * scale];
+      const bin = bins[x];
+      if (bin) { bin[0] = Math.min(bin[0], least); bin[1] = Math.max(bin[1], most); } else bins[x] = [least, most];
+      // A gap of more than half a second stays one.
+      if (before >= 0 && x > before + 1 && ((x - before) / count) * this.shown_s < 0.5) for (let i = before + 1; i < x; i++) bins[i] = [least, least];
+      before = x;
+    }
+    return bins;
+  }
+}
+
+const LEFT = 118, RIGHT = 8, FOOT = 20;
+
+/** With its sign always. @param {number} value @param {number} digits */
+export const signed = (value, digits) => (value >= 0 ? "+" : "−") + Math.abs(value).toFixed(digits);

@@ -1,0 +1,181 @@
+// Protobuf, read and written by the schema that the server gives: a field that is new is read as what it is.
+
+/** @typedef {[name: string, kind: string, repeated: boolean, presence: boolean]} Rule */
+/** @typedef {{ messages: Record<string, Record<string, Rule>>, enums: Record<string, Record<string, string>> }} Schema */
+/** @typedef {Record<string, any>} Message */
+
+const VARINT = 0, FIXED64 = 1, BYTES = 2, FIXED32 = 5;
+const TEXT = new TextDecoder();
+
+export class Wire {
+  /** @param {Schema} schema */
+  constructor(schema) {
+    this.schema = schema;
+  }
+
+  /**
+   * Reads a message; what is absent has its default: 0, "", the first name of an enum, an empty list, null.
+   * @param {string} name
+   * @param {Uint8Array} bytes
+   * @returns {Message}
+   */
+  decode(name, bytes) {
+    const rules = this.schema.messages[name];
+    if (!rules) throw new Error(`no message ${name} in the schema`);
+    /** @type {Message} */
+    const message = {};
+    for (const [field, kind, repeated, presence] of Object.values(rules)) {
+      message[field] = repeated ? [] : presence ? null : this.usual(kind);
+    }
+    const reader = new Reader(bytes);
+    while (!reader.isAtEnd()) {
+      const key = reader.varint();
+      const rule = rules[Math.floor(key / 8)];
+      const type = key % 8;
+      if (!rule) {
+        reader.skip(type);
+        continue;
+      }
+      const [field, kind, repeated] = rule;
+      if (repeated && type === BYTES && isPacked(kind)) {
+        const inner = new Reader(reader.bytes());
+        while (!inner.isAtEnd()) message[field].push(this.value(kind, inner));
+        continue;
+      }
+      const value = this.value(kind, reader);
+      if (repeated) message[field].push(value);
+      else message[field] = value;
+    }
+    return message;
+  }
+
+  /**
+   * Writes a message; fields that are not named are left out.
+   * @param {string} name
+   * @param {Message} message
+   */
+  encode(name, message) {
+    /** @type {number[]} */
+    const out = [];
+    for (const [number, [field, kind]] of Object.entries(this.schema.messages[name])) {
+      const value = message[field];
+      if (value === undefined) continue;
+      const names = this.schema.enums[kind];
+      if (kind === "string") {
+        const text = new TextEncoder().encode(value);
+        varint(Number(number) * 8 + BYTES, out);
+        varint(text.length, out);
+        out.push(...text);
+      } else if (names || kind === "uint32" || kind === "uint64") {
+        const code = names ? Number(Object.keys(names).find((key) => names[key] === value)) : value;
+        varint(Number(number) * 8 + VARINT, out);
+        varint(code, out);
+      } else {
+        throw new Error(`${name}.${field}: a ${kind} is never sent`);
+      }
+    }
+    return new Uint8Array(out);
+  }
+
+  /** @param {string} kind */
+  usual(kind) {
+    if (kind === "string") return "";
+    const names = this.schema.enums[kind];
+    return names ? names[0] : 0;
+  }
+
+  /**
+   * @param {string} kind
+   * @param {Reader} reader
+   * @returns {any}
+   */
+  value(kind, reader) {
+    switch (kind) {
+      case "double": return reader.double();
+      case "string": return TEXT.decode(reader.bytes());
+      case "fixed64": return reader.fixed64();
+      case "sint64": return reader.signed();
+      case "bool": return reader.varint() !== 0;
+      case "uint32": case "uint64": return reader.varint();
+    }
+    const names = this.schema.enums[kind];
+    if (names) {
+      const code = reader.varint();
+      return names[code] ?? `${kind} ${code}`;
+    }
+    return this.decode(kind, reader.bytes());
+  }
+}
+
+/** @param {string} kind */
+const isPacked = (kind) => ["double", "fixed64", "sint64", "uint32", "uint64", "bool"].includes(kind);
+
+/** Numbers beyond 2^53 lose their last bits: none that is shown is so large. */
+class Reader {
+  /** @param {Uint8Array} bytes */
+  constructor(bytes) {
+    this.all = bytes;
+    this.at = 0;
+    this.view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  }
+
+  isAtEnd() {
+    return this.at >= this.all.length;
+  }
+
+  varint() {
+    let value = 0;
+    for (let factor = 1, n = 0; n < 10; n++, factor *= 128) {
+      const byte = this.all[this.at++];
+      if (byte === undefined) throw new Error("a message is cut");
+      value += (byte & 127) * factor;
+      if (byte < 128) return value;
+    }
+    throw new Error("a number is too long");
+  }
+
+  signed() {
+    const value = this.varint();
+    return value % 2 === 0 ? value / 2 : -(value + 1) / 2;
+  }
+
+  double() {
+    this.at += 8;
+    return this.view.getFloat64(this.at - 8, true);
+  }
+
+  fixed64() {
+    this.at += 8;
+    return Number(this.view.getBigUint64(this.at - 8, true));
+  }
+
+  bytes() {
+    const length = this.varint();
+    const end = this.at + length;
+    if (end > this.all.length) throw new Error("a message is cut");
+    const bytes = this.all.subarray(this.at, end);
+    this.at = end;
+    return bytes;
+  }
+
+  /** @param {number} type */
+  skip(type) {
+    if (type === VARINT) this.varint();
+    else if (type === FIXED64) this.at += 8;
+    else if (type === BYTES) this.bytes();
+    else if (type === FIXED32) this.at += 4;
+    else throw new Error(`wire type ${type}`);
+  }
+}
+
+/**
+ * @param {number} value
+ * @param {number[]} out
+ */
+function varint(value, out) {
+  while (value >= 128) {
+    out.push((value % 128) + 128);
+    value = Math.floor(value / 128);
+  }
+  out.push(value);
+}

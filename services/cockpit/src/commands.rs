@@ -1,0 +1,156 @@
+//! What a viewer may ask for: swaps, shadows, their end. Each needs the token; few are under way at once.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use control::{Outcome, SwapReport, SwapRequest};
+use launch::Stage;
+use tokio::sync::{Semaphore, mpsc::Sender};
+use wire::{
+    command::ControlMessage,
+    v1::{PageCommand, SwapAnswer, page_command::Kind, swap_answer},
+};
+
+use crate::{source::Desk, token::Token};
+
+/// Commands under way at once, shadows among them.
+pub(crate) const UNDER_WAY_MAX: usize = 8;
+
+/// Who takes commands.
+pub(crate) struct Commands {
+    desk: Arc<dyn Desk>,
+    token: Token,
+    room: Arc<Semaphore>,
+}
+
+/// A viewer's commands.
+pub(crate) struct Session<'c> {
+    commands: Option<&'c Commands>,
+    answers: Sender<SwapAnswer>,
+    /// The slots in which this viewer's shadows run.
+    shadows: Arc<Mutex<Vec<String>>>,
+}
+
+impl Commands {
+    pub(crate) fn new(desk: Arc<dyn Desk>, token: Token) -> Self {
+        Self { desk, token, room: Arc::new(Semaphore::new(UNDER_WAY_MAX)) }
+    }
+}
+
+impl<'c> Session<'c> {
+    pub(crate) fn new(commands: Option<&'c Commands>, answers: Sender<SwapAnswer>) -> Self {
+        Self { commands, answers, shadows: Arc::default() }
+    }
+
+    /// Carries out what the viewer asks for; whether it may go on asking.
+    pub(crate) fn ask(&mut self, bytes: &[u8]) -> bool {
+        let Ok(command) = PageCommand::decoded(bytes) else { return false };
+        let Some(commands) = self.commands else {
+            self.refuse(command, "nothing can be commanded from here");
+            return true;
+        };
+        if !commands.token.is(&command.token) {
+            let remedy =
+                "the token is missing or wrong: open the address that `plumb up` or `plumb view` prints, to its end";
+            self.refuse(command, remedy);
+            return true;
+        }
+        let Ok(permit) = commands.room.clone().try_acquire_owned() else {
+            self.refuse(command, "too many commands are under way; ask again");
+            return true;
+        };
+        let (desk, answers, shadows) = (commands.desk.clone(), self.answers.clone(), self.shadows.clone());
+        tokio::task::spawn_blocking(move || {
+            let _permit = permit;
+            // A viewer who has gone needs no answer.
+            let _ = answers.blocking_send(carry_out(&*desk, command, &shadows));
+        });
+        true
+    }
+
+    fn refuse(&self, command: PageCommand, why: &str) {
+        let _ = self.answers.try_send(refused(command, why.into()));
+    }
+}
+
+/// A shadow ends with whoever asked for it.
+impl Drop for Session<'_> {
+    fn drop(&mut self) {
+        let Some(commands) = self.commands else { return };
+        for slot in std::mem::take(&mut *lock(&self.shadows)) {
+            let desk = commands.desk.clone();
+            tokio::task::spawn_blocking(move || desk.cancel(&slot));
+        }
+    }
+}
+
+fn carry_out(desk: &dyn Desk, command: PageCommand, shadows: &Mutex<Vec<String>>) -> SwapAnswer {
+    let shadow = match command.kind() {
+        Kind::Cancel => {
+            return match desk.cancel(&command.slot) {
+                Ok(()) => {
+                    let PageCommand { request_id, slot, .. } = command;
+                    let outcome = swap_answer::Outcome::Aborted.into();
+                    SwapAnswer { request_id, outcome, slot, reason: "cancelled".into(), ..SwapAnswer::default() }
+                }
+                Err(why) => refused(command, why),
+            };
+        }
+        kind => kind == Kind::Shadow,
+    };
+    if shadow {
+        lock(shadows).push(command.slot.clone());
+    }
+    let request = SwapRequest {
+        slot: command.slot.clone(),
+        stage: Stage { stage: command.stage.clone(), set: BTreeMap::new() },
+        shadow,
+        expected_epoch: Some(command.expected_epoch).filter(|epoch| *epoch != 0),
+        limit_ms: (!shadow).then_some(SwapRequest::LIMIT_MS),
+    };
+    let answer = match desk.swap(request) {
+        Ok(report) => answer(command, report),
+        Err(why) => refused(command, why),
+    };
+    if shadow {
+        let mut own = lock(shadows);
+        if let Some(place) = own.iter().position(|slot| *slot == answer.slot) {
+            own.remove(place);
+        }
+    }
+    answer
+}
+
+fn answer(command: PageCommand, report: SwapReport) -> SwapAnswer {
+    let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
+    let outcome = match outcome {
+        Outcome::Committed => swap_answer::Outcome::Committed,
+        Outcome::Aborted => swap_answer::Outcome::Aborted,
+        Outcome::Refused => swap_answer::Outcome::Refused,
+    };
+    SwapAnswer {
+        request_id: command.request_id,
+        outcome: outcome.into(),
+        reason: reason.unwrap_or_default(),
+        slot,
+        from,
+        to,
+        commit_tick,
+        lost,
+        duplicated,
+        gap_s: gap_us * 1e-6,
+        jump_rad: jump_deg.to_radians(),
+    }
+}
+
+fn refused(command: PageCommand, reason: String) -> SwapAnswer {
+    let PageCommand { request_id, slot, stage, .. } = command;
+    let outcome = swap_answer::Outcome::Refused.into();
+    SwapAnswer { request_id, outcome, reason, slot, to: stage, ..SwapAnswer::default() }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,130 @@
+//! Whom the server answers, and what a browser may do with the answer.
+//!
+//! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
+//! there. It cannot choose the headers `Host` and `Origin`: only requests that name the loopback, from no page or from ours, are answered.
+
+use axum::{
+    body::Body,
+    extract::Request,
+    http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+/// The names of the loopback.
+const HOSTS: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
+
+/// What a browser may do with an answer: nothing that is not the page's own, and in no frame.
+const HEADERS: [(&str, &str); 8] = [
+    (
+        "content-security-policy",
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'; trusted-types 'none'",
+    ),
+    ("x-content-type-options", "nosniff"),
+    ("x-frame-options", "DENY"),
+    ("referrer-policy", "no-referrer"),
+    ("cross-origin-resource-policy", "same-origin"),
+    ("cross-origin-opener-policy", "same-origin"),
+    ("permissions-policy", "camera=(), geolocation=(), microphone=(), usb=(), serial=()"),
+    ("cache-control", "no-cache"),
+];
+
+/// Lets through what may be answered, and says what a browser may do with it.
+pub(crate) async fn guard(request: Request, next: Next) -> Response {
+    let mut response = match admits(request.method(), request.uri(), request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err((status, why)) => (status, why).into_response(),
+    };
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(HeaderName::from_static(name), HeaderValue::from_static(value));
+    }
+    response.map(Body::new)
+}
+
+/// Why a request is refused.
+type Refused = (StatusCode, &'static str);
+
+fn admits(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Refused> {
+    if ![Method::GET, Method::HEAD].contains(method) {
+        return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET and HEAD are answered\n"));
+    }
+    let wrong_host = (StatusCode::MISDIRECTED_REQUEST, "the Host of a request is 127.0.0.1, localhost or [::1]\n");
+    let mut hosts = headers.get_all(header::HOST).iter();
+    let (Some(host), None) = (hosts.next().and_then(|host| host.to_str().ok()), hosts.next()) else {
+        return Err(wrong_host);
+    };
+    let named = [Some(host), uri.authority().map(|authority| authority.as_str())];
+    if !named.into_iter().flatten().all(is_loopback) {
+        return Err(wrong_host);
+    }
+    let own = |origin: &HeaderValue| origin.as_bytes().strip_prefix(b"http://") == Some(host.as_bytes());
+    if !headers.get_all(header::ORIGIN).iter().all(own) {
+        return Err((StatusCode::FORBIDDEN, "a page of another origin gets nothing\n"));
+    }
+    Ok(())
+}
+
+/// The name of the loopback, with a port or without.
+fn is_loopback(host: &str) -> bool {
+    let is_port = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
+    HOSTS.iter().any(|name| {
+        host.get(..name.len()).is_some_and(|own| own.eq_ignore_ascii_case(name))
+            && match &host[name.len()..] {
+                "" => true,
+                rest => rest.strip_prefix(':').is_some_and(is_port),
+            }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(method: Method, uri: &str, headers: &[(&str, &str)]) -> u16 {
+        let mut map = HeaderMap::new();
+        for (name, value) in headers {
+            map.append(HeaderName::try_from(*name).unwrap(), HeaderValue::from_str(value).unwrap());
+        }
+        admits(&method, &uri.parse().unwrap(), &map).map_or_else(|(status, _)| status.as_u16(), |()| 200)
+    }
+
+    #[test]
+    fn only_the_loopback_by_its_names_is_answered() {
+        for host in ["127.0.0.1:8088", "localhost:9", "LOCALHOST", "[::1]:8088", "127.0.0.1"] {
+            assert_eq!(status(Method::GET, "/", &[("host", host)]), 200, "{host}");
+        }
+        for host in [
+            "attacker.example:8088",
+            "127.0.0.1.attacker.example:8088",
+            "localhost.attacker.example",
+            "127.0.0.1:8088@attacker.example",
+            "127.0.0.1:",
+            "0.0.0.0:8088",
+            "192.168.1.5:8088",
+            "",
+        ] {
+            assert_eq!(status(Method::GET, "/", &[("host", host)]), 421, "{host}");
+        }
+        assert_eq!(status(Method::GET, "/", &[]), 421);
+        assert_eq!(status(Method::GET, "/", &[("host", "localhost"), ("host", "attacker.example")]), 421);
+        assert_eq!(status(Method::GET, "http://attacker.example/", &[("host", "localhost")]), 421);
+    }
+
+    #[test]
+    fn a_page_of_another_origin_gets_nothing_and_nothing_is_posted() {
+        let host = ("host", "localhost:8088");
+        assert_eq!(status(Method::GET, "/socket", &[host, ("origin", "http://localhost:8088")]), 200);
+        for origin in [
+            "http://attacker.example",
+            "http://localhost:8089",
+            "https://localhost:8088",
+            "http://127.0.0.1:8088",
+            "null",
+            "",
+        ] {
+            assert_eq!(status(Method::GET, "/socket", &[host, ("origin", origin)]), 403, "{origin}");
+        }
+        assert_eq!(status(Method::POST, "/", &[host]), 405);
+        assert_eq!(status(Method::OPTIONS, "/", &[host]), 405);
+    }
+}

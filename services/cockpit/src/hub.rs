@@ -1,0 +1,112 @@
+//! Between who makes pictures and who sends them: each viewer has the newest few, and whoever is slower misses some.
+
+use std::{
+    collections::VecDeque,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use axum::body::Bytes;
+use tokio::sync::broadcast::{self, Receiver};
+use wire::{
+    command::ControlMessage,
+    v1::{Picture, Standing, SystemEvent, ToPage, to_page::Said},
+};
+
+use crate::picture::EVENTS_MAX;
+
+/// Messages that a viewer may be behind before it misses some: a quarter of a second.
+const BEHIND_MAX: usize = 8;
+
+/// What viewers are told.
+#[derive(Debug)]
+pub struct Hub {
+    told: broadcast::Sender<Bytes>,
+    last: Mutex<Last>,
+}
+
+/// What a viewer who comes later is told first.
+#[derive(Debug, Default)]
+struct Last {
+    standing: Standing,
+    events: VecDeque<SystemEvent>,
+}
+
+impl Default for Hub {
+    fn default() -> Self {
+        Self { told: broadcast::Sender::new(BEHIND_MAX), last: Mutex::default() }
+    }
+}
+
+impl Hub {
+    /// Shows a picture to whoever looks.
+    pub fn show(&self, picture: Picture) {
+        let mut last = self.last();
+        last.events.extend(picture.events.iter().cloned());
+        let more = last.events.len().saturating_sub(EVENTS_MAX);
+        last.events.drain(..more);
+        drop(last);
+        if self.told.receiver_count() > 0 {
+            self.say(Said::Picture(picture));
+        }
+    }
+
+    /// Tells how the system is.
+    pub fn tell(&self, standing: Standing) {
+        self.last().standing = standing.clone();
+        self.say(Said::Standing(standing));
+    }
+
+    /// What a new viewer is told first, and what follows.
+    pub(crate) fn join(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
+        let told = self.told.subscribe();
+        let last = self.last();
+        let events = last.events.iter().cloned().collect();
+        let past = Picture { events, ..Picture::default() };
+        (vec![message(Said::Standing(last.standing.clone())), message(Said::Picture(past))], told)
+    }
+
+    fn say(&self, said: Said) {
+        // Without viewers there is nobody to be told.
+        let _ = self.told.send(message(said));
+    }
+
+    fn last(&self) -> MutexGuard<'_, Last> {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+pub(crate) fn message(said: Said) -> Bytes {
+    ToPage { said: Some(said) }.encoded().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tokio::sync::broadcast::error::TryRecvError;
+
+    #[test]
+    fn a_viewer_who_does_not_read_misses_pictures_and_holds_up_nobody() {
+        let hub = Hub::default();
+        let (first, mut told) = hub.join();
+        assert_eq!(first.len(), 2);
+        for number in 0..1000 {
+            hub.show(Picture { number, ..Picture::default() });
+        }
+        assert!(matches!(told.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - BEHIND_MAX as u64));
+        let left: Vec<_> = std::iter::from_fn(|| told.try_recv().ok()).collect();
+        assert_eq!(left.len(), BEHIND_MAX, "and has the newest");
+    }
+
+    #[test]
+    fn who_comes_later_is_told_of_the_events_before() {
+        let hub = Hub::default();
+        for number in 0..(EVENTS_MAX as u64 + 10) {
+            let events = vec![SystemEvent { number, ..SystemEvent::default() }];
+            hub.show(Picture { events, ..Picture::default() });
+        }
+        let (first, _) = hub.join();
+        let past = ToPage::decoded(&first[1]).unwrap();
+        let Some(Said::Picture(past)) = past.said else { panic!("{past:?}") };
+        assert_eq!((past.events.len(), past.events[0].number), (EVENTS_MAX, 10));
+    }
+}

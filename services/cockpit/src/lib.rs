@@ -1,0 +1,139 @@
+//! The cockpit: a system as a page in a browser, live and afterwards.
+//!
+//! Input: the messages of a system or of a recording, and what its supervisor says. Output: a page over HTTP, pictures over a WebSocket,
+//! commands to the supervisor. Time: a picture is made 30 times a second, of what came since the one before. Failure: a browser that is
+//! slow skips pictures, one that hangs is dropped, a page that is not ours gets nothing; nobody on the data path waits for any of it.
+//!
+//! One thread looks at the system and makes pictures, one asks the supervisor once a second how it is, one serves.
+//!
+//! | module | what it holds |
+//! | --- | --- |
+//! | [`source`] | where the data come from, and who answers for the system |
+//! | [`board`] | a system on this machine |
+//! | [`recording`] | a recording, thinned out |
+//! | [`picture`] | messages thinned to what is seen |
+//! | `standing` | how the system is, once a second |
+//! | [`hub`] | between who makes pictures and who sends them |
+//! | [`server`] | connections and their limits |
+//! | `guard` | whom it answers, and what a browser may do with the answer |
+//! | `assets` | the page |
+//! | `socket` | a viewer |
+//! | `commands` | what a viewer may ask for |
+//! | [`token`] | what a command needs |
+#![forbid(unsafe_code)]
+
+mod assets;
+pub mod board;
+mod commands;
+mod guard;
+pub mod hub;
+pub mod picture;
+pub mod recording;
+pub mod server;
+mod socket;
+pub mod source;
+mod standing;
+pub mod token;
+
+use std::{
+    sync::Arc,
+    thread,
+    time::{Duration, Instant},
+};
+
+use control::ControlRequest;
+use graph::Service;
+use messages::State;
+use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
+
+use crate::{
+    board::Board,
+    hub::Hub,
+    picture::Thinner,
+    server::{Server, ServerError},
+    source::{Desk, Source},
+    standing::Watch,
+    token::{Token, TokenError},
+};
+
+/// Between two pictures.
+pub const PICTURE_INTERVAL: Duration = Duration::from_millis(33);
+/// Between two standings.
+const STANDING_INTERVAL: Duration = Duration::from_secs(1);
+/// How much more than the services of the path the cockpit lets others have the machine.
+const NICENESS: i32 = 10;
+/// How long the supervisor is sought for, to be told the address.
+const DOOR_LIMIT: Duration = Duration::from_secs(30);
+
+/// Why the cockpit ended.
+#[derive(Debug, thiserror::Error)]
+pub enum CockpitError {
+    /// The system could not be joined.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The page cannot be served.
+    #[error(transparent)]
+    Server(#[from] ServerError),
+    /// There is no token for commands.
+    #[error(transparent)]
+    Token(#[from] TokenError),
+}
+
+/// The service.
+pub fn run() -> Result<(), CockpitError> {
+    let mut context = ServiceContext::join(Service::Cockpit)?;
+    // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
+    let _ = rustix::process::nice(NICENESS);
+    let launch = context.config.launch.clone();
+    let (hub, desk) = (Arc::new(Hub::default()), Arc::new(board::SupervisorDesk::new(&launch.name)));
+    let token = Token::of_user()?;
+    let server = Server::bind(launch.cockpit.listen)?;
+    let at = server.address(Some(&token));
+    let name = launch.name.clone();
+    thread::spawn(move || tell_address(&name, &at));
+    server.start(server::Site { hub: hub.clone(), desk: Some(desk.clone()), token: Some(token), recording: None })?;
+    let mut source = Board::new(&launch.name);
+    present(&mut source, desk, &hub, &mut |pictures| {
+        if context.ends() {
+            return Ok(false);
+        }
+        context.publish_health(State::RUNNING, |health| health.ticks = pictures)?;
+        Ok::<_, RuntimeError>(true)
+    })?;
+    Ok(())
+}
+
+/// Shows a source until `goes_on` says otherwise, which is asked before each picture and told how many there were.
+pub fn present<E>(
+    source: &mut dyn Source,
+    desk: Arc<dyn Desk>,
+    hub: &Hub,
+    goes_on: &mut dyn FnMut(u64) -> Result<bool, E>,
+) -> Result<(), E> {
+    let mut thinner = Thinner::default();
+    let mut watch = Watch::new(desk, source.has_every_tick());
+    let mut told = None::<Instant>;
+    while goes_on(thinner.pictures())? {
+        let began = Instant::now();
+        let state = source.look(&mut |topic, bytes| {
+            thinner.take(topic, bytes);
+            watch.take(topic, bytes);
+        });
+        if told.is_none_or(|told| told.elapsed() >= STANDING_INTERVAL) || watch.is_another(&state) {
+            told = Some(began);
+            hub.tell(watch.standing(state));
+        }
+        hub.show(thinner.picture(monotonic_ns()));
+        thread::sleep(PICTURE_INTERVAL.saturating_sub(began.elapsed()));
+    }
+    Ok(())
+}
+
+/// Tells the supervisor where the page is, once it answers.
+fn tell_address(system: &str, at: &str) {
+    let news = ControlRequest::At { service: Service::Cockpit.name().into(), at: at.into() };
+    let deadline = Instant::now() + DOOR_LIMIT;
+    while control::ask::<()>(system, &news).is_err() && Instant::now() < deadline {
+        thread::sleep(Duration::from_millis(100));
+    }
+}

@@ -1,0 +1,276 @@
+//! Messages thinned to what is seen: of each topic the newest, of each quantity its extremes.
+//!
+//! Input: every message. Output: a picture of what came since the one before. Memory: bounded; of more events than a picture has room for
+//! the newest stay. Time: none of its own. Failure: bytes that are no message, and numbers that are not finite, are passed over.
+
+use graph::Topic;
+use messages::{
+    AccelPoint, AttitudeOutput, Difference, FusedState, GnssFix, GyroStep, Health, ImuSample, MagSample, Reference,
+    SystemEvent,
+};
+use wire::{
+    Payload,
+    v1::{Extremes, Picture, Quantity},
+};
+
+/// Events in a picture at most.
+pub const EVENTS_MAX: usize = 256;
+/// Reference attitudes kept for the attitudes of their ticks.
+const REFERENCES: usize = 4096;
+/// Attitudes whose error is looked at in one picture, at most.
+const ATTITUDES_MAX: usize = 4096;
+/// The quantities of the schema, and 0 for none.
+const QUANTITIES: usize = Quantity::LatencyS as usize + 1;
+
+/// What came since the picture before.
+#[derive(Debug)]
+pub struct Thinner {
+    pictures: u64,
+    picture: Picture,
+    extremes: [Option<[f64; 2]>; QUANTITIES],
+    /// By their ticks modulo [`REFERENCES`].
+    references: Vec<Option<Reference>>,
+    /// Ticks and quaternions of the attitudes that came.
+    attitudes: Vec<(u64, [f64; 4])>,
+}
+
+impl Default for Thinner {
+    fn default() -> Self {
+        Self {
+            pictures: 0,
+            picture: Picture::default(),
+            extremes: [None; QUANTITIES],
+            references: vec![None; REFERENCES],
+            attitudes: Vec::new(),
+        }
+    }
+}
+
+impl Thinner {
+    /// Pictures made.
+    pub fn pictures(&self) -> u64 {
+        self.pictures
+    }
+
+    /// Takes a message of a topic.
+    pub fn take(&mut self, topic: Topic, bytes: &[u8]) {
+        match topic {
+            Topic::Imu => self.take_imu(bytes),
+            Topic::Mag => self.take_mag(bytes),
+            Topic::Gnss => keep::<GnssFix>(bytes, &mut self.picture.gnss),
+            Topic::Gyro => keep::<GyroStep>(bytes, &mut self.picture.gyro),
+            Topic::Accel => keep::<AccelPoint>(bytes, &mut self.picture.accel),
+            Topic::Fused => self.take_fused(bytes),
+            Topic::Attitude => self.take_attitude(bytes),
+            Topic::Reference => {
+                if let Some(reference) = read::<Reference>(bytes) {
+                    self.references[reference.tick as usize % REFERENCES] = Some(reference);
+                }
+            }
+            Topic::Difference => {
+                if let Some(difference) = read::<Difference>(bytes) {
+                    let all = &mut self.picture.differences;
+                    replace(all, difference.form(), |one, new| one.service == new.service);
+                }
+            }
+            Topic::Health => {
+                if let Some(health) = read::<Health>(bytes) {
+                    let same = |one: &wire::v1::Health, new: &wire::v1::Health| {
+                        (one.service, one.incarnation) == (new.service, new.incarnation)
+                    };
+                    replace(&mut self.picture.health, health.form(), same);
+                }
+            }
+            Topic::Event => {
+                if let Some(event) = read::<SystemEvent>(bytes) {
+                    let events = &mut self.picture.events;
+                    if events.len() >= EVENTS_MAX {
+                        events.remove(0);
+                    }
+                    events.push(event.form());
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The picture of what came, made at `now_ns` of CLOCK_MONOTONIC.
+    pub fn picture(&mut self, now_ns: u64) -> Picture {
+        self.settle();
+        let mut picture = std::mem::take(&mut self.picture);
+        (picture.number, picture.t_made_ns) = (self.pictures, now_ns);
+        picture.extremes = std::mem::replace(&mut self.extremes, [None; QUANTITIES])
+            .into_iter()
+            .zip(0..)
+            .filter_map(|(range, quantity)| range.map(|[least, most]| Extremes { quantity, least, most }))
+            .collect();
+        self.pictures += 1;
+        picture
+    }
+
+    /// The errors of the attitudes whose reference is known, once all that came has been taken.
+    fn settle(&mut self) {
+        let attitudes = std::mem::take(&mut self.attitudes);
+        self.picture.attitudes = attitudes.len() as u64;
+        for (tick, quaternion) in attitudes {
+            let reference = self.references[tick as usize % REFERENCES].filter(|reference| reference.tick == tick);
+            if let Some(reference) = reference {
+                self.range(Quantity::ErrorRad, angle_rad(quaternion, reference.quaternion));
+                self.picture.reference = Some(reference.form());
+            }
+        }
+    }
+
+    fn take_imu(&mut self, bytes: &[u8]) {
+        let Some(sample) = read::<ImuSample>(bytes) else { return };
+        self.range(Quantity::ForceMS2, norm(sample.force_m_s2));
+        let axes = [Quantity::RateXRadS, Quantity::RateYRadS, Quantity::RateZRadS];
+        axes.into_iter().zip(sample.rate_rad_s).for_each(|(axis, rate_rad_s)| self.range(axis, rate_rad_s));
+        self.picture.imu = Some(sample.form());
+    }
+
+    fn take_mag(&mut self, bytes: &[u8]) {
+        let Some(sample) = read::<MagSample>(bytes) else { return };
+        self.range(Quantity::FieldUt, norm(sample.field_ut));
+        self.picture.mag = Some(sample.form());
+    }
+
+    fn take_fused(&mut self, bytes: &[u8]) {
+        let Some(state) = read::<FusedState>(bytes) else { return };
+        self.range(Quantity::InnovationRad, state.innovation_rad);
+        self.picture.fused = Some(state.form());
+    }
+
+    fn take_attitude(&mut self, bytes: &[u8]) {
+        let Some(attitude) = read::<AttitudeOutput>(bytes) else { return };
+        let header = attitude.header;
+        self.range(Quantity::LatencyS, header.t_sent_ns.saturating_sub(header.t_born_ns) as f64 * 1e-9);
+        if self.attitudes.len() < ATTITUDES_MAX {
+            self.attitudes.push((header.tick, attitude.quaternion));
+        }
+        self.picture.attitude = Some(attitude.form());
+    }
+
+    fn range(&mut self, quantity: Quantity, value: f64) {
+        if value.is_finite() {
+            let range = self.extremes[quantity as usize].get_or_insert([value; 2]);
+            *range = [range[0].min(value), range[1].max(value)];
+        }
+    }
+}
+
+/// The rotation angle between two attitudes, rad, 0 to π.
+fn angle_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
+    // Of the turn from one to the other: its scalar and the length of its vector, which stays exact for small angles.
+    let [w, x, y, z] = a;
+    let [p, q, r, s] = b;
+    let scalar = w * p + x * q + y * r + z * s;
+    let vector = [w * q - x * p - y * s + z * r, w * r + x * s - y * p - z * q, w * s - x * r + y * q - z * p];
+    2.0 * norm(vector).atan2(scalar.abs())
+}
+
+fn norm([x, y, z]: [f64; 3]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
+fn read<M: Payload>(bytes: &[u8]) -> Option<M> {
+    bytemuck::try_pod_read_unaligned(bytes).ok()
+}
+
+fn keep<M: Payload>(bytes: &[u8], place: &mut Option<M::Form>) {
+    if let Some(message) = read::<M>(bytes) {
+        *place = Some(message.form());
+    }
+}
+
+/// Puts a message in the place of the one it follows.
+fn replace<T>(all: &mut Vec<T>, new: T, same: impl Fn(&T, &T) -> bool) {
+    match all.iter_mut().find(|one| same(one, &new)) {
+        Some(one) => *one = new,
+        None => all.push(new),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attitude(tick: u64, quaternion: [f64; 4]) -> AttitudeOutput {
+        let mut attitude: AttitudeOutput = bytemuck::Zeroable::zeroed();
+        attitude.header.tick = tick;
+        (attitude.header.t_born_ns, attitude.header.t_sent_ns) = (1_000, 51_000);
+        attitude.quaternion = quaternion;
+        attitude
+    }
+
+    fn turned(about_x_rad: f64) -> [f64; 4] {
+        [(about_x_rad / 2.0).cos(), (about_x_rad / 2.0).sin(), 0.0, 0.0]
+    }
+
+    #[test]
+    fn a_picture_has_the_newest_and_the_extremes_of_all_and_the_next_one_nothing_of_it() {
+        let mut thinner = Thinner::default();
+        for (tick, force) in [(1, 9.0), (2, 30.0), (3, 9.5)] {
+            let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
+            (sample.header.tick, sample.force_m_s2) = (tick, [0.0, 0.0, force]);
+            thinner.take(Topic::Imu, bytemuck::bytes_of(&sample));
+        }
+        let picture = thinner.picture(7);
+        assert_eq!((picture.number, picture.t_made_ns), (0, 7));
+        assert_eq!(picture.imu.and_then(|imu| imu.header).map(|header| header.tick), Some(3));
+        let force = picture.extremes.iter().find(|one| one.quantity() == Quantity::ForceMS2).unwrap();
+        assert_eq!((force.least, force.most), (9.0, 30.0), "a peak between two pictures is not lost");
+        let next = thinner.picture(8);
+        assert_eq!((next.number, next.imu, next.extremes), (1, None, Vec::new()));
+    }
+
+    #[test]
+    fn an_error_is_that_of_the_same_tick_whichever_came_first() {
+        for reference_first in [true, false] {
+            let mut thinner = Thinner::default();
+            let estimate = attitude(7, turned(0.3));
+            let reference = Reference { tick: 7, scored: 1, quaternion: turned(0.1) };
+            let other = Reference { tick: 8, scored: 1, quaternion: turned(2.0) };
+            thinner.take(Topic::Reference, bytemuck::bytes_of(&other));
+            if reference_first {
+                thinner.take(Topic::Reference, bytemuck::bytes_of(&reference));
+                thinner.take(Topic::Attitude, bytemuck::bytes_of(&estimate));
+            } else {
+                thinner.take(Topic::Attitude, bytemuck::bytes_of(&estimate));
+                thinner.take(Topic::Reference, bytemuck::bytes_of(&reference));
+            }
+            let picture = thinner.picture(0);
+            let error = picture.extremes.iter().find(|one| one.quantity() == Quantity::ErrorRad).unwrap();
+            assert!((error.most - 0.2).abs() < 1e-12, "{error:?}");
+            assert_eq!(picture.reference.map(|reference| reference.tick), Some(7));
+            let latency = picture.extremes.iter().find(|one| one.quantity() == Quantity::LatencyS).unwrap();
+            assert!((latency.most - 50e-6).abs() < 1e-15, "{latency:?}");
+        }
+    }
+
+    #[test]
+    fn small_and_large_angles_are_exact_and_the_sign_of_a_quaternion_is_none() {
+        for angle in [1e-9, 1e-4, 0.5, 3.0] {
+            let (a, b) = (turned(0.2), turned(0.2 + angle));
+            assert!((angle_rad(a, b) - angle).abs() < 1e-12, "{angle}");
+            assert!((angle_rad(a, b.map(|part| -part)) - angle).abs() < 1e-12, "{angle}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_or_no_message_is_passed_over_and_events_are_bounded() {
+        let mut thinner = Thinner::default();
+        let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
+        sample.rate_rad_s = [f64::NAN, 1.0, f64::INFINITY];
+        thinner.take(Topic::Imu, bytemuck::bytes_of(&sample));
+        thinner.take(Topic::Imu, &[1, 2, 3]);
+        for number in 0..(EVENTS_MAX as u64 + 5) {
+            let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
+            thinner.take(Topic::Event, bytemuck::bytes_of(&event));
+        }
+        let picture = thinner.picture(0);
+        let quantities: Vec<_> = picture.extremes.iter().map(Extremes::quantity).collect();
+        assert_eq!(quantities, [Quantity::ForceMS2, Quantity::RateYRadS]);
+        assert_eq!((picture.events.len(), picture.events[0].number), (EVENTS_MAX, 5));
+    }
+}

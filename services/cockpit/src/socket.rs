@@ -1,0 +1,93 @@
+//! A viewer: pictures go out as they come, commands come in. One who does not take what is sent is dropped after a while; one who is slow
+//! misses pictures.
+
+use std::time::Duration;
+
+use axum::{
+    body::Bytes,
+    extract::ws::{Message, WebSocket},
+};
+use tokio::{
+    sync::{broadcast::error::RecvError, mpsc},
+    time::timeout,
+};
+use wire::v1::{SwapAnswer, to_page::Said};
+
+use crate::{
+    commands::{Commands, Session},
+    hub::{self, Hub},
+};
+
+/// Who has taken nothing for so long is dropped.
+const SEND_LIMIT: Duration = Duration::from_secs(5);
+/// Answers that wait for a viewer.
+const ANSWERS: usize = 16;
+
+/// Serves a viewer until it goes.
+pub(crate) async fn serve(mut socket: WebSocket, hub: &Hub, commands: Option<&Commands>) {
+    let (first, mut told) = hub.join();
+    for message in first {
+        if !send(&mut socket, message).await {
+            return;
+        }
+    }
+    let (answers, mut answered) = mpsc::channel::<SwapAnswer>(ANSWERS);
+    let mut session = Session::new(commands, answers);
+    loop {
+        let step = next(&mut socket, &mut told, &mut answered).await;
+        let goes_on = match step {
+            Step::Told(message) => send(&mut socket, message).await,
+            Step::Answered(answer) => send(&mut socket, hub::message(Said::Answer(answer))).await,
+            Step::Missed => true,
+            Step::Asked(bytes) => session.ask(&bytes),
+            Step::Gone => false,
+        };
+        if !goes_on {
+            return;
+        }
+    }
+}
+
+/// What comes next.
+enum Step {
+    Told(Bytes),
+    Answered(SwapAnswer),
+    Asked(Bytes),
+    /// Pictures were made that this viewer was too slow for.
+    Missed,
+    Gone,
+}
+
+async fn next(
+    socket: &mut WebSocket,
+    told: &mut tokio::sync::broadcast::Receiver<Bytes>,
+    answered: &mut mpsc::Receiver<SwapAnswer>,
+) -> Step {
+    use std::{future::poll_fn, pin::pin, task::Poll};
+    // Whichever is ready first; each of them can be left and begun again without a loss.
+    let (mut said, mut answer, mut asked) = (pin!(told.recv()), pin!(answered.recv()), pin!(socket.recv()));
+    poll_fn(|context| {
+        if let Poll::Ready(Some(answer)) = answer.as_mut().poll(context) {
+            return Poll::Ready(Step::Answered(answer));
+        }
+        if let Poll::Ready(message) = asked.as_mut().poll(context) {
+            return Poll::Ready(match message {
+                Some(Ok(Message::Binary(bytes))) => Step::Asked(bytes),
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Step::Missed,
+                Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Step::Gone,
+            });
+        }
+        match said.as_mut().poll(context) {
+            Poll::Ready(Ok(message)) => Poll::Ready(Step::Told(message)),
+            Poll::Ready(Err(RecvError::Lagged(_))) => Poll::Ready(Step::Missed),
+            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Step::Gone),
+            Poll::Pending => Poll::Pending,
+        }
+    })
+    .await
+}
+
+/// Whether it was taken in time.
+async fn send(socket: &mut WebSocket, message: Bytes) -> bool {
+    matches!(timeout(SEND_LIMIT, socket.send(Message::Binary(message))).await, Ok(Ok(())))
+}

@@ -1,0 +1,57 @@
+//! Where the data come from, and who answers for the system.
+
+use control::{ServiceStatus, SwapReport, SwapRequest};
+use graph::Topic;
+
+/// How a source is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum SourceState {
+    /// It is waited for; why, for people.
+    Connecting(String),
+    /// Its messages come.
+    Live,
+    /// It has ended; why, for people.
+    Ended(String),
+}
+
+/// The messages of a system.
+pub trait Source {
+    /// Hands over what came since the last look, as it is on the bus: of the path an output before what it was made of.
+    fn look(&mut self, take: &mut dyn FnMut(Topic, &[u8])) -> SourceState;
+
+    /// No tick is left out on the way here.
+    fn has_every_tick(&self) -> bool;
+}
+
+/// What a system is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Description {
+    /// Its name.
+    pub system: String,
+    /// What it is fed with, for people.
+    pub source: String,
+    /// Ticks per second as declared; 0 where unknown.
+    pub rate_hz: f64,
+    /// What each slot can be filled with.
+    pub slots: Vec<(String, Vec<String>)>,
+    /// The supervisor's process, where it is on this machine.
+    pub supervisor_pid: Option<u32>,
+}
+
+/// Who answers for a system; asked from threads that may wait.
+pub trait Desk: Send + Sync {
+    /// What it is; the reason where nobody answers.
+    fn description(&self) -> Result<Description, String>;
+
+    /// How its services are.
+    fn services(&self) -> Result<Vec<ServiceStatus>, String>;
+
+    /// Commands can be given here.
+    fn takes_commands(&self) -> bool;
+
+    /// Swaps what fills a slot, or runs a shadow; waits until it is done.
+    fn swap(&self, request: SwapRequest) -> Result<SwapReport, String>;
+
+    /// Ends a slot's shadow.
+    fn cancel(&self, slot: &str) -> Result<(), String>;
+}
