@@ -7,6 +7,8 @@ import { element, rows } from "./look.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number }) => string | null} Ask Sends a command; why not, where it cannot. */
 
+/** So long a service that has died and runs again is shown red, ms. */
+const RED_MS = 3000;
 const PATH = ["ingest", "gyro", "accel", "fuser", "course"];
 
 export class System {
@@ -45,6 +47,7 @@ export class System {
     /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
     this.slots = "";
     this.told = -1;
+    /** Restarts seen of each service, and when the last was seen, ms. @type {Map<string, { restarts: number, at: number }>} */ this.lives = new Map();
   }
 
   /** Shows what would be done, and does it when that is confirmed. @param {string} kind */
@@ -101,6 +104,15 @@ export class System {
     if (other) this.stage.value = other;
   }
 
+  /** It died since the page last looked: a restart takes milliseconds, and is to be seen. @param {Message} status */
+  hasJustDied(status) {
+    const known = this.lives.get(status.service);
+    const now = performance.now();
+    if (!known) this.lives.set(status.service, { restarts: status.restarts, at: -Infinity });
+    else if (known.restarts !== status.restarts) this.lives.set(status.service, { restarts: status.restarts, at: now });
+    return now - (this.lives.get(status.service)?.at ?? -Infinity) < RED_MS;
+  }
+
   draw() {
     const { standing, events } = this.data;
     const services = standing.services ?? [];
@@ -114,7 +126,7 @@ export class System {
     }
     for (const button of this.buttons) button.disabled = !standing.takes_commands;
     this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
-    this.boxes.replaceChildren(...(services.length ? services.map(box) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
+    this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
     this.difference.textContent = difference?.now_rad ? `shadow: ${(difference.now_rad.x / DEGREE).toFixed(3)}° from the owner now, ${(difference.rms_rad.x / DEGREE).toFixed(3)}° RMS over ${difference.ticks} ticks` : "";
     if (this.told !== events.length) {
@@ -126,10 +138,10 @@ export class System {
   }
 }
 
-/** A service. @param {Message} standing */
-function box(standing) {
+/** A service. @param {Message} standing @param {boolean} hasDied */
+function box(standing, hasDied) {
   const { status, rate_hz, latency_us, cpu_percent, resident_mib } = standing;
-  const up = ["running", "ready", "finished"].includes(status.state);
+  const up = !hasDied && ["running", "ready", "finished"].includes(status.state);
   const number = (/** @type {number | null} */ value, /** @type {number} */ digits, /** @type {string} */ unit) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
   const pairs = [
     ["rate", number(rate_hz, 0, "Hz")],
@@ -139,7 +151,7 @@ function box(standing) {
     ["CPU", number(cpu_percent, 1, "%")], ["memory", number(resident_mib, 1, "MiB")],
   ];
   const list = element("dl", "", ...pairs.flatMap(([name, value]) => [element("dt", "", name), element("dd", "number", value)]));
-  const made = element("article", `box${PATH.includes(status.service) ? " path" : ""}${up ? "" : " down"}`, element("h3", "", status.stage ? `${status.service}: ${status.stage}` : status.service), element("span", "word", status.state), list);
+  const made = element("article", `box${PATH.includes(status.service) ? " path" : ""}${up ? "" : " down"}`, element("h3", "", status.stage ? `${status.service}: ${status.stage}` : status.service), element("span", "word", hasDied ? "died, runs again" : status.state), list);
   made.dataset.service = status.service;
   return made;
 }

@@ -157,7 +157,8 @@ impl Desk for SupervisorDesk {
 /// What the system is fed with, for people.
 fn source(launch: &Launch) -> String {
     let ingest = &launch.ingest;
-    let at = |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
+    let at =
+        |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
     match ingest.source {
         LaunchSource::Sim => format!("sim {}", ingest.sim.scenario),
         LaunchSource::Replay => {

@@ -1,0 +1,136 @@
+//! Chromium, driven from Rust through playwright-core, in a folder of its own.
+
+use std::{
+    io::{BufRead as _, BufReader, Lines, Write as _},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::LazyLock,
+};
+
+use serde_json::{Value, json};
+
+/// The folder with the packages of npm, made once; says why where there is none.
+pub static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
+    Ok(folder) => Some(folder),
+    Err(cause) => {
+        eprintln!("skipped: no browser to look with: {cause}");
+        None
+    }
+});
+
+fn packages() -> Result<PathBuf, String> {
+    if !Path::new("/usr/bin/chromium").exists() {
+        run(Command::new("apt-get").args(["install", "-y", "-qq", "chromium"]))?;
+    }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit");
+    if !folder.join("node_modules/typescript/bin/tsc").is_file() {
+        std::fs::create_dir_all(&folder).map_err(|cause| cause.to_string())?;
+        let install =
+            ["install", "--no-audit", "--no-fund", "--prefix", ".", "playwright-core@1.64.1", "typescript@5.9.3"];
+        run(Command::new("npm").args(install).current_dir(&folder))?;
+    }
+    Ok(folder)
+}
+
+/// Runs a program to its end; what it said where it failed.
+pub fn run(command: &mut Command) -> Result<String, String> {
+    let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stdout) + &text(&output.stderr)) }
+}
+
+/// A page in a browser of its own.
+pub struct Page {
+    node: Child,
+    input: ChildStdin,
+    lines: Lines<BufReader<ChildStdout>>,
+}
+
+impl Page {
+    /// Opens an address; `None` where there is no browser.
+    pub fn open(url: &str) -> Option<Self> {
+        let mut page = Self::start()?;
+        page.goto(url, (1280, 720), "light", true);
+        Some(page)
+    }
+
+    /// A browser without a page yet.
+    pub fn start() -> Option<Self> {
+        let folder = PACKAGES.as_ref()?;
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/driver.mjs");
+        let mut node = Command::new("node");
+        let node = node.arg(script).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut node = node.spawn().unwrap();
+        let (input, lines) = (node.stdin.take().unwrap(), BufReader::new(node.stdout.take().unwrap()).lines());
+        Some(Self { node, input, lines })
+    }
+
+    /// The headers of the page.
+    pub fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
+        self.ask(
+            &json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl }),
+        )
+    }
+
+    pub fn eval(&mut self, code: &str) -> Value {
+        self.ask(&json!({ "do": "eval", "code": code }))
+    }
+
+    pub fn number(&mut self, code: &str) -> f64 {
+        let value = self.eval(code);
+        value.as_f64().unwrap_or_else(|| panic!("{code} is {value}"))
+    }
+
+    pub fn text(&mut self, code: &str) -> String {
+        let value = self.eval(code);
+        value.as_str().unwrap_or_else(|| panic!("{code} is {value}")).to_owned()
+    }
+
+    pub fn until(&mut self, code: &str) {
+        self.ask(&json!({ "do": "until", "code": code }));
+    }
+
+    pub fn key(&mut self, key: &str) {
+        self.ask(&json!({ "do": "key", "key": key }));
+    }
+
+    pub fn click(&mut self, at: &str) {
+        self.ask(&json!({ "do": "click", "at": at }));
+    }
+
+    /// Keeps a picture of the page for eyes, below the target folder.
+    pub fn shot(&mut self, name: &str) {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit-screens");
+        std::fs::create_dir_all(&folder).unwrap();
+        self.ask(&json!({ "do": "shot", "file": folder.join(name) }));
+    }
+
+    /// Bytes in use by the page's script after all that is not is gone.
+    pub fn heap(&mut self) -> f64 {
+        self.ask(&json!({ "do": "heap" })).as_f64().unwrap()
+    }
+
+    /// No error was said, and nobody else was asked for anything.
+    pub fn assert_clean(&mut self) {
+        assert_eq!(self.troubles(), Vec::<String>::new());
+    }
+
+    pub fn troubles(&mut self) -> Vec<String> {
+        serde_json::from_value(self.ask(&json!({ "do": "troubles" }))).unwrap()
+    }
+
+    fn ask(&mut self, asked: &Value) -> Value {
+        writeln!(self.input, "{asked}").unwrap();
+        let line = self.lines.next().expect("the browser has ended").unwrap();
+        let mut answer: Value = serde_json::from_str(&line).unwrap();
+        assert!(answer.get("error").is_none(), "{asked}: {answer}");
+        answer["ok"].take()
+    }
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        let _ = writeln!(self.input, "{}", json!({ "do": "close" }));
+        let _ = self.node.wait();
+    }
+}

@@ -1,0 +1,237 @@
+//! The page of a running system.
+use std::{fs, path::Path, process::Command};
+
+use crate::{
+    browser::{PACKAGES, Page, run},
+    common::{Running, System, beyond::free_port, plumb, signal, until},
+};
+use rustix::process::Signal;
+
+const PAGE: &str = "services/cockpit/page";
+
+/// A system with a cockpit at a port, and the address with the token.
+pub fn with_cockpit(more: &str) -> (System, u16) {
+    let port = free_port();
+    let services = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"cockpit\"]";
+    (System::new(&format!("{services}\ncockpit.listen = \"127.0.0.1:{port}\"\n{more}")), port)
+}
+
+pub fn address(system: &System, port: u16) -> String {
+    let token = system.path("plumbline/cockpit.token");
+    until("the token", || token.is_file());
+    format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(token).unwrap().trim())
+}
+
+fn started(system: &System, arguments: &[&str]) -> Running {
+    let running = system.start(arguments);
+    system.all_run();
+    running
+}
+
+/// The row of a tick in a file of attitudes.
+pub fn row(file: &Path, tick: u64) -> Vec<f64> {
+    let text = fs::read_to_string(file).unwrap();
+    let line = text.lines().nth(1 + tick as usize).unwrap();
+    line.split(',').map(|number| number.parse().unwrap()).collect()
+}
+
+#[test]
+fn every_view_shows_what_was_sent() {
+    let (system, port) = with_cockpit("");
+    let out = system.path("out.csv");
+    let running = started(&system, &["--out", out.to_str().unwrap()]);
+    let Some(mut page) = Page::start() else { return };
+    let mut seen = Vec::new();
+    for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark")] {
+        let headers = page.goto(&address(&system, port), size, scheme, true);
+        assert!(headers["content-security-policy"].as_str().unwrap().starts_with("default-src 'none'"), "{headers}");
+        page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
+        for (key, view) in ["fly", "method", "sensors", "system"].iter().enumerate() {
+            page.key(&(key + 1).to_string());
+            page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
+            page.shot(&format!("{view}-{}.png", size.0));
+        }
+        page.key("1");
+        page.key(" ");
+        page.until("document.getElementById('state').textContent === 'paused'");
+        page.until("plumb.drawn().quaternion");
+        let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
+        let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
+        let pitch_deg = page.number("plumb.drawn().pitch_deg");
+        page.key("2");
+        page.until("plumb.drawn()?.w");
+        let w: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().w")).unwrap();
+        let width = page.number("document.documentElement.scrollWidth");
+        assert!(width <= f64::from(size.0), "it scrolls sideways: {width}");
+        seen.push((tick, drawn, pitch_deg, w));
+    }
+    let mut costs: Vec<f64> = serde_json::from_value(page.eval("plumb.costs")).unwrap();
+    costs.sort_by(f64::total_cmp);
+    println!("script of a frame: median {:.1} ms, of {}", costs[costs.len() / 2], costs.len());
+    page.assert_clean();
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    for (tick, drawn, pitch_deg, w) in seen {
+        let row = row(&out, tick);
+        assert_eq!(drawn, row[1..5], "tick {tick}");
+        let [qw, x, y, z] = [row[1], row[2], row[3], row[4]];
+        let (a, b, c) = (2.0 * (x * z - qw * y), 2.0 * (y * z + qw * x), 1.0 - 2.0 * (x * x + y * y));
+        assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
+        // The fused point is that of the attitude, which comes a hop later.
+        assert!((w[0] - a / (1.0 + c)).abs() < 1e-3 && (w[1] - b / (1.0 + c)).abs() < 1e-3, "{w:?} {row:?}");
+    }
+}
+
+#[test]
+fn without_webgl_it_is_drawn_flat_and_says_why() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::start() else { return };
+    page.goto(&address(&system, port), (1280, 720), "light", false);
+    page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    assert_eq!(page.text("plumb.why()"), "this browser has no WebGL 2: drawn flat");
+    // Something is on the canvas.
+    let code = "(() => { const c = document.querySelector('.panel canvas'); const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; return d.reduce((n, x) => n + (x > 0), 0); })()";
+    assert!(page.number(code) > 1000.0);
+    page.shot("fly-flat.png");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live'");
+    page.key("4");
+    page.until("document.getElementById('slot').value === 'fuser'");
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#swap");
+    page.click("#yes");
+    page.until("/^(committed|aborted|refused)/.test(document.getElementById('outcome').textContent)");
+    let outcome = page.text("document.getElementById('outcome').textContent");
+    assert!(outcome.starts_with("committed: fuser: wz → vqf from tick"), "{outcome}");
+    assert!(outcome.contains("lost 0, duplicated 0"), "{outcome}");
+    let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
+    assert_eq!(fuser["stage"], "vqf");
+    page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED')");
+    page.until("plumb.drawn().services.some(([service, , stage]) => service === 'fuser' && stage === 'vqf')");
+    page.shot("system-swapped.png");
+    page.assert_clean();
+
+    // Another browser, without the token.
+    let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
+    stranger.until("plumb.state().kind === 'live'");
+    stranger.key("4");
+    stranger.until("document.getElementById('slot').value === 'fuser'");
+    stranger.click("#swap");
+    stranger.click("#yes");
+    let said = stranger.text("document.getElementById('outcome').textContent");
+    assert!(said.starts_with("commands need the token"), "{said}");
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live'");
+    page.key("4");
+    page.until("plumb.drawn()?.services.length > 5");
+    signal(running.service("gyro"), Signal::KILL);
+    page.until("document.querySelector('[data-service=gyro]')?.classList.contains('down')");
+    page.shot("system-killed.png");
+    page.until("plumb.data.events.some((told) => told.fault && told.service === 'gyro')");
+    page.until("document.querySelector('[data-service=gyro]') && !document.querySelector('[data-service=gyro]').classList.contains('down')");
+    page.until("plumb.drawn().services.some(([service, , , restarts]) => service === 'gyro' && restarts === 1)");
+
+    // What is old is grey, and says how old.
+    let ingest = running.service("ingest");
+    signal(ingest, Signal::STOP);
+    page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
+    signal(ingest, Signal::CONT);
+    page.until("plumb.state().kind === 'live' && !document.getElementById('view').classList.contains('stale')");
+
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.people);
+    page.until("plumb.state().kind === 'connecting' && !document.getElementById('why').hidden");
+    assert!(page.text("document.getElementById('why').textContent").contains("plumb up"));
+    let again = started(&system, &[]);
+    page.until("plumb.state().kind === 'live'");
+    again.interrupt();
+    again.wait().assert_whole();
+    // A connection that was refused meanwhile is said by the browser.
+    let others: Vec<_> = page.troubles().into_iter().filter(|said| !said.contains("ERR_CONNECTION")).collect();
+    assert_eq!(others, Vec::<String>::new());
+}
+
+#[test]
+fn a_page_that_stays_open_does_not_grow() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    // A minute of pictures is kept; a source that goes faster brings it sooner.
+    page.until("plumb.data.frames.length > 300");
+    page.eval("plumb.data.frames.splice(0, plumb.data.frames.length)");
+    page.until("plumb.data.frames.length > 100");
+    let first = page.heap();
+    page.until("plumb.data.frames.length > 400");
+    let (second, frames) = (page.heap(), page.number("plumb.data.frames.length"));
+    let each = (second - first) / (frames - 100.0);
+    println!("{first} → {second} bytes, {each:.0} for a picture");
+    assert!(each < 60_000.0, "{each} bytes for each of at most 3000 pictures");
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn plumb_view_shows_a_system_that_has_no_cockpit() {
+    let system = System::new("");
+    let running = started(&system, &[]);
+    let listen = format!("127.0.0.1:{}", free_port());
+    let mut command = plumb(&["view", "--system", &system.name, "--listen", &listen]);
+    let view = command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
+    let mut view = view.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(view.stdout.as_mut().unwrap()), &mut line).unwrap();
+    assert!(line.starts_with(&format!("http://{listen}/#")), "{line}");
+    if let Some(mut page) = Page::open(line.trim()) {
+        page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+        page.assert_clean();
+    }
+    signal(view.id(), Signal::INT);
+    assert!(view.wait().unwrap().success());
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn the_mathematics_of_the_page_is_that_of_the_conventions() {
+    if PACKAGES.is_none() {
+        return;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/conventions.mjs");
+    let said = run(Command::new("node").arg(script).args([PAGE, "docs/conventions.json"])).unwrap();
+    println!("{said}");
+    let most: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(most["cases"], 14);
+    for name in ["angles", "up", "attitude", "point"] {
+        assert!(most[name].as_f64().unwrap() < 1e-14, "{name}: {most}");
+    }
+}
+
+#[test]
+fn the_types_of_the_page_hold() {
+    let Some(folder) = &*PACKAGES else { return };
+    let tsc = folder.join("node_modules/typescript/bin/tsc");
+    let options = ["--noEmit", "--allowJs", "--checkJs", "--strict", "--target", "es2022", "--module", "es2022"];
+    let libraries = ["--moduleResolution", "bundler", "--lib", "es2022,dom,dom.iterable"];
+    let main = format!("{PAGE}/main.js");
+    run(Command::new("node").arg(tsc).args(options).args(libraries).args(["--types", ""]).arg(main)).unwrap();
+}

@@ -1,0 +1,45 @@
+//! A recorded flight as a page.
+use std::io::{BufRead as _, BufReader};
+
+use crate::{
+    browser::Page,
+    common::{System, beyond::free_port, plumb, signal},
+    page::row,
+};
+use rustix::process::Signal;
+
+#[test]
+fn a_recording_is_scrubbed_to_a_known_second() {
+    let system = System::new("");
+    let (flights, out) = (system.path("flights"), system.path("out.csv"));
+    let record = ["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap(), "--for", "4s"];
+    system.run(&record).assert_whole();
+    let flight = std::fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
+    let listen = format!("127.0.0.1:{}", free_port());
+    let mut view = plumb(&["view", flight.to_str().unwrap(), "--listen", &listen]);
+    let mut view = view.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(view.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
+    assert_eq!(line.trim(), format!("http://{listen}/"), "a recording takes no commands");
+    if let Some(mut page) = Page::open(line.trim()) {
+        page.until("plumb.data.recording.length > 100 && plumb.drawn()?.quaternion");
+        // The picture of the third second, by its place on the bar.
+        let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
+        page.eval(&format!("plumb.seek({place})"));
+        page.until(&format!("plumb.data.place === {} && plumb.drawn()?.quaternion", place.round()));
+        page.until("Math.abs(plumb.data.shown().t - plumb.data.standing.t_first_ns * 1e-9 - 2) < 0.1");
+        let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
+        page.until("JSON.stringify(plumb.drawn().quaternion) === JSON.stringify(Object.values(plumb.data.shown().picture.attitude.quaternion))");
+        let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
+        assert_eq!(drawn, row(&out, tick)[1..5], "tick {tick}");
+        page.shot("recording.png");
+        // A step by key, and playing to the end.
+        page.key("ArrowRight");
+        page.until(&format!("plumb.data.place === {}", place.round() + 1.0));
+        page.key(" ");
+        page.until("plumb.data.place === plumb.data.recording.length - 1");
+        page.assert_clean();
+    }
+    signal(view.id(), Signal::INT);
+    assert!(view.wait().unwrap().success());
+}
