@@ -2,7 +2,6 @@
 //!
 //! What is shown (`observe`) takes bytes with their layout and does not know whence they come.
 
-pub(crate) mod drawn;
 mod elsewhere;
 pub(crate) mod frame;
 

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use dashboard::{Facts, Key, Mark, Panel, Picture, Row, Screen, State, Trends, trend};
+use dashboard::{Attitude, Facts, Key, Mark, Panel, Picture, Row, Screen, State, Trends, trend};
 use messages::{AttitudeOutput, Message};
 use observe::hops::LatencyUs;
 
@@ -14,7 +14,7 @@ use super::{
     Sight,
     fleet::{Vehicle, Vehicles},
 };
-use crate::{delivery_tracker::DeliveryTracker, seeing::drawn::drawn};
+use crate::delivery_tracker::DeliveryTracker;
 
 /// Between two pictures.
 const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
@@ -130,8 +130,8 @@ impl Followed {
     }
 }
 
-fn attitude(vehicle: &Vehicle) -> Option<dashboard::Attitude> {
-    vehicle.attitude.as_ref().map(|output| drawn(output, vehicle.frame))
+fn attitude(vehicle: &Vehicle) -> Option<Attitude> {
+    vehicle.attitude.as_ref().map(|output| Attitude::of(output, vehicle.frame))
 }
 
 fn state(vehicle: &Vehicle) -> State {

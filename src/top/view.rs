@@ -9,14 +9,14 @@ use std::{
 };
 
 use control::{ControlError, ControlRequest, ServiceStatus, ask};
-use dashboard::{Facts, Key, Mark, Panel, Picture, Row, Screen, State, trend};
+use dashboard::{Attitude, Facts, Key, Mark, Panel, Picture, Row, Screen, State, trend};
 use observe::top::Moment;
 use runtime::{clock::monotonic_ns, frames::attitude_in};
 
 use super::{Observed, TopCommand};
 use crate::{
     fail,
-    seeing::{LOOK, Until, drawn::drawn, frame::Shown},
+    seeing::{LOOK, Until, frame::Shown},
 };
 
 /// Between two pictures.
@@ -141,7 +141,7 @@ impl View {
         let frame = self.shown.frame();
         let attitude = top.attitude();
         let age = attitude.map(|it| Duration::from_nanos(monotonic_ns().saturating_sub(it.header.t_sent_ns)));
-        self.picture.attitude = attitude.map(|attitude| drawn(&attitude_in(frame, *attitude), frame));
+        self.picture.attitude = attitude.map(|attitude| Attitude::of(&attitude_in(frame, *attitude), frame));
         self.picture.facts.tick = attitude.map(|attitude| attitude.header.tick);
         self.picture.state = match observer.is_running() {
             true => State::of_age(age),

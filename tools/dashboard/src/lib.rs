@@ -7,6 +7,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`picture`] | what is drawn |
+//! | `orientation` | from a message to the attitude that is drawn |
 //! | [`trend`] | the last minute of a value |
 //! | `drawing`, `horizon` | how it is drawn |
 //! | [`screen`] | the terminal and its keys |
@@ -14,6 +15,7 @@
 
 mod drawing;
 mod horizon;
+mod orientation;
 pub mod picture;
 pub mod screen;
 pub mod trend;

@@ -1,29 +1,33 @@
-//! An attitude as a full-screen view draws it.
+//! From a message to the attitude that is drawn.
 
 use std::f64::consts::PI;
 
 use attitude::frames::Frame;
 use messages::{AttitudeOutput, CourseReference, Flags};
 
-/// An attitude whose quaternion, w x y z, angles and rate are of this frame.
-pub(crate) fn drawn(output: &AttitudeOutput, frame: Frame) -> dashboard::Attitude {
-    let AttitudeOutput { roll_rad, pitch_rad, yaw_rad, course_rad, course_sd_rad, rate_rad_s, .. } = *output;
-    let known = |deviation_rad: f64| (deviation_rad < PI).then(|| deviation_rad.to_degrees());
-    let course_reference = match output.course_reference {
-        CourseReference::MAGNETIC => "mag.",
-        CourseReference::TRUE => "true",
-        _ => "arb.",
-    };
-    dashboard::Attitude {
-        up: up(output.quaternion, frame),
-        roll_pitch_yaw_deg: [roll_rad, pitch_rad, yaw_rad].map(f64::to_degrees),
-        inclination_sd_deg: known(output.inclination_sd_rad),
-        course_deg: course_rad.to_degrees(),
-        course_sd_deg: known(course_sd_rad),
-        course_reference,
-        rate_deg_s: rate_rad_s.map(f64::to_degrees),
-        frame: frame.name(),
-        flags: Flags(output.header.flags.0 & !Flags::USUAL.0).names().collect(),
+use crate::Attitude;
+
+impl Attitude {
+    /// Of a message whose quaternion, w x y z, angles and rate are of this frame.
+    pub fn of(output: &AttitudeOutput, frame: Frame) -> Self {
+        let AttitudeOutput { roll_rad, pitch_rad, yaw_rad, course_rad, course_sd_rad, rate_rad_s, .. } = *output;
+        let known = |deviation_rad: f64| (deviation_rad < PI).then(|| deviation_rad.to_degrees());
+        let course_reference = match output.course_reference {
+            CourseReference::MAGNETIC => "mag.",
+            CourseReference::TRUE => "true",
+            _ => "arb.",
+        };
+        Self {
+            up: up(output.quaternion, frame),
+            roll_pitch_yaw_deg: [roll_rad, pitch_rad, yaw_rad].map(f64::to_degrees),
+            inclination_sd_deg: known(output.inclination_sd_rad),
+            course_deg: course_rad.to_degrees(),
+            course_sd_deg: known(course_sd_rad),
+            course_reference,
+            rate_deg_s: rate_rad_s.map(f64::to_degrees),
+            frame: frame.name(),
+            flags: Flags(output.header.flags.0 & !Flags::USUAL.0).names().collect(),
+        }
     }
 }
 
@@ -54,7 +58,7 @@ mod tests {
         let quaternion = [cos_yaw * cos, -sin_yaw * sin, cos_yaw * sin, sin_yaw * cos];
         let ours = AttitudeOutput { quaternion, ..bytemuck::Zeroable::zeroed() };
         for (_, frame) in Frame::NAMES {
-            let [right, forward, up] = drawn(&attitude_in(frame, ours), frame).up;
+            let [right, forward, up] = Attitude::of(&attitude_in(frame, ours), frame).up;
             let off = [right + 0.5, forward, up - 0.75_f64.sqrt()].map(f64::abs);
             assert!(off.iter().all(|off| *off < 1e-12), "{frame:?}: {:?}", [right, forward, up]);
         }
@@ -65,7 +69,7 @@ mod tests {
         let mut output: AttitudeOutput = bytemuck::Zeroable::zeroed();
         output.header.flags = Flags::AT_REST | Flags::GAP;
         (output.course_sd_rad, output.inclination_sd_rad) = (PI, 0.01);
-        let drawn = drawn(&output, Frame::EnuRfu);
+        let drawn = Attitude::of(&output, Frame::EnuRfu);
         assert_eq!((drawn.flags, drawn.course_sd_deg, drawn.course_reference), (vec!["gap"], None, "arb."));
         assert!(drawn.inclination_sd_deg.is_some_and(|deg| (deg - 0.573).abs() < 1e-3));
     }
