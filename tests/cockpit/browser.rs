@@ -10,7 +10,7 @@ use std::{
 use serde_json::{Value, json};
 
 /// The folder with the packages of npm, made once; says why where there is none.
-pub static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
+pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
         eprintln!("skipped: no browser to look with: {cause}");
@@ -33,14 +33,14 @@ fn packages() -> Result<PathBuf, String> {
 }
 
 /// Runs a program to its end; what it said where it failed.
-pub fn run(command: &mut Command) -> Result<String, String> {
+pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stdout) + &text(&output.stderr)) }
 }
 
 /// A page in a browser of its own.
-pub struct Page {
+pub(crate) struct Page {
     node: Child,
     input: ChildStdin,
     lines: Lines<BufReader<ChildStdout>>,
@@ -48,14 +48,14 @@ pub struct Page {
 
 impl Page {
     /// Opens an address; `None` where there is no browser.
-    pub fn open(url: &str) -> Option<Self> {
+    pub(crate) fn open(url: &str) -> Option<Self> {
         let mut page = Self::start()?;
         page.goto(url, (1280, 720), "light", true);
         Some(page)
     }
 
     /// A browser without a page yet.
-    pub fn start() -> Option<Self> {
+    pub(crate) fn start() -> Option<Self> {
         let folder = PACKAGES.as_ref()?;
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/driver.mjs");
         let mut node = Command::new("node");
@@ -66,56 +66,56 @@ impl Page {
     }
 
     /// The headers of the page.
-    pub fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
+    pub(crate) fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
         self.ask(
             &json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl }),
         )
     }
 
-    pub fn eval(&mut self, code: &str) -> Value {
+    pub(crate) fn eval(&mut self, code: &str) -> Value {
         self.ask(&json!({ "do": "eval", "code": code }))
     }
 
-    pub fn number(&mut self, code: &str) -> f64 {
+    pub(crate) fn number(&mut self, code: &str) -> f64 {
         let value = self.eval(code);
         value.as_f64().unwrap_or_else(|| panic!("{code} is {value}"))
     }
 
-    pub fn text(&mut self, code: &str) -> String {
+    pub(crate) fn text(&mut self, code: &str) -> String {
         let value = self.eval(code);
         value.as_str().unwrap_or_else(|| panic!("{code} is {value}")).to_owned()
     }
 
-    pub fn until(&mut self, code: &str) {
+    pub(crate) fn until(&mut self, code: &str) {
         self.ask(&json!({ "do": "until", "code": code }));
     }
 
-    pub fn key(&mut self, key: &str) {
+    pub(crate) fn key(&mut self, key: &str) {
         self.ask(&json!({ "do": "key", "key": key }));
     }
 
-    pub fn click(&mut self, at: &str) {
+    pub(crate) fn click(&mut self, at: &str) {
         self.ask(&json!({ "do": "click", "at": at }));
     }
 
     /// Keeps a picture of the page for eyes, below the target folder.
-    pub fn shot(&mut self, name: &str) {
+    pub(crate) fn shot(&mut self, name: &str) {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit-screens");
         std::fs::create_dir_all(&folder).unwrap();
         self.ask(&json!({ "do": "shot", "file": folder.join(name) }));
     }
 
     /// Bytes in use by the page's script after all that is not is gone.
-    pub fn heap(&mut self) -> f64 {
+    pub(crate) fn heap(&mut self) -> f64 {
         self.ask(&json!({ "do": "heap" })).as_f64().unwrap()
     }
 
     /// No error was said, and nobody else was asked for anything.
-    pub fn assert_clean(&mut self) {
+    pub(crate) fn assert_clean(&mut self) {
         assert_eq!(self.troubles(), Vec::<String>::new());
     }
 
-    pub fn troubles(&mut self) -> Vec<String> {
+    pub(crate) fn troubles(&mut self) -> Vec<String> {
         serde_json::from_value(self.ask(&json!({ "do": "troubles" }))).unwrap()
     }
 

@@ -27,7 +27,13 @@ const verbs = {
     return answer.headers();
   },
   async eval({ code }) { return (await page.evaluate(code)) ?? null; },
-  async until({ code }) { await page.waitForFunction(code, null, { timeout: 60_000, polling: 50 }); return null; },
+  // The page's policy forbids what waitForFunction does.
+  async until({ code }) {
+    for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
+      if (await page.evaluate(code)) return null;
+    }
+    throw new Error("waited in vain");
+  },
   async key({ key }) { await page.keyboard.press(key); return null; },
   async click({ at }) { await page.click(at); return null; },
   async shot({ file }) { await page.screenshot({ path: file }); return null; },

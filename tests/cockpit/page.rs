@@ -1,5 +1,10 @@
 //! The page of a running system.
-use std::{fs, path::Path, process::Command};
+use std::{
+    fs,
+    io::{BufRead as _, BufReader},
+    path::Path,
+    process::{Child, Command, Stdio},
+};
 
 use crate::{
     browser::{PACKAGES, Page, run},
@@ -10,16 +15,44 @@ use rustix::process::Signal;
 const PAGE: &str = "services/cockpit/page";
 
 /// A system with a cockpit at a port, and the address with the token.
-pub fn with_cockpit(more: &str) -> (System, u16) {
+pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
     let port = free_port();
     let services = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"cockpit\"]";
     (System::new(&format!("{services}\ncockpit.listen = \"127.0.0.1:{port}\"\n{more}")), port)
 }
 
-pub fn address(system: &System, port: u16) -> String {
+pub(crate) fn address(system: &System, port: u16) -> String {
     let token = system.path("plumbline/cockpit.token");
     until("the token", || token.is_file());
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(token).unwrap().trim())
+}
+
+/// `plumb view`, which ends with the test.
+pub(crate) struct View {
+    child: Child,
+    /// What it printed.
+    pub(crate) address: String,
+}
+
+impl View {
+    pub(crate) fn start(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+        let mut address = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut address).unwrap();
+        Self { child, address: address.trim().into() }
+    }
+
+    pub(crate) fn end(mut self) {
+        signal(self.child.id(), Signal::INT);
+        assert!(self.child.wait().unwrap().success());
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 fn started(system: &System, arguments: &[&str]) -> Running {
@@ -29,7 +62,7 @@ fn started(system: &System, arguments: &[&str]) -> Running {
 }
 
 /// The row of a tick in a file of attitudes.
-pub fn row(file: &Path, tick: u64) -> Vec<f64> {
+pub(crate) fn row(file: &Path, tick: u64) -> Vec<f64> {
     let text = fs::read_to_string(file).unwrap();
     let line = text.lines().nth(1 + tick as usize).unwrap();
     line.split(',').map(|number| number.parse().unwrap()).collect()
@@ -142,7 +175,7 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     page.key("4");
-    page.until("plumb.drawn()?.services.length > 5");
+    page.until("plumb.drawn()?.services?.length > 5");
     signal(running.service("gyro"), Signal::KILL);
     page.until("document.querySelector('[data-service=gyro]')?.classList.contains('down')");
     page.shot("system-killed.png");
@@ -150,11 +183,11 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     page.until("document.querySelector('[data-service=gyro]') && !document.querySelector('[data-service=gyro]').classList.contains('down')");
     page.until("plumb.drawn().services.some(([service, , , restarts]) => service === 'gyro' && restarts === 1)");
 
-    // What is old is grey, and says how old.
+    // What is old is grey, and says how old. The supervisor would start a source again that stands still.
     let ingest = running.service("ingest");
-    signal(ingest, Signal::STOP);
+    [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");
-    signal(ingest, Signal::CONT);
+    [ingest, running.pid()].iter().for_each(|pid| signal(*pid, Signal::CONT));
     page.until("plumb.state().kind === 'live' && !document.getElementById('view').classList.contains('stale')");
 
     running.interrupt();
@@ -196,17 +229,14 @@ fn plumb_view_shows_a_system_that_has_no_cockpit() {
     let running = started(&system, &[]);
     let listen = format!("127.0.0.1:{}", free_port());
     let mut command = plumb(&["view", "--system", &system.name, "--listen", &listen]);
-    let view = command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
-    let mut view = view.stdout(std::process::Stdio::piped()).spawn().unwrap();
-    let mut line = String::new();
-    std::io::BufRead::read_line(&mut std::io::BufReader::new(view.stdout.as_mut().unwrap()), &mut line).unwrap();
-    assert!(line.starts_with(&format!("http://{listen}/#")), "{line}");
-    if let Some(mut page) = Page::open(line.trim()) {
+    command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
+    let view = View::start(command);
+    assert!(view.address.starts_with(&format!("http://{listen}/#")), "{}", view.address);
+    if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
         page.assert_clean();
     }
-    signal(view.id(), Signal::INT);
-    assert!(view.wait().unwrap().success());
+    view.end();
     running.interrupt();
     running.wait().assert_whole();
 }
@@ -233,5 +263,5 @@ fn the_types_of_the_page_hold() {
     let options = ["--noEmit", "--allowJs", "--checkJs", "--strict", "--target", "es2022", "--module", "es2022"];
     let libraries = ["--moduleResolution", "bundler", "--lib", "es2022,dom,dom.iterable"];
     let main = format!("{PAGE}/main.js");
-    run(Command::new("node").arg(tsc).args(options).args(libraries).args(["--types", ""]).arg(main)).unwrap();
+    run(Command::new("node").arg(tsc).args(options).args(libraries).arg(main)).unwrap();
 }

@@ -1,12 +1,9 @@
 //! A recorded flight as a page.
-use std::io::{BufRead as _, BufReader};
-
 use crate::{
     browser::Page,
-    common::{System, beyond::free_port, plumb, signal},
-    page::row,
+    common::{System, beyond::free_port, plumb},
+    page::{View, row},
 };
-use rustix::process::Signal;
 
 #[test]
 fn a_recording_is_scrubbed_to_a_known_second() {
@@ -16,13 +13,10 @@ fn a_recording_is_scrubbed_to_a_known_second() {
     system.run(&record).assert_whole();
     let flight = std::fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
     let listen = format!("127.0.0.1:{}", free_port());
-    let mut view = plumb(&["view", flight.to_str().unwrap(), "--listen", &listen]);
-    let mut view = view.stdout(std::process::Stdio::piped()).spawn().unwrap();
-    let mut line = String::new();
-    BufReader::new(view.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-    assert_eq!(line.trim(), format!("http://{listen}/"), "a recording takes no commands");
-    if let Some(mut page) = Page::open(line.trim()) {
-        page.until("plumb.data.recording.length > 100 && plumb.drawn()?.quaternion");
+    let view = View::start(plumb(&["view", flight.to_str().unwrap(), "--listen", &listen]));
+    assert_eq!(view.address, format!("http://{listen}/"), "a recording takes no commands");
+    if let Some(mut page) = Page::open(&view.address) {
+        page.until("plumb.data.recording.length > 100");
         // The picture of the third second, by its place on the bar.
         let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
         page.eval(&format!("plumb.seek({place})"));
@@ -40,6 +34,5 @@ fn a_recording_is_scrubbed_to_a_known_second() {
         page.until("plumb.data.place === plumb.data.recording.length - 1");
         page.assert_clean();
     }
-    signal(view.id(), Signal::INT);
-    assert!(view.wait().unwrap().success());
+    view.end();
 }

@@ -92,5 +92,5 @@ export function angleBetween(p, q) {
 export function angles(q) {
   const [x, y] = [rotate(q, [1, 0, 0]), rotate(q, [0, 1, 0])];
   const z = rotate(q, [0, 0, 1]);
-  return [Math.atan2(-y[0], y[1]), Math.asin(Math.max(-1, Math.min(1, y[2]))), Math.atan2(-x[2], z[2])];
+  return [Math.atan2(-y[0], y[1]), Math.atan2(y[2], Math.hypot(x[2], z[2])), Math.atan2(-x[2], z[2])];
 }
