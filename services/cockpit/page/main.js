@@ -189,11 +189,15 @@ function key(event) {
   event.preventDefault();
 }
 
+/** Between two drawings, ms: as pictures come. */
+const DRAWN_MS = 30;
 let before = performance.now();
 /** Script time of the last frames, ms. @type {number[]} */
 const costs = [];
 /** @param {number} now */
 function frame(now) {
+  requestAnimationFrame(frame);
+  if (now - before < DRAWN_MS) return;
   const began = performance.now();
   if (data.recording.length && !data.paused) play((now - before) / 1000);
   before = now;
@@ -201,7 +205,6 @@ function frame(now) {
   shown?.draw();
   costs.push(performance.now() - began);
   if (costs.length > 600) costs.shift();
-  requestAnimationFrame(frame);
 }
 
 async function begin() {
