@@ -19,7 +19,7 @@ use crate::{
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
-const LEFT_OUT: [(&str, &str); 34] = [
+const LEFT_OUT: [(&str, &str); 35] = [
     ("cargo ", "builds, tests and measures this very tree, for minutes"),
     ("rustup ", "changes the toolchain of whoever tests"),
     ("export CARGO_TARGET_", "is for a compiler of another machine"),
@@ -37,6 +37,7 @@ const LEFT_OUT: [(&str, &str); 34] = [
         "plumb swap --remote alpha fuser vqf",
         "needs a vehicle elsewhere and an operator's keys; `certificates` has both here",
     ),
+    ("plumb view", "serves a page until it is interrupted; `cockpit` looks at it in a browser"),
     ("plumb up --source 'serial:", "needs a device; `drivers` makes one"),
     ("plumb up --source 'mavlink:", "waits for an autopilot; `sources` has one of pymavlink"),
     ("plumb up --source 'iio:", "needs devices; `sources` makes one of each"),
