@@ -40,7 +40,6 @@ pub(crate) fn cockpit(section: &mut Section<'_, '_>, out: &mut Cockpit) {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::Launch;
 
     #[test]

@@ -370,6 +370,7 @@ mod tests {
             },
             faults: true,
             gateway: Gateway::default(),
+            cockpit: crate::Cockpit::default(),
             ingest: Ingest {
                 source: Source::Replay,
                 sim: Sim {

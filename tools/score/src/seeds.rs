@@ -40,7 +40,7 @@ pub fn each(text: &str) -> Result<Option<Vec<(u64, String)>>, ScoreError> {
     let Some((first, last)) = query.split('&').find_map(range) else { return Ok(None) };
     let refused = || ScoreError::Seeds { text: text.into() };
     let (first, last): (u64, u64) = first.parse().ok().zip(last.parse().ok()).ok_or_else(refused)?;
-    if !last.checked_sub(first).is_some_and(|more| more < SEEDS_MAX) {
+    if last.checked_sub(first).is_none_or(|more| more >= SEEDS_MAX) {
         return Err(refused());
     }
     let of = |seed: u64| {

@@ -1,7 +1,7 @@
 //! What follows from the table of the system.
 use graph::{
     Presence, Service,
-    Service::{Accel, Course, Drivers, Fuser, Gateway, Gyro, Ingest},
+    Service::{Accel, Cockpit, Course, Drivers, Fuser, Gateway, Gyro, Ingest},
     Topic,
 };
 
@@ -12,24 +12,25 @@ fn names(topics: impl Iterator<Item = Topic>) -> Vec<&'static str> {
 #[test]
 fn every_service_has_the_inputs_and_the_output_of_its_line() {
     let inputs = Service::ALL.map(|service| names(service.inputs()));
-    let expected: [&[&str]; 7] =
-        [&[], &["imu"], &["imu"], &["mag", "gnss", "gyro", "accel"], &["gnss", "fused"], &[], &[]];
+    let expected: [&[&str]; 8] =
+        [&[], &["imu"], &["imu"], &["mag", "gnss", "gyro", "accel"], &["gnss", "fused"], &[], &[], &[]];
     assert_eq!(inputs, expected);
     let outputs = Service::ALL.map(Service::output);
     let expected = [Topic::Imu, Topic::Gyro, Topic::Accel, Topic::Fused, Topic::Attitude].map(Some);
-    assert_eq!(outputs, [&expected[..], &[None, None]].concat()[..]);
+    assert_eq!(outputs, [&expected[..], &[None, None, None]].concat()[..]);
 }
 
 #[test]
 fn who_restarts_says_again_what_those_who_read_it_need() {
     let readers = Service::ALL.map(|service| service.readers().collect::<Vec<_>>());
-    let expected: [&[Service]; 7] = [
+    let expected: [&[Service]; 8] = [
         &[Gyro, Accel, Fuser, Course, Gateway],
         &[Fuser, Gateway],
         &[Fuser, Gateway],
         &[Course, Gateway],
         &[],
         &[Gyro, Accel, Fuser, Course],
+        &[],
         &[],
     ];
     assert_eq!(readers, expected);
@@ -55,5 +56,5 @@ fn names_places_and_flags_are_those_of_the_table() {
     assert_eq!(Topic::named("imus"), None);
     assert_eq!(Topic::Mag.entry().presence, Presence::Flagged("FIELD"));
     assert_eq!(Service::ALL.map(|service| Service::named(service.name())), Service::ALL.map(Some));
-    assert_eq!([0, 5, 6, 7].map(Service::at), [Some(Ingest), Some(Gateway), Some(Drivers), None]);
+    assert_eq!([0, 5, 6, 7, 8].map(Service::at), [Some(Ingest), Some(Gateway), Some(Drivers), Some(Cockpit), None]);
 }
