@@ -190,7 +190,7 @@ fn a_gateway_that_is_set_and_not_started_is_underlined_with_the_remedy() {
         "gateway: it is not among the services",
         "launch.toml:2:2",
         "2 | [gateway.rates]\n  |  ^^^^^^^ nothing goes out",
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]",
+        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\", \"cockpit\"]",
         "1 problem",
     ];
     assert_launch_refused("[gateway.rates]\nimu = \"all\"\n", &said);
