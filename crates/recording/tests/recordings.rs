@@ -185,7 +185,8 @@ fn headers_that_do_not_say_what_is_needed_are_refused() {
         (
             "t_s,gx,gy,gz,ax,ay,az,baro",
             "line 1, column 8: found \"baro\", expected one of \
-             t_s, gx, gy, gz, ax, ay, az, qw, qx, qy, qz, mov, mx, my, mz",
+             t_s, gx, gy, gz, ax, ay, az, qw, qx, qy, qz, mov, mx, my, mz; \
+             name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…",
         ),
         ("t_s,gx,gy,gz,ax,ay,az,gx", "line 1, column 8 (gx): found the name again, expected it in column 2 only"),
         ("t_s,gx,gy,ax,ay", "line 1: found no column gz, az, expected all of t_s, gx, gy, gz, ax, ay, az"),
