@@ -1,7 +1,7 @@
 //! A recording, thinned out once when it is opened: as many pictures as a page needs, all of one length in time.
 //!
 //! Input: messages of the topics with the source's time, in the order in which they were published. Output: pictures by their number. Memory:
-//! bounded by [`PICTURES_MAX`], whatever the recording's length.
+//! bounded, whatever the recording's length.
 
 use graph::Topic;
 use wire::{
