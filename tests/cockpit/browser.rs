@@ -20,7 +20,8 @@ pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match p
 
 fn packages() -> Result<PathBuf, String> {
     if !Path::new("/usr/bin/chromium").exists() {
-        run(Command::new("apt-get").args(["install", "-y", "-qq", "chromium"]))?;
+        let packages = ["chromium", "fonts-dejavu-core"];
+        run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends"]).args(packages))?;
     }
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit");
     if !folder.join("node_modules/typescript/bin/tsc").is_file() {
