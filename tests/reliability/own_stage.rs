@@ -123,15 +123,15 @@ fn a_stage_of_any_language_is_swapped_in_and_out_and_nothing_is_lost() {
     }
 }
 
-/// The bytes that come out of 3200 ticks with the stage, and what people were told.
+/// The bytes that come out of 4800 ticks with the stage, and what people were told.
 fn bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (Vec<u8>, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");
-    let running = system.start(&[&["--for", "16s", "--out", out.to_str().unwrap()], arguments].concat());
+    let running = system.start(&[&["--for", "24s", "--out", out.to_str().unwrap()], arguments].concat());
     disturb(&system);
     let run = running.wait();
     run.assert_whole();
-    assert_eq!(assert_in_order(&out), 3200);
+    assert_eq!(assert_in_order(&out), 4800);
     assert_eq!(system.remains(), Vec::<String>::new());
     (fs::read(out).unwrap(), run.people)
 }
