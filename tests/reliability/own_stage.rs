@@ -188,19 +188,20 @@ fn a_program_ends_with_its_service_however_that_ends() {
 fn a_stage_of_ones_own_tells_its_difference_as_a_shadow() {
     let system = system_with_stage("python3", SIM);
     let running = started(&system, &[]);
-    let shadowed = |seconds: &str| -> Result<Value, String> {
+    let shadowed = |seconds: &str| -> Value {
         let arguments = ["shadow", "fuser", "my-fuser", "--json", "--for", seconds, "--system", &system.name];
         let output = plumb(&arguments).output().unwrap();
-        let [said, people] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-        let difference: Option<Value> = said.lines().last().and_then(|line| serde_json::from_str(line).ok());
-        let compared = difference.filter(|difference| difference["ticks"].as_u64() > Some(50));
-        compared.filter(|_| output.status.success()).ok_or(people)
+        let said = String::from_utf8(output.stdout).unwrap();
+        let last: Value = said.lines().last().and_then(|line| serde_json::from_str(line).ok()).unwrap_or_default();
+        println!("{last}");
+        // One that ends by itself says why, and has cost nothing.
+        let ended = (&last["outcome"], &last["lost"], &last["duplicated"]) == (&"aborted".into(), &0.into(), &0.into());
+        assert!(output.status.success() || ended, "{said}{}", String::from_utf8_lossy(&output.stderr));
+        last
     };
-    // How long a program takes to start depends on what else the machine does; a shadow that cannot keep up is ended.
-    let mut reasons = Vec::new();
-    let mut shadows = ["3", "10", "30"].into_iter();
-    let difference = shadows.find_map(|seconds| shadowed(seconds).map_err(|reason| reasons.push(reason)).ok());
-    let difference = difference.unwrap_or_else(|| panic!("no shadow was compared: {reasons:?}"));
+    // How long a program takes to start depends on what else the machine does.
+    let mut shadows = ["3", "10", "30"].into_iter().map(shadowed);
+    let difference = shadows.find(|difference| difference["ticks"].as_u64() > Some(50)).unwrap();
     let rms_deg = difference["rms_deg"]["angle"].as_f64().unwrap();
     assert!((1e-6..5.0).contains(&rms_deg), "{difference}");
     running.interrupt();
