@@ -52,11 +52,13 @@ fn a_page_of_another_origin_and_a_name_that_points_here_get_nothing() {
     assert!(!page.contains(token));
     assert!(get(port, "/socket", &format!("{host}{UPGRADE}")).starts_with("http/1.1 101"));
     for evil in ["http://evil.example", "null", &format!("http://localhost:{port}")] {
-        let refused = get(port, "/socket", &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
-        assert!(refused.starts_with("http/1.1 403"), "{evil}: {refused}");
+        for path in ["/socket", "/metrics"] {
+            let refused = get(port, path, &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
+            assert!(refused.starts_with("http/1.1 403"), "{path}, {evil}: {refused}");
+        }
     }
     // A name of an attacker's that he lets point to the loopback.
-    for path in ["/", "/socket", "/schema.json"] {
+    for path in ["/", "/socket", "/schema.json", "/metrics"] {
         let refused = get(port, path, &format!("Host: evil.example:{port}\r\n{UPGRADE}"));
         assert!(refused.starts_with("http/1.1 421"), "{path}: {refused}");
     }

@@ -9,7 +9,7 @@ use axum::body::Bytes;
 use tokio::sync::broadcast::{self, Receiver};
 use wire::{
     command::ControlMessage,
-    v1::{Picture, Standing, SystemEvent, ToPage, to_page::Said},
+    v1::{AttitudeOutput, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
 };
 
 use crate::picture::EVENTS_MAX;
@@ -24,11 +24,21 @@ pub struct Hub {
     last: Mutex<Last>,
 }
 
-/// What a viewer who comes later is told first.
+/// What a viewer who comes later is told first, and whoever asks once.
 #[derive(Debug, Default)]
 struct Last {
-    standing: Standing,
+    newest: Newest,
     events: VecDeque<SystemEvent>,
+}
+
+/// The newest of what is known.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Newest {
+    pub(crate) standing: Standing,
+    /// Of the system that runs.
+    pub(crate) attitude: Option<AttitudeOutput>,
+    /// The gyro's, body axes.
+    pub(crate) bias_rad_s: Option<[f64; 3]>,
 }
 
 impl Default for Hub {
@@ -44,6 +54,12 @@ impl Hub {
         last.events.extend(picture.events.iter().cloned());
         let more = last.events.len().saturating_sub(EVENTS_MAX);
         last.events.drain(..more);
+        if picture.attitude.is_some() {
+            last.newest.attitude = picture.attitude;
+        }
+        if let Some(bias) = picture.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
+            last.newest.bias_rad_s = Some([bias.x, bias.y, bias.z]);
+        }
         drop(last);
         if self.told.receiver_count() > 0 {
             self.say(Said::Picture(picture));
@@ -52,7 +68,12 @@ impl Hub {
 
     /// Tells how the system is.
     pub fn tell(&self, standing: Standing) {
-        self.last().standing = standing.clone();
+        let mut last = self.last();
+        if standing.state() != State::Live {
+            last.newest = Newest::default();
+        }
+        last.newest.standing = standing.clone();
+        drop(last);
         self.say(Said::Standing(standing));
     }
 
@@ -62,7 +83,12 @@ impl Hub {
         let last = self.last();
         let events = last.events.iter().cloned().collect();
         let past = Picture { events, ..Picture::default() };
-        (vec![message(Said::Standing(last.standing.clone())), message(Said::Picture(past))], told)
+        (vec![message(Said::Standing(last.newest.standing.clone())), message(Said::Picture(past))], told)
+    }
+
+    /// What is known now.
+    pub(crate) fn newest(&self) -> Newest {
+        self.last().newest.clone()
     }
 
     fn say(&self, said: Said) {

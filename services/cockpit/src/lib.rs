@@ -14,6 +14,7 @@
 //! | [`picture`] | messages thinned to what is seen |
 //! | `standing` | how the system is, once a second |
 //! | [`hub`] | between who makes pictures and who sends them |
+//! | `metrics` | how the system is, as Prometheus reads it |
 //! | [`server`] | connections and their limits |
 //! | `guard` | whom it answers, and what a browser may do with the answer |
 //! | `assets` | the page |
@@ -27,6 +28,7 @@ pub mod board;
 mod commands;
 mod guard;
 pub mod hub;
+mod metrics;
 pub mod picture;
 pub mod recording;
 pub mod server;

@@ -1,6 +1,6 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, and of a recording its pictures. A request has no body; whoever sends none in
+//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, and the figures of `/metrics`. A request has no body; whoever sends none in
 //! time, and whoever comes when there are too many, is disconnected.
 
 use std::{
@@ -11,6 +11,7 @@ use std::{
     time::Duration,
 };
 
+use ::runtime::clock::monotonic_ns;
 use axum::{
     Router,
     body::Body,
@@ -35,6 +36,7 @@ use crate::{
     commands::{self, Commands},
     guard,
     hub::Hub,
+    metrics,
     recording::Recording,
     socket,
     source::Desk,
@@ -143,6 +145,7 @@ impl Server {
         let router = Router::new()
             .route("/socket", get(connect))
             .route("/pictures", get(pictures))
+            .route("/metrics", get(figures))
             .fallback(asset)
             .layer(middleware::from_fn(guard::guard))
             .with_state(served);
@@ -193,6 +196,11 @@ async fn connect(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -
         let _permit: OwnedSemaphorePermit = permit;
         socket::serve(socket, &served.site.hub, served.commands.as_ref()).await;
     })
+}
+
+async fn figures(State(served): State<Arc<Served>>) -> Response {
+    let text = metrics::text(&served.site.hub.newest(), monotonic_ns());
+    ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
 /// `/pictures?FROM+COUNT`: pictures of a recording.
