@@ -90,7 +90,13 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorDesk::new(&name)));
     let server = Server::bind(listen(view))?;
     let at = server.address(Some(&token));
-    server.start(Site { hub: hub.clone(), desk: Some(desk.clone()), token: Some(token), recording: None })?;
+    server.start(Site {
+        hub: hub.clone(),
+        desk: Some(desk.clone()),
+        token: Some(token),
+        recording: None,
+        foxglove_origins: Vec::new(),
+    })?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     let mut source = Board::new(&name);
@@ -115,7 +121,7 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     hub.tell(recording.standing());
     let server = Server::bind(listen(view))?;
     let at = server.address(None);
-    server.start(Site { hub, desk: None, token: None, recording: Some(recording) })?;
+    server.start(Site { hub, desk: None, token: None, recording: Some(recording), foxglove_origins: Vec::new() })?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     while !until.is_over() {

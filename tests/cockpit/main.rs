@@ -5,6 +5,8 @@
 mod common;
 
 mod browser;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod metrics;
 mod page;
 mod recorded;

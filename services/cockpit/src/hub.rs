@@ -22,6 +22,9 @@ const BEHIND_MAX: usize = 8;
 pub struct Hub {
     told: broadcast::Sender<Bytes>,
     last: Mutex<Last>,
+    /// What viewers of the Foxglove WebSocket protocol are told.
+    #[cfg(feature = "foxglove")]
+    pub(crate) live: std::sync::Arc<crate::foxglove::feed::Live>,
 }
 
 /// What a viewer who comes later is told first, and whoever asks once.
@@ -43,7 +46,12 @@ pub(crate) struct Newest {
 
 impl Default for Hub {
     fn default() -> Self {
-        Self { told: broadcast::Sender::new(BEHIND_MAX), last: Mutex::default() }
+        Self {
+            told: broadcast::Sender::new(BEHIND_MAX),
+            last: Mutex::default(),
+            #[cfg(feature = "foxglove")]
+            live: std::sync::Arc::default(),
+        }
     }
 }
 
@@ -89,6 +97,12 @@ impl Hub {
     /// What is known now.
     pub(crate) fn newest(&self) -> Newest {
         self.last().newest.clone()
+    }
+
+    /// The system's name; empty where it is not known.
+    #[cfg(feature = "foxglove")]
+    pub(crate) fn system(&self) -> String {
+        self.last().newest.standing.system.clone()
     }
 
     fn say(&self, said: Said) {

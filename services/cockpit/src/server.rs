@@ -1,7 +1,8 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, and the figures of `/metrics`. A request has no body; whoever sends none in
-//! time, and whoever comes when there are too many, is disconnected.
+//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
+//! `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none in time,
+//! and whoever comes when there are too many, is disconnected.
 
 use std::{
     io,
@@ -47,7 +48,10 @@ use crate::{
 pub const CONNECTIONS_MAX: usize = 96;
 /// Viewers at once.
 pub const VIEWERS_MAX: usize = 32;
-/// A command's bytes at most.
+/// Clients of the Foxglove WebSocket protocol at once.
+#[cfg(feature = "foxglove")]
+pub const CLIENTS_MAX: usize = 8;
+/// The bytes of a viewer's command, or of a client's request, at most.
 const MESSAGE_MAX: usize = 4096;
 /// A request's headers, bytes.
 const HEADERS_MAX: usize = 16 * 1024;
@@ -93,6 +97,8 @@ pub struct Site {
     pub token: Option<Token>,
     /// What is shown in the place of a system.
     pub recording: Option<Arc<Recording>>,
+    /// Pages of others that `/foxglove` answers, by their origins.
+    pub foxglove_origins: Vec<String>,
 }
 
 struct Served {
@@ -100,6 +106,8 @@ struct Served {
     site: Site,
     commands: Option<Commands>,
     viewers: Arc<Semaphore>,
+    #[cfg(feature = "foxglove")]
+    clients: Arc<Semaphore>,
 }
 
 impl Server {
@@ -135,19 +143,25 @@ impl Server {
             let _inside = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
+        let foxglove_origins: Arc<[String]> = site.foxglove_origins.clone().into();
         let commands = site.desk.clone().filter(|desk| desk.takes_commands()).zip(site.token.clone());
         let served = Arc::new(Served {
             page: Page::new(),
             commands: commands.map(|(desk, token)| Commands::new(desk, token)),
             site,
             viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
+            #[cfg(feature = "foxglove")]
+            clients: Arc::new(Semaphore::new(CLIENTS_MAX)),
         });
         let router = Router::new()
             .route("/socket", get(connect))
             .route("/pictures", get(pictures))
-            .route("/metrics", get(figures))
+            .route("/metrics", get(figures));
+        #[cfg(feature = "foxglove")]
+        let router = router.route(guard::FOXGLOVE, get(foxglove));
+        let router = router
             .fallback(asset)
-            .layer(middleware::from_fn(guard::guard))
+            .layer(middleware::from_fn_with_state(foxglove_origins, guard::guard))
             .with_state(served);
         let work = move || runtime.block_on(serve(listener, router));
         thread::Builder::new().name("cockpit-server".into()).spawn(work).map_err(ServerError::Start)?;
@@ -191,10 +205,34 @@ async fn connect(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
     };
-    let limited = upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20);
-    limited.on_upgrade(async move |socket| {
+    limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
         socket::serve(socket, &served.site.hub, served.commands.as_ref()).await;
+    })
+}
+
+fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
+    upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20)
+}
+
+/// A client of the Foxglove WebSocket protocol.
+#[cfg(feature = "foxglove")]
+async fn foxglove(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
+    use crate::foxglove::{client, protocol};
+    if served.site.recording.is_some() {
+        return (StatusCode::NOT_FOUND, "this is a recording: open its file in the viewer\n").into_response();
+    }
+    let upgrade = upgrade.protocols(protocol::NAMES);
+    if upgrade.selected_protocol().is_none() {
+        let expected = format!("expected the subprotocol {}\n", protocol::NAMES.join(" or "));
+        return (StatusCode::BAD_REQUEST, expected).into_response();
+    }
+    let Ok(permit) = served.clients.clone().try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many are connected already; close one\n").into_response();
+    };
+    limited(upgrade).on_upgrade(async move |socket| {
+        let _permit: OwnedSemaphorePermit = permit;
+        client::serve(socket, &served.site.hub).await;
     })
 }
 
