@@ -91,6 +91,7 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let server = Server::bind(listen(view))?;
     let at = server.address(Some(&token));
     server.start(Site {
+        system: name.clone(),
         hub: hub.clone(),
         desk: Some(desk.clone()),
         token: Some(token),
@@ -121,7 +122,14 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     hub.tell(recording.standing());
     let server = Server::bind(listen(view))?;
     let at = server.address(None);
-    server.start(Site { hub, desk: None, token: None, recording: Some(recording), foxglove_origins: Vec::new() })?;
+    server.start(Site {
+        system: name,
+        hub,
+        desk: None,
+        token: None,
+        recording: Some(recording),
+        foxglove_origins: Vec::new(),
+    })?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     while !until.is_over() {

@@ -107,17 +107,15 @@ def watch(client, narrow, seconds):
             while not isinstance(other := narrow.read(LIMIT_S), dict):
                 narrowed.append(other[0])
             half, bad = None, bad + ([] if other["op"] == "status" else [other])
-    whole = [t for t in seen.get("/tf", []) if t // 10**9 not in {min(seen["/tf"]) // 10**9, max(seen["/tf"]) // 10**9}]
     return {
         "info": client.info,
         "protocol": client.socket.subprotocol,
         "schemas": {channel["topic"]: channel["schemaName"] for channel in client.channels},
         "messages": {topic: len(times) for topic, times in seen.items()},
         "most_in_a_second": {topic: most_in_a_second(times) for topic, times in seen.items()},
-        "whole_seconds_of_tf": len(whole),
         "events": events,
         "rows": [[*attitudes[t], *transforms[t]] for t in attitudes if t in transforms],
-        "poses_differ": sum(poses.get(t) != transforms[t] for t in transforms),
+        "poses_differ": sum(poses[t] != transforms[t] for t in transforms if t in poses),
         "now_ns": time.time_ns(),
         "newest_ns": max(seen.get("/tf", [0])),
         "narrow": {"topics": sorted(set(narrowed)), "messages": len(narrowed), "late": late},

@@ -99,12 +99,6 @@ impl Hub {
         self.last().newest.clone()
     }
 
-    /// The system's name; empty where it is not known.
-    #[cfg(feature = "foxglove")]
-    pub(crate) fn system(&self) -> String {
-        self.last().newest.standing.system.clone()
-    }
-
     fn say(&self, said: Said) {
         // Without viewers there is nobody to be told.
         let _ = self.told.send(message(said));

@@ -97,6 +97,7 @@ pub fn run() -> Result<(), CockpitError> {
     let name = launch.name.clone();
     thread::spawn(move || tell_address(&name, &at));
     server.start(server::Site {
+        system: launch.name.clone(),
         hub: hub.clone(),
         desk: Some(desk.clone()),
         token: Some(token),

@@ -20,10 +20,10 @@ const UP: [&str; 3] = ["ready", "running", "finished"];
 /// The process that starts the services; it has no ticks of its own.
 const SUPERVISOR: &str = "supervisor";
 
-/// The text, at `now_ns` of CLOCK_MONOTONIC.
-pub(crate) fn text(newest: &Newest, now_ns: u64) -> String {
+/// The text of a system of this name, at `now_ns` of CLOCK_MONOTONIC.
+pub(crate) fn text(system: &str, newest: &Newest, now_ns: u64) -> String {
     let mut text = Exposition(String::new());
-    about(&mut text, newest);
+    about(&mut text, system, newest);
     if newest.standing.state() == State::Live {
         services(&mut text, &newest.standing.services);
         path(&mut text, newest, now_ns);
@@ -32,8 +32,8 @@ pub(crate) fn text(newest: &Newest, now_ns: u64) -> String {
 }
 
 /// Whose figures these are.
-fn about(text: &mut Exposition, Newest { standing, .. }: &Newest) {
-    let build = [("version", env!("CARGO_PKG_VERSION")), ("system", &standing.system)];
+fn about(text: &mut Exposition, system: &str, Newest { standing, .. }: &Newest) {
+    let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
     text.gauge(
         "plumbline_build_info",
         "Version of the program that answers, and the system's name.",
@@ -263,7 +263,6 @@ mod tests {
         };
         let standing = Standing {
             state: State::Live.into(),
-            system: "a\"b\\c\nd".into(),
             source: "sim s1".into(),
             rate_hz: 1000.0,
             services: vec![service("fuser", "wz"), ServiceStanding { rate_hz: None, ..service(SUPERVISOR, "") }],
@@ -274,7 +273,7 @@ mod tests {
     }
 
     fn lines(newest: &Newest) -> Vec<String> {
-        text(newest, 3_500_000_000).lines().map(str::to_owned).collect()
+        text("a\"b\\c\nd", newest, 3_500_000_000).lines().map(str::to_owned).collect()
     }
 
     fn names(newest: &Newest) -> BTreeSet<String> {
@@ -339,8 +338,8 @@ mod tests {
     fn the_text_is_bounded_whatever_the_system_says() {
         let mut many = whole();
         many.standing.services = vec![service(&"x".repeat(10_000), &"y".repeat(10_000)); 10_000];
-        many.standing.system = "\n".repeat(10_000);
-        assert!(text(&many, 0).len() < 512 * 1024, "{}", text(&many, 0).len());
+        let length = text(&"\n".repeat(10_000), &many, 0).len();
+        assert!(length < 512 * 1024, "{length} bytes");
     }
 
     #[test]

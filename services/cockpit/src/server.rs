@@ -89,6 +89,8 @@ pub struct Server {
 
 /// What is served.
 pub struct Site {
+    /// The system's name, or that of the recording.
+    pub system: String,
     /// Where pictures come from.
     pub hub: Arc<Hub>,
     /// Who takes commands.
@@ -232,12 +234,12 @@ async fn foxglove(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) 
     };
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        client::serve(socket, &served.site.hub).await;
+        client::serve(socket, &served.site.system, &served.site.hub.live).await;
     })
 }
 
 async fn figures(State(served): State<Arc<Served>>) -> Response {
-    let text = metrics::text(&served.site.hub.newest(), monotonic_ns());
+    let text = metrics::text(&served.site.system, &served.site.hub.newest(), monotonic_ns());
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 

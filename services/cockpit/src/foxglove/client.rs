@@ -9,12 +9,9 @@ use tokio::{
     time::timeout,
 };
 
-use crate::{
-    foxglove::{
-        feed::{Live, Told},
-        protocol::{self, Subscriptions},
-    },
-    hub::Hub,
+use super::{
+    feed::{Live, Told},
+    protocol::{self, Subscriptions},
 };
 
 /// Who has taken nothing for so long is dropped.
@@ -44,11 +41,10 @@ impl Drop for Wants<'_> {
 }
 
 /// Serves a client until it goes.
-pub(crate) async fn serve(mut socket: WebSocket, hub: &Hub) {
-    let live = &*hub.live;
+pub(crate) async fn serve(mut socket: WebSocket, system: &str, live: &Live) {
     let mut wants = Wants { live, subscriptions: Subscriptions::none(live.channels.len()) };
     let (mut told, mut session, mut refused) = (live.join(), live.session(), 0);
-    let greeting = [protocol::server_info(&hub.system(), session), protocol::advertise(&live.channels)];
+    let greeting = [protocol::server_info(system, session), protocol::advertise(&live.channels)];
     for text in greeting {
         if !send(&mut socket, Message::text(text)).await {
             return;
@@ -59,7 +55,7 @@ pub(crate) async fn serve(mut socket: WebSocket, hub: &Hub) {
             Step::Told(message) => {
                 let begins = message.session != session;
                 session = message.session;
-                let info = || Message::text(protocol::server_info(&hub.system(), session));
+                let info = || Message::text(protocol::server_info(system, session));
                 let greeted = !begins || send(&mut socket, info()).await;
                 match wants.subscriptions.of(message.channel) {
                     Some(id) if greeted => {

@@ -125,7 +125,7 @@ impl Feed {
         let sent_ns = intake.encoder.sent_ns(bytes, taken_ns);
         if sent_ns.saturating_add(BACKWARDS_NS) < intake.newest_ns {
             live.begin_session();
-            intake.newest_ns = 0;
+            (intake.newest_ns, intake.pace) = (0, Pace::of(topic));
         }
         intake.newest_ns = intake.newest_ns.max(sent_ns);
         if !intake.pace.as_mut().is_none_or(|pace| pace.admits(sent_ns)) {
@@ -151,7 +151,11 @@ impl Feed {
         match (state, self.has_stopped) {
             (SourceState::Live, Some(true)) => {
                 self.live.begin_session();
-                self.intakes.iter_mut().flatten().for_each(|intake| intake.newest_ns = 0);
+                for (topic, intake) in Topic::ALL.iter().zip(&mut self.intakes) {
+                    if let Some(intake) = intake {
+                        (intake.newest_ns, intake.pace) = (0, Pace::of(*topic));
+                    }
+                }
                 self.has_stopped = Some(false);
             }
             (SourceState::Live, _) => self.has_stopped = Some(false),
@@ -221,6 +225,9 @@ mod tests {
         feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(0, 7 * SECOND_NS)), 0);
         let second = live.session();
         assert!(second > first, "time has gone back");
+        let mut told = live.join();
+        feed.take(Topic::Attitude, bytemuck::bytes_of(&attitude(20, 7 * SECOND_NS + 20_000_000)), 0);
+        assert_eq!(told.try_recv().unwrap().session, second, "and goes on");
         feed.source_is(&SourceState::Ended(String::new()));
         feed.source_is(&SourceState::Connecting(String::new()));
         assert_eq!(live.session(), second);

@@ -20,7 +20,7 @@ pub(crate) fn server_info(system: &str, session: u64) -> String {
     let metadata = json!({ "version": env!("CARGO_PKG_VERSION"), "system": system });
     let (name, capabilities) = (format!("plumbline {system}"), [""; 0]);
     let session = session.to_string();
-    json!({ "op": "serverInfo", "name": name.trim_end(), "capabilities": capabilities, "metadata": metadata, "sessionId": session })
+    json!({ "op": "serverInfo", "name": name, "capabilities": capabilities, "metadata": metadata, "sessionId": session })
         .to_string()
 }
 
