@@ -1,6 +1,7 @@
 //! What a viewer of the Foxglove WebSocket protocol sees is the system; what strangers get is nothing.
 use std::{
     collections::BTreeMap,
+    fs,
     io::{BufRead as _, BufReader},
     net::TcpStream,
     path::{Path, PathBuf},
@@ -11,7 +12,7 @@ use std::{
 };
 
 use crate::{
-    common::{System, beyond::free_port, plumb, python::python, signal, until},
+    common::{System, beyond::free_port, data, plumb, python::python, signal, until},
     page::{View, row, with_cockpit},
     strangers::{UPGRADE, connected, get},
 };
@@ -95,6 +96,30 @@ fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
     let narrow = &seen["narrow"];
     assert_eq!((&narrow["topics"], &narrow["late"]), (&serde_json::json!(["/tf"]), &0.into()), "{narrow}");
     assert!(narrow["messages"].as_u64() > Some(10), "{narrow}");
+}
+
+#[test]
+fn where_a_receiver_is_is_on_the_map_of_a_viewer() {
+    let (Some(python), Some(data)) = (&*PYTHON, data()) else { return };
+    let (system, port) = with_cockpit("");
+    let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
+    let running = system.start(&["--replay", recording.to_str().unwrap(), "--speed", "1"]);
+    system.all_run();
+    listens(port);
+    let mut child = client(python, port, "foxglove.sdk.v1", "4").spawn().unwrap();
+    let seen: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
+    assert!(child.wait().unwrap().success());
+    running.interrupt();
+    running.wait().assert_whole();
+    let places: Vec<[f64; 3]> = serde_json::from_value(seen["places"].clone()).unwrap();
+    assert!(places.len() > 3, "{places:?}");
+    let text = fs::read_to_string(data.join("flights/apm_plane_log2_gnss.csv")).unwrap();
+    let rows: Vec<Vec<f64>> =
+        text.lines().skip(1).map(|row| row.split(',').map(|number| number.parse().unwrap()).collect()).collect();
+    for place in places {
+        let is = |row: &Vec<f64>| row[4..7].iter().zip(place).all(|(own, told)| (own - told).abs() < 1e-9);
+        assert!(rows.iter().any(is), "no receiver was at {place:?}");
+    }
 }
 
 #[test]

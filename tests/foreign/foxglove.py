@@ -70,7 +70,7 @@ def stamp_ns(message):
 
 
 def watch(client, narrow, seconds):
-    seen, events, attitudes, transforms, poses, bad = {}, [], {}, {}, {}, []
+    seen, events, attitudes, transforms, poses, places, bad = {}, [], {}, {}, {}, [], []
     end, half = time.monotonic() + seconds, time.monotonic() + seconds / 2
     narrowed, late = [], 0
     while time.monotonic() < end:
@@ -92,6 +92,8 @@ def watch(client, narrow, seconds):
             elif topic == "/pose":
                 o = message.pose.orientation
                 poses[t_ns] = (o.x, o.y, o.z, o.w)
+            elif topic == "/location":
+                places.append((message.latitude, message.longitude, message.altitude))
             elif topic == "/event":
                 events.append(message.number)
         while (other := narrow.read(0)) is not None:
@@ -115,6 +117,7 @@ def watch(client, narrow, seconds):
         "most_in_a_second": {topic: most_in_a_second(times) for topic, times in seen.items()},
         "events": events,
         "rows": [[*attitudes[t], *transforms[t]] for t in attitudes if t in transforms],
+        "places": places,
         "poses_differ": sum(poses[t] != transforms[t] for t in transforms if t in poses),
         "now_ns": time.time_ns(),
         "newest_ns": max(seen.get("/tf", [0])),
