@@ -5,6 +5,7 @@
 mod common;
 
 mod browser;
+mod fleet;
 mod page;
 mod recorded;
 mod strangers;

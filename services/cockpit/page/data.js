@@ -38,6 +38,18 @@ export class Data {
     this.bytes = 0;
   }
 
+  /** Forgets what was seen: another vehicle is looked at. */
+  clear() {
+    this.frames.length = 0;
+    this.events.length = 0;
+    this.standing = {};
+    this.newest = {};
+    this.answer = null;
+    this.cursor = null;
+    this.paused = false;
+    this.came = -Infinity;
+  }
+
   /** Takes a picture. @param {Message} picture @param {number} now */
   take(picture, now) {
     for (const event of picture.events) this.note(event);
@@ -101,6 +113,7 @@ export class Data {
     if (this.recording.length) return { word: this.paused ? "paused" : "replay", kind: "live", why: "" };
     if (this.link !== "open") return { word: "connecting", kind: "connecting", why: "The page has no connection to the program that serves it: start it again with `plumb up` or `plumb view`; the page connects by itself." };
     if (state === "STATE_ENDED") return { word: "ended", kind: "ended", why };
+    if (state === "STATE_UNCHOSEN") return { word: "choose a vehicle", kind: "paused", why: "" };
     if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { word: "connecting", kind: "connecting", why: why ?? "" };
     const age = now - this.came;
     if (age > STALE_MS) {

@@ -18,7 +18,7 @@ use crate::{source::Desk, token::Token};
 /// Commands under way at once, shadows among them.
 pub(crate) const UNDER_WAY_MAX: usize = 8;
 
-/// Who takes commands.
+/// Who takes a viewer's commands.
 pub(crate) struct Commands {
     desk: Arc<dyn Desk>,
     token: Token,
@@ -34,8 +34,9 @@ pub(crate) struct Session<'c> {
 }
 
 impl Commands {
-    pub(crate) fn new(desk: Arc<dyn Desk>, token: Token) -> Self {
-        Self { desk, token, room: Arc::new(Semaphore::new(UNDER_WAY_MAX)) }
+    /// `room`: for how many at once, of all viewers together.
+    pub(crate) fn new(desk: Arc<dyn Desk>, token: Token, room: Arc<Semaphore>) -> Self {
+        Self { desk, token, room }
     }
 }
 

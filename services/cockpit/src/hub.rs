@@ -45,7 +45,7 @@ impl Hub {
         let more = last.events.len().saturating_sub(EVENTS_MAX);
         last.events.drain(..more);
         drop(last);
-        if self.told.receiver_count() > 0 {
+        if self.viewers() > 0 {
             self.say(Said::Picture(picture));
         }
     }
@@ -54,6 +54,11 @@ impl Hub {
     pub fn tell(&self, standing: Standing) {
         self.last().standing = standing.clone();
         self.say(Said::Standing(standing));
+    }
+
+    /// How many look.
+    pub fn viewers(&self) -> usize {
+        self.told.receiver_count()
     }
 
     /// What a new viewer is told first, and what follows.

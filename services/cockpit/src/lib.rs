@@ -13,6 +13,7 @@
 //! | [`recording`] | a recording, thinned out |
 //! | [`picture`] | messages thinned to what is seen |
 //! | `standing` | how the system is, once a second |
+//! | [`sight`] | what a page can look at |
 //! | [`hub`] | between who makes pictures and who sends them |
 //! | [`server`] | connections and their limits |
 //! | `guard` | whom it answers, and what a browser may do with the answer |
@@ -30,6 +31,7 @@ pub mod hub;
 pub mod picture;
 pub mod recording;
 pub mod server;
+pub mod sight;
 mod socket;
 pub mod source;
 mod standing;
@@ -51,6 +53,7 @@ use crate::{
     hub::Hub,
     picture::Thinner,
     server::{Server, ServerError},
+    sight::Look,
     source::{Desk, Source},
     standing::Watch,
     token::{Token, TokenError},
@@ -91,7 +94,8 @@ pub fn run() -> Result<(), CockpitError> {
     let at = server.address(Some(&token));
     let name = launch.name.clone();
     thread::spawn(move || tell_address(&name, &at));
-    server.start(server::Site { hub: hub.clone(), desk: Some(desk.clone()), token: Some(token), recording: None })?;
+    let look = Look { hub: hub.clone(), desk: Some(desk.clone()) };
+    server.start(server::Site { sight: Arc::new(look), token: Some(token), recording: None })?;
     let mut source = Board::new(&launch.name);
     present(&mut source, desk, &hub, &mut |pictures| {
         if context.ends() {

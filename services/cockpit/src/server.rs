@@ -34,10 +34,9 @@ use crate::{
     assets::Page,
     commands::{self, Commands},
     guard,
-    hub::Hub,
     recording::Recording,
+    sight::Sight,
     socket,
-    source::Desk,
     token::Token,
 };
 
@@ -83,11 +82,9 @@ pub struct Server {
 
 /// What is served.
 pub struct Site {
-    /// Where pictures come from.
-    pub hub: Arc<Hub>,
-    /// Who takes commands.
-    pub desk: Option<Arc<dyn Desk>>,
-    /// What they need.
+    /// What can be looked at.
+    pub sight: Arc<dyn Sight>,
+    /// What commands need; without it nobody gives any.
     pub token: Option<Token>,
     /// What is shown in the place of a system.
     pub recording: Option<Arc<Recording>>,
@@ -96,7 +93,7 @@ pub struct Site {
 struct Served {
     page: Page,
     site: Site,
-    commands: Option<Commands>,
+    room: Arc<Semaphore>,
     viewers: Arc<Semaphore>,
 }
 
@@ -133,10 +130,9 @@ impl Server {
             let _inside = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
-        let commands = site.desk.clone().filter(|desk| desk.takes_commands()).zip(site.token.clone());
         let served = Arc::new(Served {
             page: Page::new(),
-            commands: commands.map(|(desk, token)| Commands::new(desk, token)),
+            room: Arc::new(Semaphore::new(commands::UNDER_WAY_MAX)),
             site,
             viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
         });
@@ -184,15 +180,32 @@ async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) 
     served.page.answer(uri.path(), &headers)
 }
 
-async fn connect(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
+/// `/socket` and `/socket?vehicle=NAME`.
+async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
+    let look = match vehicle(&uri).and_then(|vehicle| served.site.sight.look(vehicle)) {
+        Ok(look) => look,
+        Err(why) => return (StatusCode::NOT_FOUND, format!("{why}\n")).into_response(),
+    };
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
     };
     let limited = upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20);
     limited.on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        socket::serve(socket, &served.site.hub, served.commands.as_ref()).await;
+        let desk = look.desk.clone().filter(|desk| desk.takes_commands());
+        let commands = desk.zip(served.site.token.clone());
+        let commands = commands.map(|(desk, token)| Commands::new(desk, token, served.room.clone()));
+        socket::serve(socket, &look.hub, commands.as_ref()).await;
     })
+}
+
+/// The vehicle that a request is about, where it names one.
+fn vehicle(uri: &Uri) -> Result<Option<&str>, String> {
+    match uri.query().map(|query| query.split_once('=')) {
+        None => Ok(None),
+        Some(Some(("vehicle", name))) => Ok(Some(name)),
+        Some(_) => Err("expected /socket or /socket?vehicle=NAME".into()),
+    }
 }
 
 /// `/pictures?FROM+COUNT`: pictures of a recording.

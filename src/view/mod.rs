@@ -1,5 +1,8 @@
 //! `plumb view`: a system, a vehicle elsewhere or a recorded flight as a page in a browser.
 
+mod elsewhere;
+mod fleet;
+
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
@@ -14,6 +17,7 @@ use cockpit::{
     hub::Hub,
     recording::Recording,
     server::{self, Server, Site},
+    sight::Look,
     token::Token,
 };
 use control::{ControlRequest, ServiceStatus, ask};
@@ -23,6 +27,7 @@ use launch::{Cockpit, Service};
 use crate::{
     fail,
     out::print,
+    remote::{RemoteError, Way},
     seeing::{Until, duration},
 };
 
@@ -33,11 +38,16 @@ const LOOK: Duration = Duration::from_millis(50);
 #[derive(Args)]
 pub(crate) struct View {
     /// A flight that was recorded (MCAP), in the place of a running system.
-    #[arg(conflicts_with = "name")]
+    #[arg(conflicts_with_all = ["name", "remote"])]
     file: Option<PathBuf>,
     /// The system's name [default: that of ./launch.toml, else plumbline].
     #[arg(long = "system", value_name = "NAME")]
     name: Option<String>,
+    /// Vehicles elsewhere in the place of a system here, over the network; the page begins with this one, else with the list of all in sight.
+    #[arg(long, value_name = "VEHICLE", num_args = 0..=1, conflicts_with = "name")]
+    remote: Option<Option<String>>,
+    #[command(flatten)]
+    way: Way,
     /// Where to listen, an address of the loopback; the next free port if that is taken [default: 127.0.0.1:8088].
     #[arg(long, value_name = "ADDRESS", value_parser = address)]
     listen: Option<SocketAddr>,
@@ -61,17 +71,24 @@ enum ViewError {
     NoFlight { path: String },
     #[error("showing {path}: it has no samples")]
     Empty { path: String },
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
 }
 
 pub(crate) fn run(view: &View) -> ExitCode {
-    let shown = match &view.file {
-        Some(file) => show_flight(view, file),
-        None => show_system(view),
+    let shown = match (&view.file, &view.remote) {
+        (Some(file), _) => show_flight(view, file),
+        (None, Some(vehicle)) => show_fleet(view, vehicle.as_deref()),
+        (None, None) => show_system(view),
     };
     match shown {
         Ok(code) => code,
         Err(error) => {
-            let code = if matches!(error, ViewError::NoFlight { .. }) { 3 } else { 1 };
+            let code = match &error {
+                ViewError::NoFlight { .. } => 3,
+                ViewError::Remote(error) => error.exit_code(),
+                _ => 1,
+            };
             fail(&error, code)
         }
     }
@@ -90,7 +107,8 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorDesk::new(&name)));
     let server = Server::bind(listen(view))?;
     let at = server.address(Some(&token));
-    server.start(Site { hub: hub.clone(), desk: Some(desk.clone()), token: Some(token), recording: None })?;
+    let look = Look { hub: hub.clone(), desk: Some(desk.clone()) };
+    server.start(Site { sight: Arc::new(look), token: Some(token), recording: None })?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     let mut source = Board::new(&name);
@@ -115,13 +133,32 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     hub.tell(recording.standing());
     let server = Server::bind(listen(view))?;
     let at = server.address(None);
-    server.start(Site { hub, desk: None, token: None, recording: Some(recording) })?;
+    server.start(Site { sight: Arc::new(Look { hub, desk: None }), token: None, recording: Some(recording) })?;
     let printed = print(&at);
+    wait(view);
+    Ok(printed)
+}
+
+/// Vehicles elsewhere.
+fn show_fleet(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
+    let token = Token::of_user()?;
+    let link = view.way.open()?;
+    let fleet = fleet::Fleet::over(link.clone(), &view.way, vehicle).map_err(RemoteError::from)?;
+    let server = Server::bind(listen(view))?;
+    let at = server.address(Some(&token));
+    server.start(Site { sight: Arc::new(fleet), token: Some(token), recording: None })?;
+    let printed = print(&at);
+    wait(view);
+    link.close();
+    Ok(printed)
+}
+
+/// Until it is to end.
+fn wait(view: &View) {
     let mut until = Until::new(|| true, view.seconds);
     while !until.is_over() {
         std::thread::sleep(LOOK);
     }
-    Ok(printed)
 }
 
 fn listen(view: &View) -> SocketAddr {
