@@ -39,8 +39,8 @@ const ASK_LIMIT: Duration = Duration::from_secs(2);
 const TURN: Duration = Duration::from_millis(20);
 /// Vehicles that are looked at at once.
 const LOOKS_MAX: usize = 8;
-/// A vehicle at which nobody has looked for so long is looked at no more.
-const UNWATCHED_LIMIT: Duration = Duration::from_secs(10);
+/// A vehicle at which nobody has looked for so long is looked at no more; Prometheus asks once a minute.
+const UNWATCHED_LIMIT: Duration = Duration::from_secs(90);
 
 /// The vehicles that are reached over a link.
 pub(super) struct Fleet {
@@ -86,7 +86,8 @@ impl Fleet {
             Some(name) => self.desk(name),
             None => Arc::new(Nobody(self.lines.clone())),
         };
-        let look = Look { hub: hub.clone(), desk: Some(desk.clone()) };
+        let system = name.unwrap_or_default().to_owned();
+        let look = Look { system, hub: hub.clone(), desk: Some(desk.clone()) };
         let mut source: Box<dyn Source + Send> = match name {
             Some(name) => Box::new(Telemetry::new(name, self.link.clone())),
             None => Box::new(NoVehicle),
@@ -106,7 +107,7 @@ impl Fleet {
 fn is_watched(looks: &Mutex<BTreeMap<String, Looked>>, name: &str, hub: &Hub) -> bool {
     let mut looks = looks.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(looked) = looks.get_mut(name) else { return true };
-    if hub.viewers() > 0 {
+    if hub.is_watched() {
         looked.watched = Instant::now();
     }
     let goes_on = looked.watched.elapsed() < UNWATCHED_LIMIT;

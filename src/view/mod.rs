@@ -17,7 +17,7 @@ use cockpit::{
     hub::Hub,
     recording::Recording,
     server::{self, Server, Site},
-    sight::Look,
+    sight::{Look, Sight},
     token::Token,
 };
 use control::{ControlRequest, ServiceStatus, ask};
@@ -107,8 +107,8 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorDesk::new(&name)));
     let server = Server::bind(listen(view))?;
     let at = server.address(Some(&token));
-    let look = Look { hub: hub.clone(), desk: Some(desk.clone()) };
-    server.start(Site { sight: Arc::new(look), token: Some(token), recording: None })?;
+    let look = Look { system: name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
+    server.start(site(look, Some(token), None))?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     let mut source = Board::new(&name);
@@ -133,7 +133,8 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     hub.tell(recording.standing());
     let server = Server::bind(listen(view))?;
     let at = server.address(None);
-    server.start(Site { sight: Arc::new(Look { hub, desk: None }), token: None, recording: Some(recording) })?;
+    let look = Look { system: name, hub, desk: None };
+    server.start(site(look, None, Some(recording)))?;
     let printed = print(&at);
     wait(view);
     Ok(printed)
@@ -146,11 +147,15 @@ fn show_fleet(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError>
     let fleet = fleet::Fleet::over(link.clone(), &view.way, vehicle).map_err(RemoteError::from)?;
     let server = Server::bind(listen(view))?;
     let at = server.address(Some(&token));
-    server.start(Site { sight: Arc::new(fleet), token: Some(token), recording: None })?;
+    server.start(site(fleet, Some(token), None))?;
     let printed = print(&at);
     wait(view);
     link.close();
     Ok(printed)
+}
+
+fn site(sight: impl Sight + 'static, token: Option<Token>, recording: Option<Arc<Recording>>) -> Site {
+    Site { sight: Arc::new(sight), token, recording, foxglove_origins: Vec::new() }
 }
 
 /// Until it is to end.

@@ -6,6 +6,9 @@ mod common;
 
 mod browser;
 mod fleet;
+#[cfg(feature = "foxglove")]
+mod foxglove;
+mod metrics;
 mod page;
 mod recorded;
 mod strangers;

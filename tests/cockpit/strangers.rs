@@ -12,8 +12,8 @@ use crate::{
     page::{address, with_cockpit},
 };
 
-/// The first line and the headers of the answer to a request.
-fn answer(port: u16, request: &str) -> String {
+/// The first line and the headers of the answer to a request, and the connection.
+pub(crate) fn connected(port: u16, request: &str) -> (TcpStream, String) {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     stream.write_all(request.as_bytes()).unwrap();
@@ -24,14 +24,19 @@ fn answer(port: u16, request: &str) -> String {
         assert!(read > 0, "{request}: {}", String::from_utf8_lossy(&text));
         text.extend_from_slice(&part[..read]);
     }
-    String::from_utf8_lossy(&text).to_lowercase()
+    let text = String::from_utf8_lossy(&text).to_lowercase();
+    (stream, text)
 }
 
-fn get(port: u16, path: &str, headers: &str) -> String {
+fn answer(port: u16, request: &str) -> String {
+    connected(port, request).1
+}
+
+pub(crate) fn get(port: u16, path: &str, headers: &str) -> String {
     answer(port, &format!("GET {path} HTTP/1.1\r\n{headers}\r\n"))
 }
 
-const UPGRADE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+pub(crate) const UPGRADE: &str = "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
 
 #[test]
 fn a_page_of_another_origin_and_a_name_that_points_here_get_nothing() {
@@ -52,11 +57,13 @@ fn a_page_of_another_origin_and_a_name_that_points_here_get_nothing() {
     assert!(!page.contains(token));
     assert!(get(port, "/socket", &format!("{host}{UPGRADE}")).starts_with("http/1.1 101"));
     for evil in ["http://evil.example", "null", &format!("http://localhost:{port}")] {
-        let refused = get(port, "/socket", &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
-        assert!(refused.starts_with("http/1.1 403"), "{evil}: {refused}");
+        for path in ["/socket", "/metrics"] {
+            let refused = get(port, path, &format!("{host}Origin: {evil}\r\n{UPGRADE}"));
+            assert!(refused.starts_with("http/1.1 403"), "{path}, {evil}: {refused}");
+        }
     }
     // A name of an attacker's that he lets point to the loopback.
-    for path in ["/", "/socket", "/schema.json"] {
+    for path in ["/", "/socket", "/schema.json", "/metrics"] {
         let refused = get(port, path, &format!("Host: evil.example:{port}\r\n{UPGRADE}"));
         assert!(refused.starts_with("http/1.1 421"), "{path}: {refused}");
     }

@@ -64,7 +64,7 @@ const LEFT_OUT: [(&str, &str); 35] = [
 ];
 
 /// Blocks that are no examples, by how their first line begins, and what they are.
-const NO_EXAMPLES: [(&str, &str); 11] = [
+const NO_EXAMPLES: [(&str, &str); 12] = [
     ("┌── gyro", "a drawing"),
     ("plumbline: simulation s1", "what a terminal shows"),
     ("launch.toml        what runs", "the tree"),
@@ -75,6 +75,7 @@ const NO_EXAMPLES: [(&str, &str); 11] = [
     ("gyro: at rest for", "what a terminal shows"),
     ("checkpoints of the fuser ─►", "a drawing"),
     ("let mut sensor", "a part of examples/driver.rs, which is built with the tests"),
+    ("scrape_configs:", "a piece of Prometheus' configuration; `cockpit` reads what it would"),
     ("request_id:", "the fields of a message; tests/foreign/client.py sends it"),
 ];
 

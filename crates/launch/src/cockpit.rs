@@ -3,22 +3,27 @@
 use std::net::{Ipv4Addr, SocketAddr};
 
 use serde::{Deserialize, Serialize};
+use toml::Spanned;
 
-use crate::walk::Section;
+use crate::{problem::Problem, walk::Section};
 
 /// The port that is tried first where none is named.
 const PORT: u16 = 8088;
+/// Pages of others at most.
+const ORIGINS_MAX: usize = 8;
 
 /// Where the system is shown in a browser.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cockpit {
     /// An address of the loopback; a port that is taken is passed over for the next free one.
     pub listen: SocketAddr,
+    /// Pages of others that may see everything at `/foxglove`, by their origins as browsers tell them, `https://app.foxglove.dev`.
+    pub foxglove_origins: Vec<String>,
 }
 
 impl Default for Cockpit {
     fn default() -> Self {
-        Self { listen: (Ipv4Addr::LOCALHOST, PORT).into() }
+        Self { listen: (Ipv4Addr::LOCALHOST, PORT).into(), foxglove_origins: Vec::new() }
     }
 }
 
@@ -36,11 +41,48 @@ impl Cockpit {
 /// Reads `[cockpit]`.
 pub(crate) fn cockpit(section: &mut Section<'_, '_>, out: &mut Cockpit) {
     section.text("listen", Cockpit::EXPECTED, Cockpit::address, &mut out.listen);
+    let Some(listed) = section.texts("foxglove_origins", ORIGINS_MAX) else { return };
+    for origin in listed.iter().filter(|origin| !is_origin(origin.get_ref())) {
+        let title = format!("cockpit.foxglove_origins: {:?} is no origin of a page", origin.get_ref());
+        section.report(Problem {
+            note: Some(
+                "whoever is named here sees everything and commands nothing; \"*\" and \"null\" would be everybody"
+                    .into(),
+            ),
+            ..Problem::new(origin.span(), title, "expected scheme and host, as \"https://app.foxglove.dev\"")
+        });
+    }
+    out.foxglove_origins = listed.into_iter().map(Spanned::into_inner).collect();
+}
+
+/// A scheme, a host or none, a port or none, in small letters, as a browser writes it (RFC 6454, 6.2).
+fn is_origin(text: &str) -> bool {
+    let Some((scheme, authority)) = text.split_once("://") else { return false };
+    let is_scheme = scheme.starts_with(|first: char| first.is_ascii_lowercase())
+        && scheme
+            .chars()
+            .all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || "+-.".contains(letter));
+    let is_host = |letter: char| letter.is_ascii_lowercase() || letter.is_ascii_digit() || "-._:[]".contains(letter);
+    is_scheme && authority.chars().all(is_host) && (!authority.is_empty() || !["http", "https"].contains(&scheme))
 }
 
 #[cfg(test)]
 mod tests {
     use crate::Launch;
+
+    #[test]
+    fn origins_are_taken_as_browsers_write_them_and_nothing_that_is_everybody() {
+        let named = |text: &str| Launch::parse("x", &format!("cockpit.foxglove_origins = [{text:?}]"));
+        for text in ["https://app.foxglove.dev", "http://localhost:8080", "http://[::1]:3000", "file://"] {
+            assert_eq!(named(text).unwrap().cockpit.foxglove_origins, [text]);
+        }
+        for text in ["*", "null", "", "https://", "https://*.dev", "https://App.dev", "https://app.dev/", "app.dev"] {
+            let shown = named(text).unwrap_err().to_string();
+            assert!(shown.contains("no origin of a page"), "{text}: {shown}");
+        }
+        let many = format!("cockpit.foxglove_origins = {:?}", ["file://"; 9]);
+        assert!(Launch::parse("x", &many).unwrap_err().to_string().contains("8 at most"));
+    }
 
     #[test]
     fn an_address_of_the_loopback_is_taken_and_any_other_is_refused_with_the_way_in() {

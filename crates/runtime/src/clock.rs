@@ -1,4 +1,4 @@
-//! The monotonic clock, and the time of processors: for stamps, waits, paces and figures, never for a result.
+//! The monotonic clock, how far it is from the time of day, and the time of processors: for stamps, waits, paces and figures, never for a result.
 
 use std::{fs, time::Duration};
 
@@ -11,6 +11,12 @@ use rustix::{
 pub fn monotonic_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// CLOCK_REALTIME less CLOCK_MONOTONIC now, ns; it changes where the clock is set.
+pub fn realtime_offset_ns() -> i64 {
+    let realtime = clock_gettime(ClockId::Realtime);
+    realtime.tv_sec * 1_000_000_000 + realtime.tv_nsec - monotonic_ns().cast_signed()
 }
 
 /// Sleeps until CLOCK_MONOTONIC reads `at_ns`, but no longer than `limit`; a signal ends it too.

@@ -18,9 +18,11 @@
 //! | [`refusal`] | why bytes are no message |
 //! | [`schema`] | the descriptors, for whoever has no copy of the files |
 //! | [`viewer`] | the attitude in the schemas that viewers know |
+//! | [`channel`] | topics as channels of flights and viewers |
 #![forbid(unsafe_code)]
 
 pub mod batch;
+pub mod channel;
 pub mod cockpit;
 pub mod command;
 mod field;

@@ -1,16 +1,21 @@
 //! Whom the server answers, and what a browser may do with the answer.
 //!
 //! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
-//! there. It cannot choose the headers `Host` and `Origin`: only requests that name the loopback, from no page or from ours, are answered.
+//! there. It cannot choose the headers `Host` and `Origin`: only requests that name the loopback, from no page or from ours, are answered, and
+//! at [`FOXGLOVE`] those from pages that the launch file names.
+
+use std::sync::Arc;
 
 use axum::{
     body::Body,
-    extract::Request,
+    extract::{Request, State},
     http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header},
     middleware::Next,
     response::{IntoResponse, Response},
 };
 
+/// Where viewers of others connect.
+pub(crate) const FOXGLOVE: &str = "/foxglove";
 /// The names of the loopback.
 const HOSTS: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
@@ -29,9 +34,9 @@ const HEADERS: [(&str, &str); 8] = [
     ("cache-control", "no-cache"),
 ];
 
-/// Lets through what may be answered, and says what a browser may do with it.
-pub(crate) async fn guard(request: Request, next: Next) -> Response {
-    let mut response = match admits(request.method(), request.uri(), request.headers()) {
+/// Lets through what may be answered, and says what a browser may do with it; `others` are the origins that [`FOXGLOVE`] answers, too.
+pub(crate) async fn guard(State(others): State<Arc<[String]>>, request: Request, next: Next) -> Response {
+    let mut response = match admits(request.method(), request.uri(), request.headers(), &others) {
         Ok(()) => next.run(request).await,
         Err((status, why)) => (status, why).into_response(),
     };
@@ -44,7 +49,7 @@ pub(crate) async fn guard(request: Request, next: Next) -> Response {
 /// Why a request is refused.
 type Refused = (StatusCode, &'static str);
 
-fn admits(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Refused> {
+fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, others: &[String]) -> Result<(), Refused> {
     if ![Method::GET, Method::HEAD].contains(method) {
         return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET and HEAD are answered\n"));
     }
@@ -58,7 +63,10 @@ fn admits(method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<(), Refused
         return Err(wrong_host);
     }
     let own = |origin: &HeaderValue| origin.as_bytes().strip_prefix(b"http://") == Some(host.as_bytes());
-    if !headers.get_all(header::ORIGIN).iter().all(own) {
+    let named = |origin: &HeaderValue| {
+        uri.path() == FOXGLOVE && others.iter().any(|other| other.as_bytes() == origin.as_bytes())
+    };
+    if !headers.get_all(header::ORIGIN).iter().all(|origin| own(origin) || named(origin)) {
         return Err((StatusCode::FORBIDDEN, "a page of another origin gets nothing\n"));
     }
     Ok(())
@@ -85,7 +93,8 @@ mod tests {
         for (name, value) in headers {
             map.append(HeaderName::try_from(*name).unwrap(), HeaderValue::from_str(value).unwrap());
         }
-        admits(&method, &uri.parse().unwrap(), &map).map_or_else(|(status, _)| status.as_u16(), |()| 200)
+        let others = ["https://app.foxglove.dev".to_owned()];
+        admits(&method, &uri.parse().unwrap(), &map, &others).map_or_else(|(status, _)| status.as_u16(), |()| 200)
     }
 
     #[test]
@@ -124,6 +133,21 @@ mod tests {
         ] {
             assert_eq!(status(Method::GET, "/socket", &[host, ("origin", origin)]), 403, "{origin}");
         }
+        let named = ("origin", "https://app.foxglove.dev");
+        assert_eq!(status(Method::GET, "/foxglove", &[host, named]), 200);
+        for (path, origin) in [
+            ("/", named.1),
+            ("/socket", named.1),
+            ("/metrics", named.1),
+            ("/foxglove/", named.1),
+            ("/foxglove", "https://app.foxglove.dev.evil.example"),
+            ("/foxglove", "http://app.foxglove.dev"),
+            ("/foxglove", "null"),
+        ] {
+            assert_eq!(status(Method::GET, path, &[host, ("origin", origin)]), 403, "{path}, {origin}");
+        }
+        assert_eq!(status(Method::GET, "/foxglove", &[host, named, ("origin", "http://attacker.example")]), 403);
+        assert_eq!(status(Method::GET, "/foxglove", &[("host", "attacker.example"), named]), 421);
         assert_eq!(status(Method::POST, "/", &[host]), 405);
         assert_eq!(status(Method::OPTIONS, "/", &[host]), 405);
     }

@@ -9,7 +9,7 @@ use axum::body::Bytes;
 use tokio::sync::broadcast::{self, Receiver};
 use wire::{
     command::ControlMessage,
-    v1::{Picture, Standing, SystemEvent, ToPage, to_page::Said},
+    v1::{AttitudeOutput, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
 };
 
 use crate::picture::EVENTS_MAX;
@@ -22,18 +22,36 @@ const BEHIND_MAX: usize = 8;
 pub struct Hub {
     told: broadcast::Sender<Bytes>,
     last: Mutex<Last>,
+    /// What viewers of the Foxglove WebSocket protocol are told.
+    #[cfg(feature = "foxglove")]
+    pub(crate) live: std::sync::Arc<crate::foxglove::feed::Live>,
 }
 
-/// What a viewer who comes later is told first.
+/// What a viewer who comes later is told first, and whoever asks once.
 #[derive(Debug, Default)]
 struct Last {
-    standing: Standing,
+    newest: Newest,
     events: VecDeque<SystemEvent>,
+}
+
+/// The newest of what is known.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Newest {
+    pub(crate) standing: Standing,
+    /// Of the system that runs.
+    pub(crate) attitude: Option<AttitudeOutput>,
+    /// The gyro's, body axes.
+    pub(crate) bias_rad_s: Option<[f64; 3]>,
 }
 
 impl Default for Hub {
     fn default() -> Self {
-        Self { told: broadcast::Sender::new(BEHIND_MAX), last: Mutex::default() }
+        Self {
+            told: broadcast::Sender::new(BEHIND_MAX),
+            last: Mutex::default(),
+            #[cfg(feature = "foxglove")]
+            live: std::sync::Arc::default(),
+        }
     }
 }
 
@@ -44,21 +62,36 @@ impl Hub {
         last.events.extend(picture.events.iter().cloned());
         let more = last.events.len().saturating_sub(EVENTS_MAX);
         last.events.drain(..more);
+        if picture.attitude.is_some() {
+            last.newest.attitude = picture.attitude;
+        }
+        if let Some(bias) = picture.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
+            last.newest.bias_rad_s = Some([bias.x, bias.y, bias.z]);
+        }
         drop(last);
-        if self.viewers() > 0 {
+        if self.told.receiver_count() > 0 {
             self.say(Said::Picture(picture));
         }
     }
 
     /// Tells how the system is.
     pub fn tell(&self, standing: Standing) {
-        self.last().standing = standing.clone();
+        let mut last = self.last();
+        if standing.state() != State::Live {
+            last.newest = Newest::default();
+        }
+        last.newest.standing = standing.clone();
+        drop(last);
         self.say(Said::Standing(standing));
     }
 
-    /// How many look.
-    pub fn viewers(&self) -> usize {
-        self.told.receiver_count()
+    /// Somebody looks.
+    pub fn is_watched(&self) -> bool {
+        #[cfg(feature = "foxglove")]
+        let others = self.live.is_watched();
+        #[cfg(not(feature = "foxglove"))]
+        let others = false;
+        self.told.receiver_count() > 0 || others
     }
 
     /// What a new viewer is told first, and what follows.
@@ -67,7 +100,12 @@ impl Hub {
         let last = self.last();
         let events = last.events.iter().cloned().collect();
         let past = Picture { events, ..Picture::default() };
-        (vec![message(Said::Standing(last.standing.clone())), message(Said::Picture(past))], told)
+        (vec![message(Said::Standing(last.newest.standing.clone())), message(Said::Picture(past))], told)
+    }
+
+    /// What is known now.
+    pub(crate) fn newest(&self) -> Newest {
+        self.last().newest.clone()
     }
 
     fn say(&self, said: Said) {

@@ -15,7 +15,9 @@
 //! | `standing` | how the system is, once a second |
 //! | [`sight`] | what a page can look at |
 //! | [`hub`] | between who makes pictures and who sends them |
+//! | `metrics` | how the system is, as Prometheus reads it |
 //! | [`server`] | connections and their limits |
+//! | `foxglove` | the system for Foxglove and Lichtblick, where that is built in |
 //! | `guard` | whom it answers, and what a browser may do with the answer |
 //! | `assets` | the page |
 //! | `socket` | a viewer |
@@ -26,8 +28,11 @@
 mod assets;
 pub mod board;
 mod commands;
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod guard;
 pub mod hub;
+mod metrics;
 pub mod picture;
 pub mod recording;
 pub mod server;
@@ -94,8 +99,13 @@ pub fn run() -> Result<(), CockpitError> {
     let at = server.address(Some(&token));
     let name = launch.name.clone();
     thread::spawn(move || tell_address(&name, &at));
-    let look = Look { hub: hub.clone(), desk: Some(desk.clone()) };
-    server.start(server::Site { sight: Arc::new(look), token: Some(token), recording: None })?;
+    let look = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
+    server.start(server::Site {
+        sight: Arc::new(look),
+        token: Some(token),
+        recording: None,
+        foxglove_origins: launch.cockpit.foxglove_origins,
+    })?;
     let mut source = Board::new(&launch.name);
     present(&mut source, desk, &hub, &mut |pictures| {
         if context.ends() {
@@ -116,13 +126,21 @@ pub fn present<E>(
 ) -> Result<(), E> {
     let mut thinner = Thinner::default();
     let mut watch = Watch::new(desk, source.has_every_tick());
+    #[cfg(feature = "foxglove")]
+    let mut feed = foxglove::feed::Feed::new(hub.live.clone());
     let mut told = None::<Instant>;
     while goes_on(thinner.pictures())? {
         let began = Instant::now();
+        #[cfg(feature = "foxglove")]
+        let now_ns = monotonic_ns();
         let state = source.look(&mut |topic, bytes| {
             thinner.take(topic, bytes);
             watch.take(topic, bytes);
+            #[cfg(feature = "foxglove")]
+            feed.take(topic, bytes, now_ns);
         });
+        #[cfg(feature = "foxglove")]
+        feed.source_is(&state);
         if told.is_none_or(|told| told.elapsed() >= STANDING_INTERVAL) || watch.is_another(&state) {
             told = Some(began);
             hub.tell(watch.standing(state));

@@ -1,7 +1,8 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, and of a recording its pictures. A request has no body; whoever sends none in
-//! time, and whoever comes when there are too many, is disconnected.
+//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
+//! `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none in time,
+//! and whoever comes when there are too many, is disconnected.
 
 use std::{
     io,
@@ -11,6 +12,7 @@ use std::{
     time::Duration,
 };
 
+use ::runtime::clock::monotonic_ns;
 use axum::{
     Router,
     body::Body,
@@ -33,9 +35,9 @@ use tokio::{
 use crate::{
     assets::Page,
     commands::{self, Commands},
-    guard,
+    guard, metrics,
     recording::Recording,
-    sight::Sight,
+    sight::{Look, Sight},
     socket,
     token::Token,
 };
@@ -44,7 +46,10 @@ use crate::{
 pub const CONNECTIONS_MAX: usize = 96;
 /// Viewers at once.
 pub const VIEWERS_MAX: usize = 32;
-/// A command's bytes at most.
+/// Clients of the Foxglove WebSocket protocol at once.
+#[cfg(feature = "foxglove")]
+pub const CLIENTS_MAX: usize = 8;
+/// The bytes of a viewer's command, or of a client's request, at most.
 const MESSAGE_MAX: usize = 4096;
 /// A request's headers, bytes.
 const HEADERS_MAX: usize = 16 * 1024;
@@ -88,6 +93,8 @@ pub struct Site {
     pub token: Option<Token>,
     /// What is shown in the place of a system.
     pub recording: Option<Arc<Recording>>,
+    /// Pages of others that `/foxglove` answers, by their origins.
+    pub foxglove_origins: Vec<String>,
 }
 
 struct Served {
@@ -95,6 +102,21 @@ struct Served {
     site: Site,
     room: Arc<Semaphore>,
     viewers: Arc<Semaphore>,
+    #[cfg(feature = "foxglove")]
+    clients: Arc<Semaphore>,
+}
+
+impl Served {
+    /// Where the pictures come from of the vehicle that a request names, or of what is shown where it names none.
+    fn look(&self, uri: &Uri) -> Result<Look, Response> {
+        let vehicle = match uri.query().map(|query| query.split_once('=')) {
+            None => Ok(None),
+            Some(Some(("vehicle", name))) => Ok(Some(name)),
+            Some(_) => Err(format!("expected {0} or {0}?vehicle=NAME", uri.path())),
+        };
+        let look = vehicle.and_then(|vehicle| self.site.sight.look(vehicle));
+        look.map_err(|why| (StatusCode::NOT_FOUND, format!("{why}\n")).into_response())
+    }
 }
 
 impl Server {
@@ -130,17 +152,24 @@ impl Server {
             let _inside = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
+        let foxglove_origins: Arc<[String]> = site.foxglove_origins.clone().into();
         let served = Arc::new(Served {
             page: Page::new(),
             room: Arc::new(Semaphore::new(commands::UNDER_WAY_MAX)),
             site,
             viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
+            #[cfg(feature = "foxglove")]
+            clients: Arc::new(Semaphore::new(CLIENTS_MAX)),
         });
         let router = Router::new()
             .route("/socket", get(connect))
             .route("/pictures", get(pictures))
+            .route("/metrics", get(figures));
+        #[cfg(feature = "foxglove")]
+        let router = router.route(guard::FOXGLOVE, get(foxglove));
+        let router = router
             .fallback(asset)
-            .layer(middleware::from_fn(guard::guard))
+            .layer(middleware::from_fn_with_state(foxglove_origins, guard::guard))
             .with_state(served);
         let work = move || runtime.block_on(serve(listener, router));
         thread::Builder::new().name("cockpit-server".into()).spawn(work).map_err(ServerError::Start)?;
@@ -180,17 +209,16 @@ async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) 
     served.page.answer(uri.path(), &headers)
 }
 
-/// `/socket` and `/socket?vehicle=NAME`.
+/// A viewer.
 async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
-    let look = match vehicle(&uri).and_then(|vehicle| served.site.sight.look(vehicle)) {
+    let look = match served.look(&uri) {
         Ok(look) => look,
-        Err(why) => return (StatusCode::NOT_FOUND, format!("{why}\n")).into_response(),
+        Err(refused) => return refused,
     };
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
     };
-    let limited = upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20);
-    limited.on_upgrade(async move |socket| {
+    limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
         let desk = look.desk.clone().filter(|desk| desk.takes_commands());
         let commands = desk.zip(served.site.token.clone());
@@ -199,13 +227,42 @@ async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocket
     })
 }
 
-/// The vehicle that a request is about, where it names one.
-fn vehicle(uri: &Uri) -> Result<Option<&str>, String> {
-    match uri.query().map(|query| query.split_once('=')) {
-        None => Ok(None),
-        Some(Some(("vehicle", name))) => Ok(Some(name)),
-        Some(_) => Err("expected /socket or /socket?vehicle=NAME".into()),
+fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
+    upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20)
+}
+
+/// A client of the Foxglove WebSocket protocol.
+#[cfg(feature = "foxglove")]
+async fn foxglove(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
+    use crate::foxglove::{client, protocol};
+    if served.site.recording.is_some() {
+        return (StatusCode::NOT_FOUND, "this is a recording: open its file in the viewer\n").into_response();
     }
+    let look = match served.look(&uri) {
+        Ok(look) => look,
+        Err(refused) => return refused,
+    };
+    let upgrade = upgrade.protocols(protocol::NAMES);
+    if upgrade.selected_protocol().is_none() {
+        let expected = format!("expected the subprotocol {}\n", protocol::NAMES.join(" or "));
+        return (StatusCode::BAD_REQUEST, expected).into_response();
+    }
+    let Ok(permit) = served.clients.clone().try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many are connected already; close one\n").into_response();
+    };
+    limited(upgrade).on_upgrade(async move |socket| {
+        let _permit: OwnedSemaphorePermit = permit;
+        client::serve(socket, &look.system, &look.hub.live).await;
+    })
+}
+
+async fn figures(State(served): State<Arc<Served>>, uri: Uri) -> Response {
+    let look = match served.look(&uri) {
+        Ok(look) => look,
+        Err(refused) => return refused,
+    };
+    let text = metrics::text(&look.system, &look.hub.newest(), monotonic_ns());
+    ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
 /// `/pictures?FROM+COUNT`: pictures of a recording.

@@ -7,6 +7,8 @@ use crate::{hub::Hub, source::Desk};
 /// Where a page's pictures come from.
 #[derive(Clone)]
 pub struct Look {
+    /// The system's name, or that of the recording.
+    pub system: String,
     /// Between who makes pictures and this page.
     pub hub: Arc<Hub>,
     /// Who takes commands.

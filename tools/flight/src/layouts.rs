@@ -4,18 +4,17 @@ use std::{collections::BTreeSet, fs, path::Path};
 
 use graph::Topic;
 use prost_types::{DescriptorProto, FileDescriptorSet};
-use wire::schema;
-
-use crate::channel::{Encoder, FOR_VIEWERS};
+use wire::{
+    channel::{Channel, channels},
+    schema,
+};
 
 /// Every message of a schema by its full name.
 struct Schemas(Vec<(String, DescriptorProto)>);
 
 impl Schemas {
     fn all() -> Self {
-        let names = Topic::ALL.iter().map(|topic| Encoder::schema(*topic));
-        let names = names.chain(FOR_VIEWERS.map(|(_, schema, _)| schema.into()));
-        let sets = names.map(|name| schema::descriptors_of(&name).unwrap());
+        let sets = channels(Topic::ALL).into_iter().map(|channel| schema::descriptors_of(&channel.schema).unwrap());
         let files = sets.flat_map(|set| <FileDescriptorSet as prost::Message>::decode(&*set).unwrap().file);
         let messages = files.flat_map(|file| {
             let package = file.package().to_owned();
@@ -26,13 +25,8 @@ impl Schemas {
 
     /// The path leads from the topic's message to a number.
     fn has(&self, topic: &str, path: &[&str]) -> bool {
-        let schema = match FOR_VIEWERS.iter().find(|(channel, _, _)| *channel == topic) {
-            Some((_, schema, _)) => (*schema).into(),
-            None => match Topic::named(topic.trim_start_matches('/')) {
-                Some(topic) => Encoder::schema(topic),
-                None => return false,
-            },
-        };
+        let found = channels(Topic::ALL).into_iter().find(|channel| channel.name == topic);
+        let Some(Channel { schema, .. }) = found else { return false };
         let mut here = Some(format!(".{schema}"));
         for name in path {
             let message = here.and_then(|here| self.0.iter().find(|(full, _)| *full == here));

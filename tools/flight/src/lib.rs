@@ -9,7 +9,6 @@
 //! | --- | --- |
 //! | [`recorder`] | what a reader hands messages to, and the thread that writes |
 //! | `writer` | the MCAP file: channels, messages, metadata, attachments |
-//! | `channel` | a topic's message as protobuf, with its times |
 //! | `chunk_file` | a file that grows by whole chunks |
 //! | `gaps` | which ticks never came |
 //! | [`summary`] | what came of it |
@@ -17,7 +16,6 @@
 //! | [`info`] | what a flight holds |
 #![forbid(unsafe_code)]
 
-mod channel;
 mod chunk_file;
 mod error;
 mod gaps;
@@ -31,9 +29,9 @@ pub mod summary;
 mod tests;
 mod writer;
 
-pub use channel::Stamps;
 pub use error::FlightError;
 pub use info::FlightInfo;
 pub use reader::{is_flight, launch_file, messages_of};
 pub use recorder::{Heading, Mode, Recorder, free_path};
 pub use summary::Summary;
+pub use wire::channel::Stamps;

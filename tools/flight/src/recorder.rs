@@ -15,21 +15,24 @@ use std::{
     time::{Duration, Instant},
 };
 
-use graph::Topic;
+use graph::{Presence, Topic};
 use launch::Output;
 use mcap::McapResult;
-use runtime::{ServiceConfig, clock::monotonic_ns};
+use runtime::{
+    ServiceConfig,
+    clock::{monotonic_ns, realtime_offset_ns},
+};
 use rustix::time::{ClockId, clock_gettime};
 use time::OffsetDateTime;
+use wire::channel::{Clocks, Fields, number};
 
 use crate::{
     FlightError, Summary,
-    channel::{Clocks, Fields, has_every_tick, number},
     chunk_file::ChunkFile,
     error::creating,
     gaps::Gaps,
     summary::TopicSummary,
-    writer::{Writer, ended},
+    writer::{Writer, ended, now_ns},
 };
 
 /// How often what was taken is handed to the thread that writes, and how often that puts a chunk into the file.
@@ -148,7 +151,7 @@ impl Heading {
             ("system", Some(system.clone())),
             ("host", Some(host.clone())),
             ("launch_file", launch_file.as_ref().map(|path| path.display().to_string())),
-            ("start_utc", Some(utc(clocks.now_s(), ["-", "T", ":"]))),
+            ("start_utc", Some(utc((now_ns(clocks) / 1_000_000_000).cast_signed(), ["-", "T", ":"]))),
             ("rate_hz", Some(rate_hz.to_string())),
             ("realtime_less_monotonic_ns", Some(clocks.offset_ns.to_string())),
             ("world", Some("east, north, up where the course is true, else turned about the vertical".to_owned())),
@@ -161,24 +164,11 @@ impl Heading {
     }
 }
 
-impl Clocks {
-    fn measured(rate_hz: f64) -> Self {
-        let realtime = clock_gettime(ClockId::Realtime);
-        let offset_ns = realtime.tv_sec * 1_000_000_000 + realtime.tv_nsec - monotonic_ns().cast_signed();
-        Self { offset_ns, rate_hz }
-    }
-
-    /// Seconds since 1970 now.
-    fn now_s(self) -> i64 {
-        (monotonic_ns().cast_signed() + self.offset_ns) / 1_000_000_000
-    }
-}
-
 impl Recorder {
     /// Begins a file with these topics.
     pub fn begin(path: &Path, heading: &Heading, topics: &[Topic], mode: Mode) -> Result<Self, FlightError> {
         let file = ChunkFile::create(path)?;
-        let clocks = Clocks::measured(heading.rate_hz);
+        let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: heading.rate_hz };
         let (queue, orders) = sync_channel(BATCHES);
         let (done, ended) = sync_channel(1);
         let failure = Arc::new(OnceLock::new());
@@ -384,4 +374,9 @@ fn utc(unix_s: i64, [between, and, colon]: [&str; 3]) -> String {
     let (year, month, day) = (at.year(), u8::from(at.month()), at.day());
     let (hour, minute, second) = (at.hour(), at.minute(), at.second());
     format!("{year:04}{between}{month:02}{between}{day:02}{and}{hour:02}{colon}{minute:02}{colon}{second:02}Z")
+}
+
+/// Every tick is expected on the topic.
+fn has_every_tick(topic: Topic) -> bool {
+    topic.entry().presence == Presence::EveryTick
 }

@@ -7,13 +7,9 @@ use std::{borrow::Cow, collections::BTreeMap, io, path::Path};
 use graph::Topic;
 use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions, records::MessageHeader, records::Metadata};
 use messages::layout;
+use wire::channel::{self, Clocks, Encoder, for_viewers};
 
-use crate::{
-    FlightError, Heading, Stamps,
-    channel::{Clocks, Encoder, FOR_VIEWERS, for_viewers},
-    chunk_file::ChunkFile,
-    summary::TopicSummary,
-};
+use crate::{FlightError, Heading, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
 
 /// A chunk of so many bytes, uncompressed, ends before its time.
 const CHUNK_BYTES: u64 = 1 << 20;
@@ -32,14 +28,15 @@ pub(crate) struct Writer {
     channels: Vec<Channel>,
     /// The places of topics among the channels.
     places: Vec<Option<usize>>,
-    /// The channels of [`FOR_VIEWERS`] whose topics are recorded.
-    viewers: Vec<(u16, &'static str, Topic)>,
+    /// The channels for viewers.
+    viewers: Vec<(u16, channel::Channel)>,
     /// First and last message, CLOCK_REALTIME, ns.
     span_ns: Option<[u64; 2]>,
 }
 
 struct Channel {
     id: u16,
+    topic: Topic,
     encoder: Encoder,
     messages: u64,
     /// Of these, those in chunks that are in the file.
@@ -53,22 +50,29 @@ impl Writer {
         let options = WriteOptions::new().profile("").library(library).compression(Some(Compression::Lz4));
         let mut mcap = options.chunk_size(Some(CHUNK_BYTES)).disable_seeking(true).create(file)?;
         mcap.write_metadata(&Metadata { name: BEGINNING.into(), metadata: heading.entries(clocks) })?;
-        let start_ns = clocks.now_ns();
+        let start_ns = now_ns(clocks);
         if let Some(launch) = &heading.launch {
             mcap.attach(&attachment(LAUNCH, "application/toml", launch.as_bytes(), start_ns))?;
         }
         mcap.attach(&attachment(CONFIG, "application/json", heading.config.as_bytes(), start_ns))?;
         let mut channels = Vec::new();
         let mut places = vec![None; Topic::ALL.len()];
-        for topic in topics {
-            let about = BTreeMap::from([("type".into(), layout(*topic).name.into())]);
-            let id = channel(&mut mcap, &Encoder::name(*topic), &Encoder::schema(*topic), &about)?;
-            places[*topic as usize] = Some(channels.len());
-            channels.push(Channel { id, encoder: Encoder::new(*topic), messages: 0, in_file: 0 });
-        }
         let mut viewers = Vec::new();
-        for (name, schema, topic) in FOR_VIEWERS.into_iter().filter(|(_, _, topic)| topics.contains(topic)) {
-            viewers.push((channel(&mut mcap, name, schema, &BTreeMap::new())?, name, topic));
+        for named in channel::channels(topics) {
+            if named.is_for_viewers {
+                viewers.push((add_channel(&mut mcap, &named, &BTreeMap::new())?, named));
+                continue;
+            }
+            let about = BTreeMap::from([("type".into(), layout(named.topic).name.into())]);
+            let id = add_channel(&mut mcap, &named, &about)?;
+            places[named.topic as usize] = Some(channels.len());
+            channels.push(Channel {
+                id,
+                topic: named.topic,
+                encoder: Encoder::new(named.topic),
+                messages: 0,
+                in_file: 0,
+            });
         }
         mcap.flush()?;
         Ok(Self { mcap, clocks, channels, places, viewers, span_ns: None })
@@ -83,8 +87,8 @@ impl Writer {
         channel.messages += 1;
         let [first, last] = span_ns.unwrap_or([stamps.log_ns; 2]);
         *span_ns = Some([first.min(stamps.log_ns), last.max(stamps.log_ns)]);
-        for (id, name, _) in viewers.iter().filter(|(_, _, of)| *of == topic) {
-            if let Some(form) = for_viewers(name, bytes, stamps.log_ns) {
+        for (id, named) in viewers.iter().filter(|(_, named)| named.topic == topic) {
+            if let Some(form) = for_viewers(&named.name, bytes, stamps.log_ns) {
                 put(mcap, *id, stamps, &form)?;
             }
         }
@@ -93,7 +97,7 @@ impl Writer {
 
     /// Says that messages were missed: how many of each topic so far.
     pub(crate) fn missed(&mut self, missed: &BTreeMap<Topic, u64>) -> McapResult<()> {
-        let entries = missed.iter().map(|(topic, count)| (Encoder::name(*topic), count.to_string()));
+        let entries = missed.iter().map(|(topic, count)| (format!("/{}", topic.name()), count.to_string()));
         self.mcap.write_metadata(&Metadata { name: MISSED.into(), metadata: entries.collect() })
     }
 
@@ -109,7 +113,7 @@ impl Writer {
         let entries = [("how".to_owned(), how.to_owned())];
         self.mcap.write_metadata(&Metadata { name: END.into(), metadata: entries.into() })?;
         if let Some(report) = report {
-            let end_ns = self.clocks.now_ns();
+            let end_ns = now_ns(self.clocks);
             self.mcap.attach(&attachment(REPORT, "application/json", report.as_bytes(), end_ns))?;
         }
         self.flush()?;
@@ -120,7 +124,7 @@ impl Writer {
     /// The file with what is still to be put into it, if it has not ended; how long the flight was, s; and its messages by topic.
     pub(crate) fn into_file(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
-            topic: channel.encoder.topic.name(),
+            topic: channel.topic.name(),
             messages: channel.in_file,
             missed: 0,
         });
@@ -129,11 +133,9 @@ impl Writer {
     }
 }
 
-impl Clocks {
-    /// CLOCK_REALTIME as the file has it, ns.
-    fn now_ns(self) -> u64 {
-        runtime::clock::monotonic_ns().saturating_add_signed(self.offset_ns)
-    }
+/// CLOCK_REALTIME as the file has it, ns.
+pub(crate) fn now_ns(clocks: Clocks) -> u64 {
+    runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
 /// What the system answered, without what the library says around it.
@@ -145,10 +147,9 @@ pub(crate) fn ended(path: &Path, error: McapError) -> FlightError {
     FlightError::Ends { path: path.to_owned(), cause }
 }
 
-fn channel(
+fn add_channel(
     mcap: &mut mcap::Writer<ChunkFile>,
-    name: &str,
-    schema: &str,
+    channel::Channel { name, schema, .. }: &channel::Channel,
     about: &BTreeMap<String, String>,
 ) -> McapResult<u16> {
     let no_schema = || io::Error::other(format!("there is no schema of the name {schema}"));

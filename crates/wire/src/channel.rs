@@ -1,40 +1,77 @@
-//! A topic's message as protobuf, with its times.
+//! Topics as channels of flights and viewers: each message as protobuf with its times, the attitude beside it as viewers know it.
+//!
+//! Input: messages as bytes of the bus. Output: bytes in the schema of the channel. Time: [`Stamps`] says which clock is which. Failure: bytes
+//! that are no message give none.
 
 use attitude::frames::{Frame, QuaternionOrder};
-use graph::{Presence, Topic};
+use graph::Topic;
 use messages::{AttitudeOutput, GnssFix};
-use wire::{Payload, viewer};
+
+use crate::{Payload, viewer};
 
 /// The frame in which viewers see the attitude: east, north, up where the course is true, else turned about the vertical.
-pub(crate) const WORLD: &str = "world";
+const WORLD: &str = "world";
 /// The body's frame there: forward, left, up.
-pub(crate) const BODY: &str = "body";
+const BODY: &str = "body";
 /// The attitude as a frame that turns in another.
-pub(crate) const TF: &str = "/tf";
+const TF: &str = "/tf";
 /// The attitude as a pose.
-pub(crate) const POSE: &str = "/pose";
+const POSE: &str = "/pose";
 /// Where the body is.
-pub(crate) const LOCATION: &str = "/location";
+const LOCATION: &str = "/location";
 
-/// What is recorded for viewers: a channel, its schema, and the topic that it is made of.
-pub(crate) const FOR_VIEWERS: [(&str, &str, Topic); 3] = [
+/// What is made for viewers: a channel, its schema, and the topic that it is made of.
+const FOR_VIEWERS: [(&str, &str, Topic); 3] = [
     (TF, viewer::FRAME_TRANSFORM, Topic::Attitude),
     (POSE, viewer::POSE_IN_FRAME, Topic::Attitude),
     (LOCATION, viewer::LOCATION_FIX, Topic::Gnss),
 ];
 
-/// What messages of a topic say of themselves: where the numbers stand that tell their place in time.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Fields {
-    pub(crate) tick: Option<usize>,
-    t_sent_ns: Option<usize>,
-    pub(crate) lost_upstream: Option<usize>,
+/// A channel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Channel {
+    /// Its name.
+    pub name: String,
+    /// The name of its schema, which [`descriptors_of`](crate::schema::descriptors_of) knows.
+    pub schema: String,
+    /// The topic that it is made of.
+    pub topic: Topic,
+    /// It has what [`for_viewers`] makes of the topic's messages, not these themselves.
+    pub is_for_viewers: bool,
 }
 
-/// The times of a message in a flight.
+/// The channels of these topics: their own, then those for viewers.
+pub fn channels(topics: &[Topic]) -> Vec<Channel> {
+    let own = topics.iter().map(|topic| Channel {
+        name: format!("/{}", topic.name()),
+        schema: format!("plumbline.v1.{}", topic.entry().payload),
+        topic: *topic,
+        is_for_viewers: false,
+    });
+    let made = FOR_VIEWERS.into_iter().filter(|(_, _, topic)| topics.contains(topic));
+    let made = made.map(|(name, schema, topic)| Channel {
+        name: name.into(),
+        schema: schema.into(),
+        topic,
+        is_for_viewers: true,
+    });
+    own.chain(made).collect()
+}
+
+/// What messages of a topic say of themselves: where the numbers stand that tell their place in time.
+#[derive(Debug, Clone, Copy)]
+pub struct Fields {
+    /// The tick.
+    pub tick: Option<usize>,
+    t_sent_ns: Option<usize>,
+    /// The ticks that the publisher never had.
+    pub lost_upstream: Option<usize>,
+}
+
+/// The times of a message on a channel.
 ///
 /// `log_time` is when it was published on CLOCK_REALTIME: the stamp `t_sent_ns` of CLOCK_MONOTONIC, or for messages without one the time
-/// at which the recorder took it, moved by the difference that the clocks had when the recording began. So it never leaps, not even when
+/// at which it was taken, moved by the difference that the clocks had at the beginning. So it never leaps, not even when
 /// the clock is set. `publish_time` is the end of the sample's interval on the source's clock, and where a message has none, the same as
 /// `log_time`. `sequence` is the tick, and where there is none the number of the message on its channel; both modulo 2³².
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,9 +84,9 @@ pub struct Stamps {
     pub sequence: u32,
 }
 
-/// A topic's messages on their way into a file.
-pub(crate) struct Encoder {
-    pub(crate) topic: Topic,
+/// A topic's messages on their way to its channel.
+#[derive(Debug)]
+pub struct Encoder {
     fields: Fields,
     encode: fn(&[u8], f64) -> Option<Encoded>,
     count: u32,
@@ -58,17 +95,18 @@ pub(crate) struct Encoder {
 /// A message as protobuf, and its time on the source's clock, ns, where it has one.
 type Encoded = (Vec<u8>, Option<i64>);
 
-/// Clocks of a recording.
+/// The clocks of a board.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Clocks {
-    /// CLOCK_REALTIME less CLOCK_MONOTONIC when it began, ns.
-    pub(crate) offset_ns: i64,
+pub struct Clocks {
+    /// CLOCK_REALTIME less CLOCK_MONOTONIC at the beginning, ns.
+    pub offset_ns: i64,
     /// Ticks per second of the source's time.
-    pub(crate) rate_hz: f64,
+    pub rate_hz: f64,
 }
 
 impl Fields {
-    pub(crate) fn of(topic: Topic) -> Self {
+    /// Those of a topic.
+    pub fn of(topic: Topic) -> Self {
         let layout = messages::layout(topic);
         let at = |name: &str| {
             let found = layout.fields.iter().find(|field| field.name == name && field.kind == "u64");
@@ -79,35 +117,31 @@ impl Fields {
 }
 
 impl Encoder {
-    pub(crate) fn new(topic: Topic) -> Self {
-        Self { topic, fields: Fields::of(topic), encode: messages::dispatch!(topic, M => encoded::<M>), count: 0 }
+    /// Of a topic.
+    pub fn new(topic: Topic) -> Self {
+        Self { fields: Fields::of(topic), encode: messages::dispatch!(topic, M => encoded::<M>), count: 0 }
     }
 
-    /// The name of the topic's channel.
-    pub(crate) fn name(topic: Topic) -> String {
-        format!("/{}", topic.name())
+    /// When a message that was taken at `taken_ns` was published, CLOCK_MONOTONIC, ns.
+    pub fn sent_ns(&self, bytes: &[u8], taken_ns: u64) -> u64 {
+        let sent_ns = self.fields.t_sent_ns.and_then(|at| number(bytes, at));
+        sent_ns.filter(|sent_ns| *sent_ns > 0).unwrap_or(taken_ns)
     }
 
-    /// The name of the topic's schema.
-    pub(crate) fn schema(topic: Topic) -> String {
-        format!("plumbline.v1.{}", topic.entry().payload)
-    }
-
-    /// A message that the recorder took at `taken_ns`, CLOCK_MONOTONIC; `None` where the bytes are none.
-    pub(crate) fn encode(&mut self, bytes: &[u8], taken_ns: u64, clocks: Clocks) -> Option<(Vec<u8>, Stamps)> {
+    /// A message that was taken at `taken_ns`, CLOCK_MONOTONIC; `None` where the bytes are none.
+    pub fn encode(&mut self, bytes: &[u8], taken_ns: u64, clocks: Clocks) -> Option<(Vec<u8>, Stamps)> {
         let (data, source_ns) = (self.encode)(bytes, clocks.rate_hz)?;
-        let Fields { tick, t_sent_ns, .. } = self.fields;
-        let sent_ns = t_sent_ns.and_then(|at| number(bytes, at)).filter(|sent_ns| *sent_ns > 0).unwrap_or(taken_ns);
-        let log_ns = sent_ns.saturating_add_signed(clocks.offset_ns);
+        let log_ns = self.sent_ns(bytes, taken_ns).saturating_add_signed(clocks.offset_ns);
         let source_ns = source_ns.map_or(log_ns, |source_ns| u64::try_from(source_ns).unwrap_or(0));
-        let sequence = tick.and_then(|at| number(bytes, at)).map_or(self.count, |tick| tick as u32);
+        let tick = self.fields.tick.and_then(|at| number(bytes, at));
+        let sequence = tick.map_or(self.count, |tick| tick as u32);
         self.count = self.count.wrapping_add(1);
         Some((data, Stamps { log_ns, source_ns, sequence }))
     }
 }
 
-/// What the channel of [`FOR_VIEWERS`] has of a message of its topic; `None` where that tells nothing of it.
-pub(crate) fn for_viewers(channel: &str, message: &[u8], log_ns: u64) -> Option<Vec<u8>> {
+/// What a channel for viewers has of a message of its topic, published at `log_ns` of CLOCK_REALTIME; `None` where that tells nothing of it.
+pub fn for_viewers(channel: &str, message: &[u8], log_ns: u64) -> Option<Vec<u8>> {
     let xyzw = || {
         let attitude: AttitudeOutput = bytemuck::try_pod_read_unaligned(message).ok()?;
         Some(QuaternionOrder::Xyzw.ordered(Frame::EnuFlu.quaternion(attitude.quaternion)))
@@ -126,13 +160,8 @@ pub(crate) fn for_viewers(channel: &str, message: &[u8], log_ns: u64) -> Option<
 }
 
 /// A number of 64 bits in a message.
-pub(crate) fn number(bytes: &[u8], offset: usize) -> Option<u64> {
+pub fn number(bytes: &[u8], offset: usize) -> Option<u64> {
     Some(u64::from_ne_bytes(bytes.get(offset..offset + 8)?.try_into().ok()?))
-}
-
-/// Every tick is expected on the topic.
-pub(crate) fn has_every_tick(topic: Topic) -> bool {
-    topic.entry().presence == Presence::EveryTick
 }
 
 /// `None` where the bytes are no message.

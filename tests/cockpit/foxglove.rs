@@ -1,0 +1,214 @@
+//! What a viewer of the Foxglove WebSocket protocol sees is the system; what strangers get is nothing.
+use std::{
+    collections::BTreeMap,
+    io::{BufRead as _, BufReader},
+    net::TcpStream,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::LazyLock,
+    thread,
+    time::Duration,
+};
+
+use crate::{
+    common::{System, beyond::free_port, plumb, python::python, signal, until},
+    page::{View, row, with_cockpit},
+    strangers::{UPGRADE, connected, get},
+};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// A Python with what the client needs, made once.
+static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
+    python("foxglove-venv", "websockets.sync.client, google.protobuf", &["websockets==16.0", "protobuf==7.36.2"])
+});
+
+fn client(python: &Path, port: u16, protocol: &str, what: &str) -> Command {
+    let mut command = Command::new(python);
+    command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/foxglove.py"));
+    command.arg(format!("ws://127.0.0.1:{port}/foxglove")).args([protocol, what]).stdout(Stdio::piped());
+    command
+}
+
+fn listens(port: u16) {
+    until("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+}
+
+/// The same attitude in the frames of viewers, x y z w: q times a quarter turn about up.
+fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
+    let s = 0.5_f64.sqrt();
+    [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
+}
+
+#[test]
+fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
+    let Some(python) = &*PYTHON else { return };
+    let (system, port) = with_cockpit("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.all_run();
+    listens(port);
+    let mut child = client(python, port, "foxglove.sdk.v1", "6").spawn().unwrap();
+    thread::sleep(Duration::from_secs(2));
+    signal(running.service("accel"), Signal::KILL);
+    let seen: Value = serde_json::from_reader(child.stdout.take().unwrap()).unwrap();
+    assert!(child.wait().unwrap().success());
+    running.interrupt();
+    running.wait().assert_whole();
+
+    assert_eq!(seen["bad"], Value::Array(vec![]));
+    assert_eq!((&seen["protocol"], &seen["info"]["op"]), (&"foxglove.sdk.v1".into(), &"serverInfo".into()));
+    assert_eq!(seen["info"]["name"], format!("plumbline {}", system.name));
+    for (topic, schema) in [
+        ("/tf", "foxglove.FrameTransform"),
+        ("/pose", "foxglove.PoseInFrame"),
+        ("/location", "foxglove.LocationFix"),
+        ("/attitude", "plumbline.v1.AttitudeOutput"),
+        ("/event", "plumbline.v1.SystemEvent"),
+    ] {
+        assert_eq!(seen["schemas"][topic], schema, "{topic}");
+    }
+    let messages: BTreeMap<String, u64> = serde_json::from_value(seen["messages"].clone()).unwrap();
+    for topic in ["/tf", "/pose", "/attitude", "/fused", "/gyro", "/accel", "/imu", "/health"] {
+        assert!(messages.get(topic) > Some(&100), "{topic}: {messages:?}");
+    }
+    let most: BTreeMap<String, u64> = serde_json::from_value(seen["most_in_a_second"].clone()).unwrap();
+    println!("{messages:?}, at most {most:?}");
+    assert!(most.iter().all(|(topic, most)| *most <= 60 || topic == "/event"), "{most:?}");
+
+    // What happened to the service is told whole.
+    let events: Vec<u64> = serde_json::from_value(seen["events"].clone()).unwrap();
+    assert!(events.len() >= 2 && events.windows(2).all(|pair| pair[1] == pair[0] + 1), "{events:?}");
+
+    let rows: Vec<[f64; 9]> = serde_json::from_value(seen["rows"].clone()).unwrap();
+    assert!(rows.len() > 100 && messages["/tf"].abs_diff(messages["/attitude"]) <= 1, "{} rows", rows.len());
+    for [tick, quaternion @ .., x, y, z, w] in rows {
+        let written = row(&out, tick as u64);
+        assert_eq!(quaternion, written[1..5], "tick {tick}");
+        let off = for_viewers(quaternion).into_iter().zip([x, y, z, w]).map(|(own, told)| (own - told).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-15, "tick {tick}");
+    }
+    assert_eq!(seen["poses_differ"], 0);
+    // The time of a message is that of its publication.
+    let [now, newest] = ["now_ns", "newest_ns"].map(|name| seen[name].as_f64().unwrap() * 1e-9);
+    assert!(newest <= now && newest > now - 30.0, "{newest} s of {now} s");
+    let narrow = &seen["narrow"];
+    assert_eq!((&narrow["topics"], &narrow["late"]), (&serde_json::json!(["/tf"]), &0.into()), "{narrow}");
+    assert!(narrow["messages"].as_u64() > Some(10), "{narrow}");
+}
+
+#[test]
+fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
+    let Some(python) = &*PYTHON else { return };
+    let system = System::new("");
+    let running = system.start(&[]);
+    system.all_run();
+    let port = free_port();
+    let mut command = plumb(&["view", "--system", &system.name, "--listen", &format!("127.0.0.1:{port}")]);
+    command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
+    let view = View::start(command);
+    let mut child = client(python, port, "foxglove.websocket.v1", "another-session").spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let mut said = || -> Value { serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap() };
+    let first = said()["sees"].clone();
+    assert!(said()["tick"].as_u64() > Some(1000));
+    running.interrupt();
+    running.wait().assert_whole();
+    let again = system.start(&[]);
+    let mut last = said();
+    while last["infos"].is_null() {
+        last = said();
+    }
+    assert!(child.wait().unwrap().success());
+    let infos = last["infos"].as_array().unwrap();
+    assert_eq!((infos.len(), &infos[0]["sessionId"]), (2, &first), "{last}");
+    assert!(infos[1]["op"] == "serverInfo" && infos[1]["sessionId"] != first, "{last}");
+    let ticks: Vec<u64> = serde_json::from_value(last["ticks"].clone()).unwrap();
+    assert!(ticks.len() >= 10 && ticks.windows(2).all(|pair| pair[0] < pair[1]), "{ticks:?}");
+    view.end();
+    again.interrupt();
+    again.wait().assert_whole();
+}
+
+const PROTOCOL: &str = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
+
+#[test]
+fn pages_of_others_are_answered_where_the_launch_file_names_them_and_only_there() {
+    let named = "https://app.foxglove.dev";
+    for origins in [vec![], vec![named]] {
+        let (system, port) = with_cockpit(&format!("cockpit.foxglove_origins = {origins:?}"));
+        let running = system.start(&[]);
+        system.all_run();
+        listens(port);
+        let host = format!("Host: 127.0.0.1:{port}\r\n");
+        let from =
+            |path: &str, origin: &str| get(port, path, &format!("{host}Origin: {origin}\r\n{PROTOCOL}{UPGRADE}"));
+        let expected = if origins.is_empty() { "http/1.1 403" } else { "http/1.1 101" };
+        let answer = from("/foxglove", named);
+        assert!(answer.starts_with(expected), "{answer}");
+        for (path, origin) in [("/socket", named), ("/metrics", named), ("/foxglove", "https://evil.example")] {
+            let answer = from(path, origin);
+            assert!(answer.starts_with("http/1.1 403"), "{path}, {origin}: {answer}");
+        }
+        let answer = get(port, "/foxglove", &format!("Host: evil.example\r\n{PROTOCOL}{UPGRADE}"));
+        assert!(answer.starts_with("http/1.1 421"), "{answer}");
+        let own = from("/foxglove", &format!("http://127.0.0.1:{port}"));
+        assert!(own.starts_with("http/1.1 101") && own.contains("sec-websocket-protocol: foxglove.sdk.v1"), "{own}");
+        let none = get(port, "/foxglove", &format!("{host}{UPGRADE}"));
+        assert!(none.starts_with("http/1.1 400"), "without the subprotocol: {none}");
+        running.interrupt();
+        running.wait().assert_whole();
+    }
+}
+
+/// A text of a client, masked as clients do: by zeros.
+fn text(said: &str) -> Vec<u8> {
+    let length = u16::try_from(said.len()).unwrap();
+    let head = if length < 126 { vec![0x81, 0x80 | length as u8] } else { vec![0x81, 0x80 | 126] };
+    let more = if length < 126 { vec![] } else { length.to_be_bytes().to_vec() };
+    [head, more, vec![0; 4], said.as_bytes().to_vec()].concat()
+}
+
+#[test]
+fn many_clients_and_one_that_takes_nothing_cost_no_tick_and_more_are_refused() {
+    use std::io::{Read as _, Write as _};
+    let (system, port) = with_cockpit("");
+    let running = system.start(&[]);
+    system.all_run();
+    listens(port);
+    let request = format!("GET /foxglove HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{PROTOCOL}{UPGRADE}\r\n");
+    let all: Vec<_> = (0..14).map(|id| format!("{{\"id\":{id},\"channelId\":{id}}}")).collect();
+    let subscribe = text(&format!("{{\"op\":\"subscribe\",\"subscriptions\":[{}]}}", all.join(",")));
+    let clients: Vec<_> = (0..8)
+        .map(|_| {
+            let (mut stream, answer) = connected(port, &request);
+            assert!(answer.starts_with("http/1.1 101"), "{answer}");
+            stream.write_all(&subscribe).unwrap();
+            stream
+        })
+        .collect();
+    let (_, ninth) = connected(port, &request);
+    assert!(ninth.starts_with("http/1.1 503"), "{ninth}");
+    // Seven read some seconds of everything, the eighth nothing.
+    thread::scope(|scope| {
+        for mut client in clients.iter().take(7) {
+            scope.spawn(move || {
+                let (mut bytes, mut taken) = (vec![0; 1 << 16], 0);
+                while taken < 400_000 {
+                    let read = client.read(&mut bytes).unwrap();
+                    assert!(read > 0, "dropped after {taken} bytes");
+                    taken += read;
+                }
+            });
+        }
+    });
+    // Who says what is none is told so, and who says too much is dropped.
+    let mut client = &clients[0];
+    client.write_all(&text(&"x".repeat(5000))).unwrap();
+    let mut left = Vec::new();
+    // The end may come as one or as a break.
+    let _ = client.read_to_end(&mut left);
+    drop(clients);
+    running.interrupt();
+    running.wait().assert_whole();
+}

@@ -1,0 +1,35 @@
+"""Reads /metrics by the package prometheus_client, with nothing of ours, and prints what it holds as JSON.
+
+    python metrics.py URL
+
+Every line is a sample that the parser gives back, or says what the samples after it are.
+"""
+
+import json
+import sys
+import urllib.request
+
+from prometheus_client.parser import text_string_to_metric_families
+
+
+def main(url):
+    with urllib.request.urlopen(url, timeout=30) as answer:
+        kind, text = answer.headers["content-type"], answer.read().decode("utf-8")
+    families = list(text_string_to_metric_families(text))
+    samples = [sample for family in families for sample in family.samples]
+    lines = text.splitlines()
+    told = [line for line in lines if line.startswith("# ")]
+    unread = [line for line in lines if line not in told and line.split("{")[0].split(" ")[0] not in {s.name for s in samples}]
+    json.dump(
+        {
+            "content_type": kind,
+            "lines": len(lines) - len(told),
+            "unread": unread,
+            "without_help": [family.name for family in families if not family.documentation or family.type == "unknown"],
+            "samples": [[sample.name, sample.labels, sample.value] for sample in samples],
+        },
+        sys.stdout,
+    )
+
+
+main(*sys.argv[1:])
