@@ -106,16 +106,19 @@ struct Served {
     clients: Arc<Semaphore>,
 }
 
+/// What is answered where nothing of the name is to be seen.
+type NotThere = (StatusCode, String);
+
 impl Served {
     /// Where the pictures come from of the vehicle that a request names, or of what is shown where it names none.
-    fn look(&self, uri: &Uri) -> Result<Look, Response> {
+    fn look(&self, uri: &Uri) -> Result<Look, NotThere> {
         let vehicle = match uri.query().map(|query| query.split_once('=')) {
             None => Ok(None),
             Some(Some(("vehicle", name))) => Ok(Some(name)),
             Some(_) => Err(format!("expected {0} or {0}?vehicle=NAME", uri.path())),
         };
         let look = vehicle.and_then(|vehicle| self.site.sight.look(vehicle));
-        look.map_err(|why| (StatusCode::NOT_FOUND, format!("{why}\n")).into_response())
+        look.map_err(|why| (StatusCode::NOT_FOUND, format!("{why}\n")))
     }
 }
 
@@ -213,7 +216,7 @@ async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) 
 async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
     let look = match served.look(&uri) {
         Ok(look) => look,
-        Err(refused) => return refused,
+        Err(not_there) => return not_there.into_response(),
     };
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
@@ -240,7 +243,7 @@ async fn foxglove(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocke
     }
     let look = match served.look(&uri) {
         Ok(look) => look,
-        Err(refused) => return refused,
+        Err(not_there) => return not_there.into_response(),
     };
     let upgrade = upgrade.protocols(protocol::NAMES);
     if upgrade.selected_protocol().is_none() {
@@ -259,7 +262,7 @@ async fn foxglove(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocke
 async fn figures(State(served): State<Arc<Served>>, uri: Uri) -> Response {
     let look = match served.look(&uri) {
         Ok(look) => look,
-        Err(refused) => return refused,
+        Err(not_there) => return not_there.into_response(),
     };
     let text = metrics::text(&look.system, &look.hub.newest(), monotonic_ns());
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
