@@ -18,11 +18,11 @@ use cockpit::{
     recording::Recording,
     server::{self, Server, Site},
     sight::{Look, Sight},
-    token::Token,
+    token::{Role, Token, Tokens},
 };
 use control::{ControlRequest, ServiceStatus, ask};
 use flight::reader;
-use launch::{Cockpit, Service};
+use launch::{Cockpit, CockpitTls, Service};
 
 use crate::{
     fail,
@@ -48,9 +48,15 @@ pub(crate) struct View {
     remote: Option<Option<String>>,
     #[command(flatten)]
     way: Way,
-    /// Where to listen, an address of the loopback; the next free port if that is taken [default: 127.0.0.1:8088].
+    /// Where to listen, beyond the loopback with --tls; the next free port if that is taken [default: 127.0.0.1:8088].
     #[arg(long, value_name = "ADDRESS", value_parser = address)]
     listen: Option<SocketAddr>,
+    /// Serve by TLS, with the certificate of a folder that `plumb keys vehicle NAME --host HOST` has made; then looking needs a token, too.
+    #[arg(long, value_name = "FOLDER")]
+    tls: Option<PathBuf>,
+    /// Print the address for somebody who may look and not command.
+    #[arg(long)]
+    viewer: bool,
     /// End after so long [default: Ctrl-C ends it].
     #[arg(long, value_parser = duration)]
     seconds: Option<Duration>,
@@ -73,6 +79,10 @@ enum ViewError {
     Empty { path: String },
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    #[error(
+        "listening at {listen}: beyond the loopback --tls is needed, with a folder that `plumb keys vehicle NAME --host HOST` makes; or `ssh -L 8088:127.0.0.1:8088 HOST` leads to the loopback"
+    )]
+    Open { listen: SocketAddr },
 }
 
 pub(crate) fn run(view: &View) -> ExitCode {
@@ -86,6 +96,7 @@ pub(crate) fn run(view: &View) -> ExitCode {
         Err(error) => {
             let code = match &error {
                 ViewError::NoFlight { .. } => 3,
+                ViewError::Open { .. } => 2,
                 ViewError::Remote(error) => error.exit_code(),
                 _ => 1,
             };
@@ -97,18 +108,18 @@ pub(crate) fn run(view: &View) -> ExitCode {
 /// A system on this machine, whether it runs yet or not.
 fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let name = crate::system::name(view.name.as_deref());
-    let token = Token::of_user()?;
+    let tokens = Tokens::of_user()?;
     let statuses: Vec<ServiceStatus> = ask(&name, &ControlRequest::Ps).unwrap_or_default();
     let own = statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.at);
     if let Some(base) = own.filter(|_| view.listen.is_none()) {
         // The system shows itself.
-        return Ok(print(&server::address(&base, Some(&token))));
+        return Ok(print(&server::address(&base, Some(view.token(&tokens)))));
     }
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorDesk::new(&name)));
-    let server = Server::bind(listen(view))?;
-    let at = server.address(Some(&token));
+    let server = view.bind()?;
+    let at = server.address(Some(view.token(&tokens)));
     let look = Look { system: name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
-    server.start(site(look, Some(token), None))?;
+    server.start(site(look, Some(tokens), None))?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
     let mut source = Board::new(&name);
@@ -131,10 +142,12 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     reader::every_message(path, &mut |t_ns, topic, bytes| reading.take(t_ns, topic, bytes))?;
     let (hub, recording) = (Arc::new(Hub::default()), Arc::new(reading.finish()));
     hub.tell(recording.standing());
-    let server = Server::bind(listen(view))?;
-    let at = server.address(None);
+    let server = view.bind()?;
+    // On the loopback whoever is on the machine may look at a recording, and there is nothing to command.
+    let tokens = view.tls.is_some().then(Tokens::of_user).transpose()?;
+    let at = server.address(tokens.as_ref().map(|tokens| view.token(tokens)));
     let look = Look { system: name, hub, desk: None };
-    server.start(site(look, None, Some(recording)))?;
+    server.start(site(look, tokens, Some(recording)))?;
     let printed = print(&at);
     wait(view);
     Ok(printed)
@@ -142,20 +155,20 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
 
 /// Vehicles elsewhere.
 fn show_fleet(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
-    let token = Token::of_user()?;
+    let tokens = Tokens::of_user()?;
     let link = view.way.open()?;
     let fleet = fleet::Fleet::over(link.clone(), &view.way, vehicle).map_err(RemoteError::from)?;
-    let server = Server::bind(listen(view))?;
-    let at = server.address(Some(&token));
-    server.start(site(fleet, Some(token), None))?;
+    let server = view.bind()?;
+    let at = server.address(Some(view.token(&tokens)));
+    server.start(site(fleet, Some(tokens), None))?;
     let printed = print(&at);
     wait(view);
     link.close();
     Ok(printed)
 }
 
-fn site(sight: impl Sight + 'static, token: Option<Token>, recording: Option<Arc<Recording>>) -> Site {
-    Site { sight: Arc::new(sight), token, recording, foxglove_origins: Vec::new() }
+fn site(sight: impl Sight + 'static, tokens: Option<Tokens>, recording: Option<Arc<Recording>>) -> Site {
+    Site { sight: Arc::new(sight), tokens, recording, foxglove_origins: Vec::new() }
 }
 
 /// Until it is to end.
@@ -166,10 +179,25 @@ fn wait(view: &View) {
     }
 }
 
-fn listen(view: &View) -> SocketAddr {
-    view.listen.unwrap_or(Cockpit::default().listen)
+impl View {
+    /// Where it listens.
+    fn bind(&self) -> Result<Server, ViewError> {
+        let listen = self.listen.unwrap_or(Cockpit::default().listen);
+        if self.tls.is_none() && !listen.ip().is_loopback() {
+            return Err(ViewError::Open { listen });
+        }
+        let file = |folder: &Path, name| folder.join(name);
+        let tls = self.tls.as_deref();
+        let tls = tls.map(|folder| CockpitTls { cert: file(folder, "cert.pem"), key: file(folder, "key.pem") });
+        Ok(Server::bind(listen, tls.as_ref())?)
+    }
+
+    /// What stands in the address that is printed.
+    fn token<'t>(&self, tokens: &'t Tokens) -> &'t Token {
+        tokens.of(if self.viewer { Role::Viewer } else { Role::Operator })
+    }
 }
 
 fn address(text: &str) -> Result<SocketAddr, String> {
-    Cockpit::address(text).ok_or_else(|| format!("expected {}", Cockpit::EXPECTED))
+    text.parse().map_err(|_| "expected an address with a port, as 127.0.0.1:8088".into())
 }

@@ -12,3 +12,4 @@ mod metrics;
 mod page;
 mod recorded;
 mod strangers;
+mod tls;

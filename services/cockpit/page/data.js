@@ -31,7 +31,7 @@ export class Data {
     /** The newest of each message, as long as it is worth showing. @type {Message} */ this.newest = {};
     /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
     this.paused = false;
-    /** The connection: "connecting", "open", "closed". */ this.link = "connecting";
+    /** The connection: "connecting", "open", "closed", "refused". */ this.link = "connecting";
     this.came = -Infinity;
     /** Pictures of a recording. @type {Message[]} */ this.recording = [];
     this.place = 0;
@@ -111,6 +111,7 @@ export class Data {
   state(now) {
     const { state, why } = this.standing;
     if (this.recording.length) return { word: this.paused ? "paused" : "replay", kind: "live", why: "" };
+    if (this.link === "refused") return { word: "no token", kind: "connecting", why: "Looking from here needs a token, and this page has none that is right: open the address that `plumb up` or `plumb view` prints, to its end." };
     if (this.link !== "open") return { word: "connecting", kind: "connecting", why: "The page has no connection to the program that serves it: start it again with `plumb up` or `plumb view`; the page connects by itself." };
     if (state === "STATE_ENDED") return { word: "ended", kind: "ended", why };
     if (state === "STATE_UNCHOSEN") return { word: "choose a vehicle", kind: "paused", why: "" };

@@ -14,6 +14,8 @@ import { Wire } from "./wire.js";
 const VIEWS = ["fly", "method", "sensors", "system", "fleet"];
 /** Between two attempts to connect, ms. */
 const AGAIN_MS = 500;
+/** The code with which a socket is closed whose token is missing or wrong. */
+const REFUSED = 1008;
 /** Pictures of a recording asked for at once. */
 const CHUNK = 2000;
 const PICTURE_S = 0.033;
@@ -48,7 +50,10 @@ function connect() {
   const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${vehicle}`}`);
   socket = made;
   made.binaryType = "arraybuffer";
-  made.addEventListener("open", () => { data.link = "open"; });
+  made.addEventListener("open", () => {
+    data.link = "open";
+    if (token) made.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
+  });
   made.addEventListener("message", ({ data: bytes }) => {
     if (made !== socket) return;
     data.bytes += bytes.byteLength;
@@ -66,9 +71,9 @@ function connect() {
       if (shown instanceof System) shown.answered(answer);
     }
   });
-  made.addEventListener("close", () => {
+  made.addEventListener("close", ({ code }) => {
     if (made !== socket) return;
-    data.link = "closed";
+    data.link = code === REFUSED ? "refused" : "closed";
     setTimeout(() => { if (made === socket) connect(); }, AGAIN_MS);
   });
 }
@@ -87,7 +92,7 @@ function choose(name) {
 async function load(count) {
   const all = [];
   while (all.length < count) {
-    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`);
+    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
     const { pictures } = wire.decode("Pictures", new Uint8Array(await answer.arrayBuffer()));
     if (!pictures.length) break;
     all.push(...pictures);

@@ -22,7 +22,8 @@
 //! | `assets` | the page |
 //! | `socket` | a viewer |
 //! | `commands` | what a viewer may ask for |
-//! | [`token`] | what a command needs |
+//! | [`token`] | who may look and who may command |
+//! | [`tls`] | TLS, for whoever looks from another machine |
 #![forbid(unsafe_code)]
 
 mod assets;
@@ -40,6 +41,7 @@ pub mod sight;
 mod socket;
 pub mod source;
 mod standing;
+pub mod tls;
 pub mod token;
 
 use std::{
@@ -61,7 +63,7 @@ use crate::{
     sight::Look,
     source::{Desk, Source},
     standing::Watch,
-    token::{Token, TokenError},
+    token::{Role, TokenError, Tokens},
 };
 
 /// Between two pictures.
@@ -94,15 +96,15 @@ pub fn run() -> Result<(), CockpitError> {
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(board::SupervisorDesk::new(&launch.name)));
-    let token = Token::of_user()?;
-    let server = Server::bind(launch.cockpit.listen)?;
-    let at = server.address(Some(&token));
+    let tokens = Tokens::of_user()?;
+    let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
+    let at = server.address(Some(tokens.of(Role::Operator)));
     let name = launch.name.clone();
     thread::spawn(move || tell_address(&name, &at));
     let look = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
     server.start(server::Site {
         sight: Arc::new(look),
-        token: Some(token),
+        tokens: Some(tokens),
         recording: None,
         foxglove_origins: launch.cockpit.foxglove_origins,
     })?;

@@ -1,6 +1,6 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
+//! HTTP/1.1, on the loopback plain, beyond it in TLS, where nothing but the page itself is given without a token: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
 //! `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none in time,
 //! and whoever comes when there are too many, is disconnected.
 
@@ -27,19 +27,25 @@ use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
+use launch::CockpitTls;
 use tokio::{
+    io::{AsyncRead, AsyncWrite},
     runtime,
     sync::{OwnedSemaphorePermit, Semaphore},
+    time::timeout,
 };
+use tokio_rustls::TlsAcceptor;
 
 use crate::{
     assets::Page,
     commands::{self, Commands},
-    guard, metrics,
+    guard::{self, Rules},
+    metrics,
     recording::Recording,
     sight::{Look, Sight},
     socket,
-    token::Token,
+    tls::{self, TlsError},
+    token::{Token, Tokens},
 };
 
 /// Connections at once.
@@ -51,6 +57,8 @@ pub const VIEWERS_MAX: usize = 32;
 pub const CLIENTS_MAX: usize = 8;
 /// The bytes of a viewer's command, or of a client's request, at most.
 const MESSAGE_MAX: usize = 4096;
+/// By then a connection speaks TLS.
+const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
 /// A request's headers, bytes.
 const HEADERS_MAX: usize = 16 * 1024;
 /// By then the headers of a request must have come.
@@ -73,24 +81,27 @@ pub enum ServerError {
         /// What the system said of the last.
         cause: io::Error,
     },
+    /// It is to speak TLS and cannot.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The server cannot start.
     #[error("starting the cockpit's server: {0}")]
     Start(io::Error),
 }
 
 /// A server that listens and does not answer yet.
-#[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
+    tls: Option<TlsAcceptor>,
 }
 
 /// What is served.
 pub struct Site {
     /// What can be looked at.
     pub sight: Arc<dyn Sight>,
-    /// What commands need; without it nobody gives any.
-    pub token: Option<Token>,
+    /// What commands need, and with TLS looking, too; without them nobody may.
+    pub tokens: Option<Tokens>,
     /// What is shown in the place of a system.
     pub recording: Option<Arc<Recording>>,
     /// Pages of others that `/foxglove` answers, by their origins.
@@ -100,6 +111,8 @@ pub struct Site {
 struct Served {
     page: Page,
     site: Site,
+    /// TLS is spoken, and looking needs a token.
+    is_secured: bool,
     room: Arc<Semaphore>,
     viewers: Arc<Semaphore>,
     #[cfg(feature = "foxglove")]
@@ -110,6 +123,18 @@ struct Served {
 type NotThere = (StatusCode, String);
 
 impl Served {
+    /// What is answered to whoever sends these headers and may not see what is not the page itself.
+    fn refuses(&self, headers: &HeaderMap) -> Option<Response> {
+        let shown = headers.get(header::AUTHORIZATION).and_then(|field| field.to_str().ok()?.strip_prefix("Bearer "));
+        let role = shown.zip(self.site.tokens.as_ref()).and_then(|(shown, tokens)| tokens.role(shown));
+        if !self.is_secured || role.is_some() {
+            return None;
+        }
+        let how = [(header::WWW_AUTHENTICATE, "Bearer")];
+        let why = "a viewer's token is needed: `Authorization: Bearer TOKEN`\n";
+        Some((StatusCode::UNAUTHORIZED, how, why).into_response())
+    }
+
     /// Where the pictures come from of the vehicle that a request names, or of what is shown where it names none.
     fn look(&self, uri: &Uri) -> Result<Look, NotThere> {
         let vehicle = match uri.query().map(|query| query.split_once('=')) {
@@ -123,14 +148,15 @@ impl Served {
 }
 
 impl Server {
-    /// Takes the port of `address`, or the next free one.
-    pub fn bind(address: SocketAddr) -> Result<Self, ServerError> {
+    /// Takes the port of `address`, or the next free one; with a certificate, TLS is spoken there.
+    pub fn bind(address: SocketAddr, tls: Option<&CockpitTls>) -> Result<Self, ServerError> {
+        let tls = tls.map(tls::acceptor).transpose()?;
         let mut last = None;
         for port in address.port()..=address.port().saturating_add(PORTS) {
             match listen(SocketAddr::new(address.ip(), port)) {
                 Ok(listener) => {
                     let address = listener.local_addr().map_err(ServerError::Start)?;
-                    return Ok(Self { listener, address });
+                    return Ok(Self { listener, address, tls });
                 }
                 Err(cause) => last = Some(cause),
             }
@@ -139,9 +165,15 @@ impl Server {
         Err(ServerError::Listen { address, cause })
     }
 
-    /// What people open; with the token they can give commands there.
+    /// What people open; with a token they may do there what is its role's.
     pub fn address(&self, token: Option<&Token>) -> String {
-        address(&format!("http://{}/", self.address), token)
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        let at = self.address;
+        let base = match at.ip().is_unspecified() {
+            true => format!("{scheme}://{}:{}/", host_name(), at.port()),
+            false => format!("{scheme}://{at}/"),
+        };
+        address(&base, token)
     }
 
     /// Serves from a thread of its own, for as long as the process lives.
@@ -155,11 +187,13 @@ impl Server {
             let _inside = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
-        let foxglove_origins: Arc<[String]> = site.foxglove_origins.clone().into();
+        let is_secured = self.tls.is_some();
+        let rules = Arc::new(Rules { foxglove_origins: site.foxglove_origins.clone(), is_secured });
         let served = Arc::new(Served {
             page: Page::new(),
             room: Arc::new(Semaphore::new(commands::UNDER_WAY_MAX)),
             site,
+            is_secured,
             viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
             #[cfg(feature = "foxglove")]
             clients: Arc::new(Semaphore::new(CLIENTS_MAX)),
@@ -170,11 +204,10 @@ impl Server {
             .route("/metrics", get(figures));
         #[cfg(feature = "foxglove")]
         let router = router.route(guard::FOXGLOVE, get(foxglove));
-        let router = router
-            .fallback(asset)
-            .layer(middleware::from_fn_with_state(foxglove_origins, guard::guard))
-            .with_state(served);
-        let work = move || runtime.block_on(serve(listener, router));
+        let router =
+            router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(served);
+        let tls = self.tls;
+        let work = move || runtime.block_on(serve(listener, tls, router));
         thread::Builder::new().name("cockpit-server".into()).spawn(work).map_err(ServerError::Start)?;
         Ok(())
     }
@@ -186,7 +219,7 @@ pub fn address(base: &str, token: Option<&Token>) -> String {
 }
 
 /// Takes connections without end.
-async fn serve(listener: tokio::net::TcpListener, router: Router) {
+async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, router: Router) {
     let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -195,17 +228,34 @@ async fn serve(listener: tokio::net::TcpListener, router: Router) {
         };
         // Who comes beyond the limit is disconnected at once.
         let Ok(permit) = room.clone().try_acquire_owned() else { continue };
-        let service = TowerToHyperService::new(router.clone());
+        let (router, tls) = (router.clone(), tls.clone());
         tokio::spawn(async move {
             let _permit: OwnedSemaphorePermit = permit;
             // Pictures are small and not to wait for each other.
             let _ = stream.set_nodelay(true);
-            let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(HEADERS_MAX);
-            // A connection that fails is its client's matter.
-            let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+            match tls {
+                None => answer(stream, router).await,
+                Some(tls) => {
+                    if let Ok(Ok(stream)) = timeout(HANDSHAKE_LIMIT, tls.accept(stream)).await {
+                        answer(stream, router).await;
+                    }
+                }
+            }
         });
     }
+}
+
+/// Answers the requests of a connection.
+async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(HEADERS_MAX);
+    // A connection that fails is its client's matter.
+    let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
+}
+
+/// What other machines call this one.
+fn host_name() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
 async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
@@ -224,9 +274,10 @@ async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocket
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
         let desk = look.desk.clone().filter(|desk| desk.takes_commands());
-        let commands = desk.zip(served.site.token.clone());
-        let commands = commands.map(|(desk, token)| Commands::new(desk, token, served.room.clone()));
-        socket::serve(socket, &look.hub, commands.as_ref()).await;
+        let commands = desk.zip(served.site.tokens.clone());
+        let commands = commands.map(|(desk, tokens)| Commands::new(desk, tokens, served.room.clone()));
+        let door = served.is_secured.then_some(served.site.tokens.as_ref());
+        socket::serve(socket, &look.hub, commands.as_ref(), door).await;
     })
 }
 
@@ -236,8 +287,16 @@ fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
 
 /// A client of the Foxglove WebSocket protocol.
 #[cfg(feature = "foxglove")]
-async fn foxglove(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
+async fn foxglove(
+    State(served): State<Arc<Served>>,
+    uri: Uri,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     use crate::foxglove::{client, protocol};
+    if let Some(refused) = served.refuses(&headers) {
+        return refused;
+    }
     if served.site.recording.is_some() {
         return (StatusCode::NOT_FOUND, "this is a recording: open its file in the viewer\n").into_response();
     }
@@ -259,7 +318,10 @@ async fn foxglove(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocke
     })
 }
 
-async fn figures(State(served): State<Arc<Served>>, uri: Uri) -> Response {
+async fn figures(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
+    if let Some(refused) = served.refuses(&headers) {
+        return refused;
+    }
     let look = match served.look(&uri) {
         Ok(look) => look,
         Err(not_there) => return not_there.into_response(),
@@ -270,6 +332,9 @@ async fn figures(State(served): State<Arc<Served>>, uri: Uri) -> Response {
 
 /// `/pictures?FROM+COUNT`: pictures of a recording.
 async fn pictures(State(served): State<Arc<Served>>, request: Request) -> Response {
+    if let Some(refused) = served.refuses(request.headers()) {
+        return refused;
+    }
     let Some(recording) = &served.site.recording else {
         return (StatusCode::NOT_FOUND, "this is no recording\n").into_response();
     };
