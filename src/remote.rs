@@ -77,6 +77,11 @@ pub(crate) struct Way {
 }
 
 impl Way {
+    /// Whoever is reached shows a certificate, and is shown one: commands can be taken from here.
+    pub(crate) fn is_secured(&self) -> bool {
+        self.keys.is_some() && self.endpoints().iter().all(|endpoint| is_secured(endpoint))
+    }
+
     fn endpoints(&self) -> Vec<String> {
         if self.connect.is_empty() { vec![USUAL.to_owned()] } else { self.connect.clone() }
     }
@@ -127,13 +132,28 @@ fn tls(folder: &Path) -> Result<Tls, RemoteError> {
 
 /// The services of a vehicle.
 pub(crate) fn ps(vehicle: &str, way: &Way) -> Result<Vec<ServiceStatus>, RemoteError> {
-    Ok(services(&way.open()?, vehicle)?.services.into_iter().map(status).collect())
+    services(&way.open()?, vehicle)
+}
+
+/// The same over a link that there is.
+pub(crate) fn services(link: &Link, vehicle: &str) -> Result<Vec<ServiceStatus>, RemoteError> {
+    Ok(asked(link, vehicle)?.services.into_iter().map(status).collect())
 }
 
 /// Swaps what fills a slot of a vehicle.
 pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, RemoteError> {
-    let link = way.open()?;
-    let Services { t_now_ns, services } = services(&link, vehicle)?;
+    swap_over(&way.open()?, vehicle, way, slot, stage)
+}
+
+/// The same over a link that there is.
+pub(crate) fn swap_over(
+    link: &Link,
+    vehicle: &str,
+    way: &Way,
+    slot: &str,
+    stage: launch::Stage,
+) -> Result<SwapReport, RemoteError> {
+    let Services { t_now_ns, services } = asked(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
     // A slot that is not there has no decision; the answer says so.
     let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
@@ -156,7 +176,7 @@ pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -
     }
 }
 
-fn services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
+fn asked(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
     link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), ANSWER_LIMIT)
 }
 

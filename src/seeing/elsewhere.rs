@@ -32,7 +32,7 @@ const REACH_LIMIT: Duration = Duration::from_secs(10);
 const PARCELS_MAX: usize = 4096;
 
 /// Takes what became of messages, and one that came with its frame, as far as its sender says it; whether it wants more.
-pub(super) type TakeDelivered<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
+pub(crate) type TakeDelivered<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
 
 /// A vehicle that has been found.
 pub(crate) struct Vehicle {
@@ -48,7 +48,11 @@ pub(crate) struct Vehicle {
 impl Vehicle {
     /// Looks for a vehicle and asks what it sends.
     pub(super) fn find(name: &str, way: &Way) -> Result<Self, SeeError> {
-        let link = way.open()?;
+        Self::over(way.open()?, name)
+    }
+
+    /// The same over a link that there is.
+    pub(crate) fn over(link: Link, name: &str) -> Result<Self, SeeError> {
         let signs = link.signs(&keys::key(name, keys::LIVE)).map_err(RemoteError::from)?;
         let deadline = Instant::now() + FIND_LIMIT;
         loop {
@@ -67,7 +71,7 @@ impl Vehicle {
     }
 
     /// The samples of a topic as they come in.
-    pub(super) fn crossing(&self, topic: Topic) -> Result<Crossing, SeeError> {
+    pub(crate) fn crossing(&self, topic: Topic) -> Result<Crossing, SeeError> {
         if !self.topics.iter().any(|sent| sent == topic.name()) {
             let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
             return Err(SeeError::NotSent { vehicle, topic: topic.name().into(), sent });
@@ -77,7 +81,7 @@ impl Vehicle {
     }
 
     /// It lives and the way to it is open, or it has not been long otherwise.
-    pub(super) fn is_in_reach(&self) -> bool {
+    pub(crate) fn is_in_reach(&self) -> bool {
         while let Some(sign) = self.signs.next(Duration::ZERO) {
             self.away.set((!sign.is_there).then(Instant::now));
         }
@@ -85,13 +89,13 @@ impl Vehicle {
     }
 
     /// What people are told then.
-    pub(super) fn out_of_reach(&self) -> String {
+    pub(crate) fn out_of_reach(&self) -> String {
         format!("the vehicle {:?} has been out of reach for {:.0} s", self.name, REACH_LIMIT.as_secs_f64())
     }
 }
 
 /// A topic between the board and here.
-pub(super) struct Crossing {
+pub(crate) struct Crossing {
     topic: Topic,
     stream: Stream,
     track: DeliveryTracker,
@@ -102,7 +106,7 @@ pub(super) struct Crossing {
 impl Crossing {
     /// Hands what has come to `take`, each message with its frame, as far as its sender says it, and with what became of the others on the way, as
     /// long as it wants any.
-    pub(super) fn look(&mut self, message_bytes: usize, take: &mut TakeDelivered<'_>) {
+    pub(crate) fn look(&mut self, message_bytes: usize, take: &mut TakeDelivered<'_>) {
         for _ in 0..PARCELS_MAX {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
             let Ok((envelope, messages)) = wire::open_topic(self.topic, &arrival.bytes) else {

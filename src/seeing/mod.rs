@@ -2,7 +2,7 @@
 //!
 //! What is shown (`observe`) takes bytes with their layout and does not know whence they come.
 
-mod elsewhere;
+pub(crate) mod elsewhere;
 pub(crate) mod frame;
 
 use std::{

@@ -15,29 +15,29 @@ const FILES_MAX: usize = 512;
 /// Why a table was not written.
 #[derive(Debug, thiserror::Error)]
 #[error("writing {path}: {cause}; check that the folder can be written to and has space")]
-pub(super) struct CsvError {
+pub(crate) struct CsvError {
     path: PathBuf,
     cause: io::Error,
 }
 
 /// The tables of a folder.
-pub(super) struct Tables {
+pub(crate) struct Tables {
     folder: PathBuf,
     files: BTreeMap<PathBuf, BufWriter<File>>,
 }
 
 /// Messages as lines of a table.
-pub(super) trait Rows {
+pub(crate) trait Rows {
     fn head(&self) -> String;
     fn write(&self, to: &mut dyn Write) -> io::Result<()>;
 }
 
 impl Tables {
-    pub(super) fn in_folder(folder: &Path) -> Self {
+    pub(crate) fn in_folder(folder: &Path) -> Self {
         Self { folder: folder.into(), files: BTreeMap::new() }
     }
 
-    pub(super) fn write(&mut self, vehicle: &str, topic: &str, rows: &dyn Rows) -> Result<(), CsvError> {
+    pub(crate) fn write(&mut self, vehicle: &str, topic: &str, rows: &dyn Rows) -> Result<(), CsvError> {
         let path = self.folder.join(vehicle).join(format!("{topic}.csv"));
         let failed = |cause| CsvError { path: path.clone(), cause };
         if !self.files.contains_key(&path) {
@@ -53,7 +53,7 @@ impl Tables {
         rows.write(file).map_err(failed)
     }
 
-    pub(super) fn finish(self) -> Result<(), CsvError> {
+    pub(crate) fn finish(self) -> Result<(), CsvError> {
         self.files.into_iter().try_for_each(|(path, mut file)| file.flush().map_err(|cause| CsvError { path, cause }))
     }
 }

@@ -26,22 +26,22 @@ const VEHICLES_MAX: usize = 256;
 
 /// What is known of a vehicle.
 #[derive(Default)]
-pub(super) struct Vehicle {
-    pub(super) services: BTreeSet<String>,
-    pub(super) lives: bool,
-    pub(super) tracks: BTreeMap<String, DeliveryTracker>,
-    pub(super) attitude: Option<AttitudeOutput>,
+pub(crate) struct Vehicle {
+    pub(crate) services: BTreeSet<String>,
+    pub(crate) lives: bool,
+    pub(crate) tracks: BTreeMap<String, DeliveryTracker>,
+    pub(crate) attitude: Option<AttitudeOutput>,
     /// In which it is.
-    pub(super) frame: Frame,
+    pub(crate) frame: Frame,
     /// When the newest attitude came, here.
-    pub(super) attitude_at: Option<Instant>,
+    pub(crate) attitude_at: Option<Instant>,
     /// From birth to attitude, of the attitudes that came since this was looked at.
-    pub(super) latencies: Latencies,
+    pub(crate) latencies: Latencies,
     refusals: Refusals,
 }
 
 /// The vehicles in sight by their names.
-pub(super) type Vehicles = BTreeMap<String, Vehicle>;
+pub(crate) type Vehicles = BTreeMap<String, Vehicle>;
 
 /// A vehicle by its name, as long as there are not too many.
 fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
@@ -49,7 +49,7 @@ fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> 
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
 }
 
-pub(super) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
+pub(crate) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
     let Some((name, rest)) = keys::parts(&sign.key) else { return };
     let Some(vehicle) = known(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVE).map(|service| service.trim_start_matches('/')) {
@@ -60,7 +60,7 @@ pub(super) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
     }
 }
 
-pub(super) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), CsvError> {
+pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), CsvError> {
     let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
     let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
     if topic == keys::GATEWAY {
@@ -118,17 +118,17 @@ impl Vehicle {
     }
 
     /// Messages that came.
-    pub(super) fn messages(&self) -> u64 {
+    pub(crate) fn messages(&self) -> u64 {
         self.tracks.values().map(|track| track.messages).sum()
     }
 
     /// Messages lost on the way.
-    pub(super) fn lost(&self) -> u64 {
+    pub(crate) fn lost(&self) -> u64 {
         self.tracks.values().map(|track| track.lost_messages).sum()
     }
 }
 
-pub(super) fn report(vehicles: &Vehicles) -> Value {
+pub(crate) fn report(vehicles: &Vehicles) -> Value {
     let vehicle = |(name, vehicle): (&String, &Vehicle)| {
         let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| track.json(topic)).collect();
         let attitude = vehicle.attitude.map(|output| {

@@ -1,7 +1,7 @@
 //! `plumb station`: every vehicle there is to see, and whether all that it sends arrives.
 
 mod csv;
-mod fleet;
+pub(crate) mod fleet;
 mod lines;
 mod view;
 

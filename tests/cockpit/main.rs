@@ -5,9 +5,11 @@
 mod common;
 
 mod browser;
+mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;
 mod metrics;
 mod page;
 mod recorded;
 mod strangers;
+mod tls;

@@ -4,6 +4,7 @@
 
 pub mod beyond;
 pub mod python;
+pub mod site;
 pub mod terminal;
 
 use std::{

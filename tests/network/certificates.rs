@@ -1,72 +1,28 @@
 //! The gateway with the folders that `plumb keys` makes: who looks, who commands and who is refused, at a vehicle that listens itself and
 //! behind a router.
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Output,
-};
+use std::{fs, path::Path, process::Output};
 
 use crate::common::{
     Running, System,
     beyond::{endpoint, free_port, number, ps, topic},
-    plumb, until,
+    plumb,
+    site::{Site, listening, system},
+    until,
 };
 use serde_json::Value;
-use tempfile::TempDir;
 use zenoh::{Config, Session, Wait};
 
-/// A folder of keys.
-pub(crate) struct Site(TempDir);
-
-impl Site {
-    pub(crate) fn new(parties: &[&[&str]]) -> Self {
-        let site = Self(tempfile::tempdir().unwrap());
-        site.keys(&["init"]);
-        parties.iter().for_each(|party| site.keys(party));
-        site
-    }
-
-    fn keys(&self, arguments: &[&str]) {
-        let made = plumb(&["keys"]).args(arguments).arg("--dir").arg(self.0.path()).output().unwrap();
-        assert!(made.status.success(), "{}", said(&made));
-    }
-
-    pub(crate) fn of(&self, party: &str) -> PathBuf {
-        self.0.path().join(party)
-    }
-
-    /// What `[gateway]` says of a party's certificate.
-    pub(crate) fn tls(&self, party: &str) -> String {
-        let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| self.of(party).join(file));
-        format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}")
-    }
-
-    /// A router as its folder has it, but for paths and port.
-    fn router(&self, port: u16) -> Session {
-        let folder = self.of("router");
-        let text = fs::read_to_string(folder.join("router.json5")).unwrap();
-        let text = text.replace("/etc/plumbline/keys", folder.to_str().unwrap());
-        let text = text.replace("0.0.0.0:7447", &format!("127.0.0.1:{port}"));
-        zenoh::open(Config::from_json5(&text).unwrap()).wait().unwrap()
-    }
+/// A router as its folder has it, but for paths and port.
+fn router(site: &Site, port: u16) -> Session {
+    let folder = site.of("router");
+    let text = fs::read_to_string(folder.join("router.json5")).unwrap();
+    let text = text.replace("/etc/plumbline/keys", folder.to_str().unwrap());
+    let text = text.replace("0.0.0.0:7447", &format!("127.0.0.1:{port}"));
+    zenoh::open(Config::from_json5(&text).unwrap()).wait().unwrap()
 }
 
 fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// A system with a gateway whose table is `gateway`.
-fn system(gateway: &str) -> System {
-    System::new(&format!(
-        "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[ingest.sim]\nrate_hz = 100\n[gateway]\n{gateway}\n"
-    ))
-}
-
-/// A vehicle that listens itself at `port`.
-pub(crate) fn listening(site: &Site, port: u16) -> System {
-    let access = site.of("vehicle.alpha").join("access.json5");
-    let tls = site.tls("vehicle.alpha");
-    system(&format!("vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))
 }
 
 /// A gateway under the name of `vehicle` that shows a router the certificate of `party`.
@@ -176,7 +132,7 @@ fn at_a_vehicle_that_listens_itself_an_operator_commands_a_viewer_looks_and_nobo
 fn behind_a_router_a_station_sees_every_vehicle_and_none_speaks_for_another() {
     let site = Site::new(&[&["vehicle", "alpha"], &["vehicle", "beta"], &["operator", "ann"], &["viewer", "wall"]]);
     let port = free_port();
-    let _router = site.router(port);
+    let _router = router(&site, port);
     let (operator, viewer) = (site.of("operator.ann"), site.of("viewer.wall"));
     let alpha = behind_router(&site, port, "alpha", "vehicle.alpha");
     let forger = behind_router(&site, port, "beta", "vehicle.alpha");

@@ -6,7 +6,7 @@ use std::{
     time::Duration,
 };
 
-use crate::certificates::{Site, listening};
+use crate::common::site::{Site, listening};
 use crate::common::{
     Running, System,
     beyond::{endpoint, free_port, gateway, number, ps, seen, station, ticks, topic, with_gateway},

@@ -10,13 +10,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{
-    certificates::Site,
-    common::{
-        Run, Running, System,
-        beyond::{endpoint, free_port, gateway, number, ps, seen, station, topic, with_gateway},
-        plumb, until,
-    },
+use crate::common::{
+    Run, Running, System,
+    beyond::{endpoint, free_port, gateway, number, ps, seen, station, topic, with_gateway},
+    plumb,
+    site::Site,
+    until,
 };
 use link::SESSIONS_MAX;
 use wire::{command::ControlMessage, v1::SwapRequest};

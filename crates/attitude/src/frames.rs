@@ -106,6 +106,19 @@ impl Frame {
         Angles { yaw_rad, pitch_rad, roll_rad }
     }
 
+    /// Their yaw, pitch and roll as ours.
+    pub fn ours_of_angles(self, theirs: Angles) -> Angles {
+        let Angles { yaw_rad, pitch_rad, roll_rad } = theirs;
+        let [yaw_rad, pitch_rad, roll_rad] = match self {
+            Self::EnuRfu => return theirs,
+            Self::EnuFlu => [wrapped_rad(yaw_rad - FRAC_PI_2), -pitch_rad, roll_rad],
+            Self::NwuFlu => [yaw_rad, -pitch_rad, roll_rad],
+            Self::NedFrd => [wrapped_rad(-yaw_rad), pitch_rad, roll_rad],
+        }
+        .map(without_sign);
+        Angles { yaw_rad, pitch_rad, roll_rad }
+    }
+
     /// u, v and z: w projects the reference's third axis as the body axes see it, z is the turn about that axis. Inverted, they are those of the body
     /// turned by π about its right axis, in every frame.
     pub fn point(self, [u, v]: [f64; 2], z_rad: f64) -> ([f64; 2], f64) {

@@ -1,6 +1,9 @@
 //! Where the system is shown in a browser: `[cockpit]`.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::{
+    net::{Ipv4Addr, SocketAddr},
+    path::PathBuf,
+};
 
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
@@ -15,32 +18,56 @@ const ORIGINS_MAX: usize = 8;
 /// Where the system is shown in a browser.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cockpit {
-    /// An address of the loopback; a port that is taken is passed over for the next free one.
+    /// Where it listens, beyond the loopback only with `tls`; a port that is taken is passed over for the next free one.
     pub listen: SocketAddr,
+    /// What the page shows of itself. With it, also on the loopback, looking needs a token, too.
+    pub tls: Option<CockpitTls>,
     /// Pages of others that may see everything at `/foxglove`, by their origins as browsers tell them, `https://app.foxglove.dev`.
     pub foxglove_origins: Vec<String>,
 }
 
+/// The certificate that the page is served with, PEM.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct CockpitTls {
+    /// The certificate, and those that it is signed with.
+    pub cert: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+}
+
 impl Default for Cockpit {
     fn default() -> Self {
-        Self { listen: (Ipv4Addr::LOCALHOST, PORT).into(), foxglove_origins: Vec::new() }
+        Self { listen: (Ipv4Addr::LOCALHOST, PORT).into(), tls: None, foxglove_origins: Vec::new() }
     }
 }
 
 impl Cockpit {
     /// What an address must be, for people.
-    pub const EXPECTED: &str =
-        "an address of the loopback, as 127.0.0.1:8088; from elsewhere `ssh -L 8088:127.0.0.1:8088 HOST` leads there";
+    pub const EXPECTED: &str = "an address of the loopback, as 127.0.0.1:8088, or with tls any; from elsewhere `ssh -L 8088:127.0.0.1:8088 HOST` leads to the loopback";
 
-    /// The address of a text, where it is one of the loopback.
-    pub fn address(text: &str) -> Option<SocketAddr> {
-        text.parse().ok().filter(|address: &SocketAddr| address.ip().is_loopback())
+    /// The address of a text, where it may be listened at: with TLS any, else one of the loopback.
+    pub fn address(text: &str, has_tls: bool) -> Option<SocketAddr> {
+        text.parse().ok().filter(|address: &SocketAddr| has_tls || address.ip().is_loopback())
     }
 }
 
 /// Reads `[cockpit]`.
 pub(crate) fn cockpit(section: &mut Section<'_, '_>, out: &mut Cockpit) {
-    section.text("listen", Cockpit::EXPECTED, Cockpit::address, &mut out.listen);
+    let has_tls = section.has("tls");
+    section.text("listen", Cockpit::EXPECTED, |text| Cockpit::address(text, has_tls), &mut out.listen);
+    section.section("tls", |section| {
+        let mut tls = CockpitTls::default();
+        let files = [("cert", &mut tls.cert), ("key", &mut tls.key)];
+        let taken = files.map(|(key, file)| section.text(key, "a path", |path| Some(path.into()), file));
+        match ["cert", "key"].into_iter().find(|key| !section.has(key)) {
+            Some(key) => {
+                let remedy = "`plumb keys vehicle NAME --host HOST` makes a folder with cert.pem and key.pem";
+                section.report_table(&format!("cockpit.tls: {key:?} is missing"), remedy);
+            }
+            None if taken.iter().all(|taken| *taken) => out.tls = Some(tls),
+            None => {}
+        }
+    });
     let Some(listed) = section.texts("foxglove_origins", ORIGINS_MAX) else { return };
     for origin in listed.iter().filter(|origin| !is_origin(origin.get_ref())) {
         let title = format!("cockpit.foxglove_origins: {:?} is no origin of a page", origin.get_ref());
@@ -82,6 +109,16 @@ mod tests {
         }
         let many = format!("cockpit.foxglove_origins = {:?}", ["file://"; 9]);
         assert!(Launch::parse("x", &many).unwrap_err().to_string().contains("8 at most"));
+    }
+
+    #[test]
+    fn with_certificate_and_key_any_address_is_taken() {
+        let tls = "cockpit.tls = { cert = \"cert.pem\", key = \"key.pem\" }";
+        let launch = Launch::parse("x", &format!("cockpit.listen = \"0.0.0.0:8088\"\n{tls}")).unwrap();
+        assert_eq!(launch.cockpit.listen.to_string(), "0.0.0.0:8088");
+        assert_eq!(launch.cockpit.tls.unwrap().key.to_str(), Some("key.pem"));
+        let half = "cockpit.listen = \"0.0.0.0:8088\"\ncockpit.tls = { cert = \"cert.pem\" }";
+        assert!(Launch::parse("x", half).unwrap_err().to_string().contains("\"key\" is missing"));
     }
 
     #[test]

@@ -47,7 +47,7 @@ mod watch;
 
 pub use graph::Service;
 
-pub use cockpit::Cockpit;
+pub use cockpit::{Cockpit, CockpitTls};
 pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
 pub use filling::UnknownStage;
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};

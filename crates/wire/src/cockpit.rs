@@ -46,12 +46,12 @@ impl ControlMessage for PageCommand {
         for (field, value) in texts.into_iter().chain([("stage", &self.stage)]) {
             text(value, field, NAME_MAX)?;
         }
-        let is_cancel = self.kind() == Kind::Cancel;
+        let (is_look, is_cancel) = (self.kind() == Kind::Look, self.kind() == Kind::Cancel);
         let missing = |field| Err(Refusal::Missing { field });
         match self {
             Self { request_id, .. } if request_id.is_empty() => missing("request_id"),
-            Self { slot, .. } if slot.is_empty() => missing("slot"),
-            Self { stage, .. } if stage.is_empty() && !is_cancel => missing("stage"),
+            Self { slot, .. } if slot.is_empty() && !is_look => missing("slot"),
+            Self { stage, .. } if stage.is_empty() && !is_cancel && !is_look => missing("stage"),
             _ if self.kind() == Kind::Unspecified => missing("kind"),
             _ => Ok(()),
         }
@@ -80,6 +80,8 @@ mod tests {
         assert_eq!(PageCommand::decoded(&command().encoded()).unwrap(), command());
         let cancel = PageCommand { kind: Kind::Cancel.into(), stage: String::new(), ..command() };
         assert_eq!(PageCommand::decoded(&cancel.encoded()).unwrap(), cancel);
+        let look = PageCommand { kind: Kind::Look.into(), slot: String::new(), ..cancel };
+        assert_eq!(PageCommand::decoded(&look.encoded()).unwrap(), look);
         for wrong in [
             PageCommand { kind: 0, ..command() },
             PageCommand { kind: 9, ..command() },

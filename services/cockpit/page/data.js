@@ -31,11 +31,23 @@ export class Data {
     /** The newest of each message, as long as it is worth showing. @type {Message} */ this.newest = {};
     /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
     this.paused = false;
-    /** The connection: "connecting", "open", "closed". */ this.link = "connecting";
+    /** The connection: "connecting", "open", "closed", "refused". */ this.link = "connecting";
     this.came = -Infinity;
     /** Pictures of a recording. @type {Message[]} */ this.recording = [];
     this.place = 0;
     this.bytes = 0;
+  }
+
+  /** Forgets what was seen: another vehicle is looked at. */
+  clear() {
+    this.frames.length = 0;
+    this.events.length = 0;
+    this.standing = {};
+    this.newest = {};
+    this.answer = null;
+    this.cursor = null;
+    this.paused = false;
+    this.came = -Infinity;
   }
 
   /** Takes a picture. @param {Message} picture @param {number} now */
@@ -99,8 +111,10 @@ export class Data {
   state(now) {
     const { state, why } = this.standing;
     if (this.recording.length) return { word: this.paused ? "paused" : "replay", kind: "live", why: "" };
+    if (this.link === "refused") return { word: "no token", kind: "connecting", why: "Looking from here needs a token, and this page has none that is right: open the address that `plumb up` or `plumb view` prints, to its end." };
     if (this.link !== "open") return { word: "connecting", kind: "connecting", why: "The page has no connection to the program that serves it: start it again with `plumb up` or `plumb view`; the page connects by itself." };
     if (state === "STATE_ENDED") return { word: "ended", kind: "ended", why };
+    if (state === "STATE_UNCHOSEN") return { word: "choose a vehicle", kind: "paused", why: "" };
     if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { word: "connecting", kind: "connecting", why: why ?? "" };
     const age = now - this.came;
     if (age > STALE_MS) {

@@ -190,10 +190,10 @@ export class Fly {
 }
 
 /** @param {number} rad */
-const degrees = (rad) => (rad / DEGREE).toFixed(1).padStart(5, "0");
+export const degrees = (rad) => (rad / DEGREE).toFixed(1).padStart(5, "0");
 
 /** @param {string | undefined} reference */
-const countedFrom = (reference) => ({ COURSE_REFERENCE_MAGNETIC: "mag.", COURSE_REFERENCE_TRUE: "true", COURSE_REFERENCE_ARBITRARY: "arb." })[reference ?? ""] ?? "";
+export const countedFrom = (reference) => ({ COURSE_REFERENCE_MAGNETIC: "mag.", COURSE_REFERENCE_TRUE: "true", COURSE_REFERENCE_ARBITRARY: "arb." })[reference ?? ""] ?? "";
 
 /** @param {Vec} end @param {number} length @returns {Vec[]} */
 const dashes = (end, length) => [...Array(16).keys()].map((i) => /** @type {Vec} */ (end.map((part) => (part * length * i) / 15)));

@@ -1,6 +1,7 @@
 // The page: the connection, the views, the bar, the keys.
 
 import { Data } from "./data.js";
+import { Fleet } from "./fleet.js";
 import { Fly } from "./fly.js";
 import { element, theme } from "./look.js";
 import { Method } from "./method.js";
@@ -10,9 +11,11 @@ import { Wire } from "./wire.js";
 
 /** @typedef {import("./wire.js").Message} Message */
 
-const VIEWS = ["fly", "method", "sensors", "system"];
+const VIEWS = ["fly", "method", "sensors", "system", "fleet"];
 /** Between two attempts to connect, ms. */
 const AGAIN_MS = 500;
+/** The code with which a socket is closed whose token is missing or wrong. */
+const REFUSED = 1008;
 /** Pictures of a recording asked for at once. */
 const CHUNK = 2000;
 const PICTURE_S = 0.033;
@@ -24,6 +27,8 @@ const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (doc
 const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
 if (token) sessionStorage.setItem("token", token);
 
+/** The vehicle that is looked at, where one is chosen. */
+let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 /** @type {Wire} */ let wire;
 /** @type {WebSocket | null} */ let socket = null;
 /** @type {any} */ let shown = null;
@@ -42,15 +47,22 @@ function ask(command) {
 
 function connect() {
   data.link = "connecting";
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`);
-  socket.binaryType = "arraybuffer";
-  socket.addEventListener("open", () => { data.link = "open"; });
-  socket.addEventListener("message", ({ data: bytes }) => {
+  const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${vehicle}`}`);
+  socket = made;
+  made.binaryType = "arraybuffer";
+  made.addEventListener("open", () => {
+    data.link = "open";
+    if (token) made.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
+  });
+  made.addEventListener("message", ({ data: bytes }) => {
+    if (made !== socket) return;
     data.bytes += bytes.byteLength;
     const { picture, standing, answer } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.take(picture, performance.now());
     if (standing) {
       const first = data.standing.pictures !== standing.pictures;
+      // Where there are several and none is chosen, the page begins with them.
+      if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) show("fleet");
       data.standing = standing;
       if (standing.state === "STATE_RECORDING" && first) void load(standing.pictures);
     }
@@ -59,17 +71,28 @@ function connect() {
       if (shown instanceof System) shown.answered(answer);
     }
   });
-  socket.addEventListener("close", () => {
-    data.link = "closed";
-    setTimeout(connect, AGAIN_MS);
+  made.addEventListener("close", ({ code }) => {
+    if (made !== socket) return;
+    data.link = code === REFUSED ? "refused" : "closed";
+    setTimeout(() => { if (made === socket) connect(); }, AGAIN_MS);
   });
+}
+
+/** Looks at another vehicle. @param {string} name */
+function choose(name) {
+  vehicle = name;
+  history.replaceState(null, "", `?vehicle=${name}`);
+  data.clear();
+  socket?.close();
+  connect();
+  show("fly");
 }
 
 /** Loads a recording. @param {number} count */
 async function load(count) {
   const all = [];
   while (all.length < count) {
-    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`);
+    const answer = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
     const { pictures } = wire.decode("Pictures", new Uint8Array(await answer.arrayBuffer()));
     if (!pictures.length) break;
     all.push(...pictures);
@@ -119,7 +142,7 @@ function show(wanted) {
   name = wanted;
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
   const place = get("view");
-  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data) : new System(place, data, ask);
+  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data) : name === "system" ? new System(place, data, ask) : new Fleet(place, data, choose);
   if (shown instanceof System && data.answer) shown.answered(data.answer);
 }
 
@@ -145,7 +168,8 @@ function bar(now) {
   get("lost-place").className = course && course.status.lost > 0 ? "loud" : "";
   get("why").hidden = !state.why;
   put("why", state.why);
-  get("view").classList.toggle("stale", state.kind === "stale" || state.kind === "connecting" || state.kind === "ended");
+  // In the list of vehicles each line has an age of its own.
+  get("view").classList.toggle("stale", name !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
   put("pause", data.paused ? (data.recording.length ? "Play" : "Go on") : "Pause");
   put("play", data.paused ? "Play" : "Stop");
   if (data.recording.length && frame) put("place-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);

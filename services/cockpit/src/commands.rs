@@ -13,15 +13,18 @@ use wire::{
     v1::{PageCommand, SwapAnswer, page_command::Kind, swap_answer},
 };
 
-use crate::{source::Desk, token::Token};
+use crate::{
+    source::Desk,
+    token::{Role, Tokens},
+};
 
 /// Commands under way at once, shadows among them.
 pub(crate) const UNDER_WAY_MAX: usize = 8;
 
-/// Who takes commands.
+/// Who takes a viewer's commands.
 pub(crate) struct Commands {
     desk: Arc<dyn Desk>,
-    token: Token,
+    tokens: Tokens,
     room: Arc<Semaphore>,
 }
 
@@ -34,8 +37,9 @@ pub(crate) struct Session<'c> {
 }
 
 impl Commands {
-    pub(crate) fn new(desk: Arc<dyn Desk>, token: Token) -> Self {
-        Self { desk, token, room: Arc::new(Semaphore::new(UNDER_WAY_MAX)) }
+    /// `room`: for how many at once, of all viewers together.
+    pub(crate) fn new(desk: Arc<dyn Desk>, tokens: Tokens, room: Arc<Semaphore>) -> Self {
+        Self { desk, tokens, room }
     }
 }
 
@@ -47,13 +51,21 @@ impl<'c> Session<'c> {
     /// Carries out what the viewer asks for; whether it may go on asking.
     pub(crate) fn ask(&mut self, bytes: &[u8]) -> bool {
         let Ok(command) = PageCommand::decoded(bytes) else { return false };
+        if command.kind() == Kind::Look {
+            return true;
+        }
         let Some(commands) = self.commands else {
             self.refuse(command, "nothing can be commanded from here");
             return true;
         };
-        if !commands.token.is(&command.token) {
-            let remedy =
-                "the token is missing or wrong: open the address that `plumb up` or `plumb view` prints, to its end";
+        let remedy = match commands.tokens.role(&command.token) {
+            Some(Role::Operator) => None,
+            Some(Role::Viewer) => Some("this is a viewer's token: it looks and does not command"),
+            None => Some(
+                "the token is missing or wrong: open the address that `plumb up` or `plumb view` prints, to its end",
+            ),
+        };
+        if let Some(remedy) = remedy {
             self.refuse(command, remedy);
             return true;
         }

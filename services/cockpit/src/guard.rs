@@ -2,7 +2,7 @@
 //!
 //! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
 //! there. It cannot choose the headers `Host` and `Origin`: only requests that name the loopback, from no page or from ours, are answered, and
-//! at [`FOXGLOVE`] those from pages that the launch file names.
+//! at [`FOXGLOVE`] those from pages that the launch file names. With TLS the certificate says who is asked, and any `Host` will do.
 
 use std::sync::Arc;
 
@@ -34,9 +34,18 @@ const HEADERS: [(&str, &str); 8] = [
     ("cache-control", "no-cache"),
 ];
 
-/// Lets through what may be answered, and says what a browser may do with it; `others` are the origins that [`FOXGLOVE`] answers, too.
-pub(crate) async fn guard(State(others): State<Arc<[String]>>, request: Request, next: Next) -> Response {
-    let mut response = match admits(request.method(), request.uri(), request.headers(), &others) {
+/// What is answered.
+#[derive(Debug)]
+pub(crate) struct Rules {
+    /// The origins that [`FOXGLOVE`] answers, too.
+    pub(crate) foxglove_origins: Vec<String>,
+    /// TLS is spoken.
+    pub(crate) is_secured: bool,
+}
+
+/// Lets through what may be answered, and says what a browser may do with it.
+pub(crate) async fn guard(State(rules): State<Arc<Rules>>, request: Request, next: Next) -> Response {
+    let mut response = match admits(request.method(), request.uri(), request.headers(), &rules) {
         Ok(()) => next.run(request).await,
         Err((status, why)) => (status, why).into_response(),
     };
@@ -49,7 +58,7 @@ pub(crate) async fn guard(State(others): State<Arc<[String]>>, request: Request,
 /// Why a request is refused.
 type Refused = (StatusCode, &'static str);
 
-fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, others: &[String]) -> Result<(), Refused> {
+fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Result<(), Refused> {
     if ![Method::GET, Method::HEAD].contains(method) {
         return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET and HEAD are answered\n"));
     }
@@ -59,12 +68,13 @@ fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, others: &[String]) ->
         return Err(wrong_host);
     };
     let named = [Some(host), uri.authority().map(|authority| authority.as_str())];
-    if !named.into_iter().flatten().all(is_loopback) {
+    if !rules.is_secured && !named.into_iter().flatten().all(is_loopback) {
         return Err(wrong_host);
     }
-    let own = |origin: &HeaderValue| origin.as_bytes().strip_prefix(b"http://") == Some(host.as_bytes());
+    let scheme: &[u8] = if rules.is_secured { b"https://" } else { b"http://" };
+    let own = |origin: &HeaderValue| origin.as_bytes().strip_prefix(scheme) == Some(host.as_bytes());
     let named = |origin: &HeaderValue| {
-        uri.path() == FOXGLOVE && others.iter().any(|other| other.as_bytes() == origin.as_bytes())
+        uri.path() == FOXGLOVE && rules.foxglove_origins.iter().any(|other| other.as_bytes() == origin.as_bytes())
     };
     if !headers.get_all(header::ORIGIN).iter().all(|origin| own(origin) || named(origin)) {
         return Err((StatusCode::FORBIDDEN, "a page of another origin gets nothing\n"));
@@ -93,8 +103,8 @@ mod tests {
         for (name, value) in headers {
             map.append(HeaderName::try_from(*name).unwrap(), HeaderValue::from_str(value).unwrap());
         }
-        let others = ["https://app.foxglove.dev".to_owned()];
-        admits(&method, &uri.parse().unwrap(), &map, &others).map_or_else(|(status, _)| status.as_u16(), |()| 200)
+        let rules = Rules { foxglove_origins: vec!["https://app.foxglove.dev".into()], is_secured: false };
+        admits(&method, &uri.parse().unwrap(), &map, &rules).map_or_else(|(status, _)| status.as_u16(), |()| 200)
     }
 
     #[test]
@@ -117,6 +127,22 @@ mod tests {
         assert_eq!(status(Method::GET, "/", &[]), 421);
         assert_eq!(status(Method::GET, "/", &[("host", "localhost"), ("host", "attacker.example")]), 421);
         assert_eq!(status(Method::GET, "http://attacker.example/", &[("host", "localhost")]), 421);
+    }
+
+    #[test]
+    fn with_tls_any_host_will_do_and_no_page_but_the_own() {
+        let status = |origin: &str| {
+            let mut map = HeaderMap::new();
+            map.insert("host", HeaderValue::from_static("alpha.example:8088"));
+            map.insert("origin", HeaderValue::from_str(origin).unwrap());
+            let rules = Rules { foxglove_origins: Vec::new(), is_secured: true };
+            admits(&Method::GET, &Uri::from_static("/socket"), &map, &rules)
+                .map_or_else(|(status, _)| status.as_u16(), |()| 200)
+        };
+        assert_eq!(status("https://alpha.example:8088"), 200);
+        for origin in ["http://alpha.example:8088", "https://alpha.example", "https://other.example:8088", "null"] {
+            assert_eq!(status(origin), 403, "{origin}");
+        }
     }
 
     #[test]

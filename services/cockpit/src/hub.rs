@@ -85,6 +85,15 @@ impl Hub {
         self.say(Said::Standing(standing));
     }
 
+    /// Somebody looks.
+    pub fn is_watched(&self) -> bool {
+        #[cfg(feature = "foxglove")]
+        let others = self.live.is_watched();
+        #[cfg(not(feature = "foxglove"))]
+        let others = false;
+        self.told.receiver_count() > 0 || others
+    }
+
     /// What a new viewer is told first, and what follows.
     pub(crate) fn join(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
         let told = self.told.subscribe();

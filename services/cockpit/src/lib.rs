@@ -13,6 +13,7 @@
 //! | [`recording`] | a recording, thinned out |
 //! | [`picture`] | messages thinned to what is seen |
 //! | `standing` | how the system is, once a second |
+//! | [`sight`] | what a page can look at |
 //! | [`hub`] | between who makes pictures and who sends them |
 //! | `metrics` | how the system is, as Prometheus reads it |
 //! | [`server`] | connections and their limits |
@@ -21,7 +22,8 @@
 //! | `assets` | the page |
 //! | `socket` | a viewer |
 //! | `commands` | what a viewer may ask for |
-//! | [`token`] | what a command needs |
+//! | [`token`] | who may look and who may command |
+//! | [`tls`] | TLS, for whoever looks from another machine |
 #![forbid(unsafe_code)]
 
 mod assets;
@@ -35,9 +37,11 @@ mod metrics;
 pub mod picture;
 pub mod recording;
 pub mod server;
+pub mod sight;
 mod socket;
 pub mod source;
 mod standing;
+pub mod tls;
 pub mod token;
 
 use std::{
@@ -56,9 +60,10 @@ use crate::{
     hub::Hub,
     picture::Thinner,
     server::{Server, ServerError},
+    sight::Look,
     source::{Desk, Source},
     standing::Watch,
-    token::{Token, TokenError},
+    token::{Role, TokenError, Tokens},
 };
 
 /// Between two pictures.
@@ -91,16 +96,15 @@ pub fn run() -> Result<(), CockpitError> {
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
     let (hub, desk) = (Arc::new(Hub::default()), Arc::new(board::SupervisorDesk::new(&launch.name)));
-    let token = Token::of_user()?;
-    let server = Server::bind(launch.cockpit.listen)?;
-    let at = server.address(Some(&token));
+    let tokens = Tokens::of_user()?;
+    let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
+    let at = server.address(Some(tokens.of(Role::Operator)));
     let name = launch.name.clone();
     thread::spawn(move || tell_address(&name, &at));
+    let look = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
     server.start(server::Site {
-        system: launch.name.clone(),
-        hub: hub.clone(),
-        desk: Some(desk.clone()),
-        token: Some(token),
+        sight: Arc::new(look),
+        tokens: Some(tokens),
         recording: None,
         foxglove_origins: launch.cockpit.foxglove_origins,
     })?;

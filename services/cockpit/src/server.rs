@@ -1,6 +1,6 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1 on the loopback: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
+//! HTTP/1.1, on the loopback plain, beyond it in TLS, where nothing but the page itself is given without a token: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
 //! `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none in time,
 //! and whoever comes when there are too many, is disconnected.
 
@@ -27,21 +27,25 @@ use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
+use launch::CockpitTls;
 use tokio::{
+    io::{AsyncRead, AsyncWrite},
     runtime,
     sync::{OwnedSemaphorePermit, Semaphore},
+    time::timeout,
 };
+use tokio_rustls::TlsAcceptor;
 
 use crate::{
     assets::Page,
     commands::{self, Commands},
-    guard,
-    hub::Hub,
+    guard::{self, Rules},
     metrics,
     recording::Recording,
+    sight::{Look, Sight},
     socket,
-    source::Desk,
-    token::Token,
+    tls::{self, TlsError},
+    token::{Token, Tokens},
 };
 
 /// Connections at once.
@@ -53,6 +57,8 @@ pub const VIEWERS_MAX: usize = 32;
 pub const CLIENTS_MAX: usize = 8;
 /// The bytes of a viewer's command, or of a client's request, at most.
 const MESSAGE_MAX: usize = 4096;
+/// By then a connection speaks TLS.
+const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
 /// A request's headers, bytes.
 const HEADERS_MAX: usize = 16 * 1024;
 /// By then the headers of a request must have come.
@@ -75,28 +81,27 @@ pub enum ServerError {
         /// What the system said of the last.
         cause: io::Error,
     },
+    /// It is to speak TLS and cannot.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
     /// The server cannot start.
     #[error("starting the cockpit's server: {0}")]
     Start(io::Error),
 }
 
 /// A server that listens and does not answer yet.
-#[derive(Debug)]
 pub struct Server {
     listener: TcpListener,
     address: SocketAddr,
+    tls: Option<TlsAcceptor>,
 }
 
 /// What is served.
 pub struct Site {
-    /// The system's name, or that of the recording.
-    pub system: String,
-    /// Where pictures come from.
-    pub hub: Arc<Hub>,
-    /// Who takes commands.
-    pub desk: Option<Arc<dyn Desk>>,
-    /// What they need.
-    pub token: Option<Token>,
+    /// What can be looked at.
+    pub sight: Arc<dyn Sight>,
+    /// What commands need, and with TLS looking, too; without them nobody may.
+    pub tokens: Option<Tokens>,
     /// What is shown in the place of a system.
     pub recording: Option<Arc<Recording>>,
     /// Pages of others that `/foxglove` answers, by their origins.
@@ -106,21 +111,52 @@ pub struct Site {
 struct Served {
     page: Page,
     site: Site,
-    commands: Option<Commands>,
+    /// TLS is spoken, and looking needs a token.
+    is_secured: bool,
+    room: Arc<Semaphore>,
     viewers: Arc<Semaphore>,
     #[cfg(feature = "foxglove")]
     clients: Arc<Semaphore>,
 }
 
+/// What is answered where nothing of the name is to be seen.
+type NotThere = (StatusCode, String);
+
+impl Served {
+    /// What is answered to whoever sends these headers and may not see what is not the page itself.
+    fn refuses(&self, headers: &HeaderMap) -> Option<Response> {
+        let shown = headers.get(header::AUTHORIZATION).and_then(|field| field.to_str().ok()?.strip_prefix("Bearer "));
+        let role = shown.zip(self.site.tokens.as_ref()).and_then(|(shown, tokens)| tokens.role(shown));
+        if !self.is_secured || role.is_some() {
+            return None;
+        }
+        let how = [(header::WWW_AUTHENTICATE, "Bearer")];
+        let why = "a viewer's token is needed: `Authorization: Bearer TOKEN`\n";
+        Some((StatusCode::UNAUTHORIZED, how, why).into_response())
+    }
+
+    /// Where the pictures come from of the vehicle that a request names, or of what is shown where it names none.
+    fn look(&self, uri: &Uri) -> Result<Look, NotThere> {
+        let vehicle = match uri.query().map(|query| query.split_once('=')) {
+            None => Ok(None),
+            Some(Some(("vehicle", name))) => Ok(Some(name)),
+            Some(_) => Err(format!("expected {0} or {0}?vehicle=NAME", uri.path())),
+        };
+        let look = vehicle.and_then(|vehicle| self.site.sight.look(vehicle));
+        look.map_err(|why| (StatusCode::NOT_FOUND, format!("{why}\n")))
+    }
+}
+
 impl Server {
-    /// Takes the port of `address`, or the next free one.
-    pub fn bind(address: SocketAddr) -> Result<Self, ServerError> {
+    /// Takes the port of `address`, or the next free one; with a certificate, TLS is spoken there.
+    pub fn bind(address: SocketAddr, tls: Option<&CockpitTls>) -> Result<Self, ServerError> {
+        let tls = tls.map(tls::acceptor).transpose()?;
         let mut last = None;
         for port in address.port()..=address.port().saturating_add(PORTS) {
             match listen(SocketAddr::new(address.ip(), port)) {
                 Ok(listener) => {
                     let address = listener.local_addr().map_err(ServerError::Start)?;
-                    return Ok(Self { listener, address });
+                    return Ok(Self { listener, address, tls });
                 }
                 Err(cause) => last = Some(cause),
             }
@@ -129,9 +165,15 @@ impl Server {
         Err(ServerError::Listen { address, cause })
     }
 
-    /// What people open; with the token they can give commands there.
+    /// What people open; with a token they may do there what is its role's.
     pub fn address(&self, token: Option<&Token>) -> String {
-        address(&format!("http://{}/", self.address), token)
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        let at = self.address;
+        let base = match at.ip().is_unspecified() {
+            true => format!("{scheme}://{}:{}/", host_name(), at.port()),
+            false => format!("{scheme}://{at}/"),
+        };
+        address(&base, token)
     }
 
     /// Serves from a thread of its own, for as long as the process lives.
@@ -145,12 +187,13 @@ impl Server {
             let _inside = runtime.enter();
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
-        let foxglove_origins: Arc<[String]> = site.foxglove_origins.clone().into();
-        let commands = site.desk.clone().filter(|desk| desk.takes_commands()).zip(site.token.clone());
+        let is_secured = self.tls.is_some();
+        let rules = Arc::new(Rules { foxglove_origins: site.foxglove_origins.clone(), is_secured });
         let served = Arc::new(Served {
             page: Page::new(),
-            commands: commands.map(|(desk, token)| Commands::new(desk, token)),
+            room: Arc::new(Semaphore::new(commands::UNDER_WAY_MAX)),
             site,
+            is_secured,
             viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
             #[cfg(feature = "foxglove")]
             clients: Arc::new(Semaphore::new(CLIENTS_MAX)),
@@ -161,11 +204,10 @@ impl Server {
             .route("/metrics", get(figures));
         #[cfg(feature = "foxglove")]
         let router = router.route(guard::FOXGLOVE, get(foxglove));
-        let router = router
-            .fallback(asset)
-            .layer(middleware::from_fn_with_state(foxglove_origins, guard::guard))
-            .with_state(served);
-        let work = move || runtime.block_on(serve(listener, router));
+        let router =
+            router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(served);
+        let tls = self.tls;
+        let work = move || runtime.block_on(serve(listener, tls, router));
         thread::Builder::new().name("cockpit-server".into()).spawn(work).map_err(ServerError::Start)?;
         Ok(())
     }
@@ -177,7 +219,7 @@ pub fn address(base: &str, token: Option<&Token>) -> String {
 }
 
 /// Takes connections without end.
-async fn serve(listener: tokio::net::TcpListener, router: Router) {
+async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, router: Router) {
     let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -186,30 +228,56 @@ async fn serve(listener: tokio::net::TcpListener, router: Router) {
         };
         // Who comes beyond the limit is disconnected at once.
         let Ok(permit) = room.clone().try_acquire_owned() else { continue };
-        let service = TowerToHyperService::new(router.clone());
+        let (router, tls) = (router.clone(), tls.clone());
         tokio::spawn(async move {
             let _permit: OwnedSemaphorePermit = permit;
             // Pictures are small and not to wait for each other.
             let _ = stream.set_nodelay(true);
-            let mut http = http1::Builder::new();
-            http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(HEADERS_MAX);
-            // A connection that fails is its client's matter.
-            let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+            match tls {
+                None => answer(stream, router).await,
+                Some(tls) => {
+                    if let Ok(Ok(stream)) = timeout(HANDSHAKE_LIMIT, tls.accept(stream)).await {
+                        answer(stream, router).await;
+                    }
+                }
+            }
         });
     }
+}
+
+/// Answers the requests of a connection.
+async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(HEADERS_MAX);
+    // A connection that fails is its client's matter.
+    let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
+}
+
+/// What other machines call this one.
+fn host_name() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
 }
 
 async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
     served.page.answer(uri.path(), &headers)
 }
 
-async fn connect(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
+/// A viewer.
+async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
+    let look = match served.look(&uri) {
+        Ok(look) => look,
+        Err(not_there) => return not_there.into_response(),
+    };
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
     };
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        socket::serve(socket, &served.site.hub, served.commands.as_ref()).await;
+        let desk = look.desk.clone().filter(|desk| desk.takes_commands());
+        let commands = desk.zip(served.site.tokens.clone());
+        let commands = commands.map(|(desk, tokens)| Commands::new(desk, tokens, served.room.clone()));
+        let door = served.is_secured.then_some(served.site.tokens.as_ref());
+        socket::serve(socket, &look.hub, commands.as_ref(), door).await;
     })
 }
 
@@ -219,11 +287,23 @@ fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
 
 /// A client of the Foxglove WebSocket protocol.
 #[cfg(feature = "foxglove")]
-async fn foxglove(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) -> Response {
+async fn foxglove(
+    State(served): State<Arc<Served>>,
+    uri: Uri,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     use crate::foxglove::{client, protocol};
+    if let Some(refused) = served.refuses(&headers) {
+        return refused;
+    }
     if served.site.recording.is_some() {
         return (StatusCode::NOT_FOUND, "this is a recording: open its file in the viewer\n").into_response();
     }
+    let look = match served.look(&uri) {
+        Ok(look) => look,
+        Err(not_there) => return not_there.into_response(),
+    };
     let upgrade = upgrade.protocols(protocol::NAMES);
     if upgrade.selected_protocol().is_none() {
         let expected = format!("expected the subprotocol {}\n", protocol::NAMES.join(" or "));
@@ -234,17 +314,27 @@ async fn foxglove(State(served): State<Arc<Served>>, upgrade: WebSocketUpgrade) 
     };
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        client::serve(socket, &served.site.system, &served.site.hub.live).await;
+        client::serve(socket, &look.system, &look.hub.live).await;
     })
 }
 
-async fn figures(State(served): State<Arc<Served>>) -> Response {
-    let text = metrics::text(&served.site.system, &served.site.hub.newest(), monotonic_ns());
+async fn figures(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
+    if let Some(refused) = served.refuses(&headers) {
+        return refused;
+    }
+    let look = match served.look(&uri) {
+        Ok(look) => look,
+        Err(not_there) => return not_there.into_response(),
+    };
+    let text = metrics::text(&look.system, &look.hub.newest(), monotonic_ns());
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
 /// `/pictures?FROM+COUNT`: pictures of a recording.
 async fn pictures(State(served): State<Arc<Served>>, request: Request) -> Response {
+    if let Some(refused) = served.refuses(request.headers()) {
+        return refused;
+    }
     let Some(recording) = &served.site.recording else {
         return (StatusCode::NOT_FOUND, "this is no recording\n").into_response();
     };

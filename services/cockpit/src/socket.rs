@@ -5,17 +5,21 @@ use std::time::Duration;
 
 use axum::{
     body::Bytes,
-    extract::ws::{Message, WebSocket},
+    extract::ws::{CloseFrame, Message, WebSocket, close_code},
 };
 use tokio::{
     sync::{broadcast::error::RecvError, mpsc},
     time::timeout,
 };
-use wire::v1::{SwapAnswer, to_page::Said};
+use wire::{
+    command::ControlMessage as _,
+    v1::{PageCommand, SwapAnswer, page_command::Kind, to_page::Said},
+};
 
 use crate::{
     commands::{Commands, Session},
     hub::{self, Hub},
+    token::Tokens,
 };
 
 /// Who has taken nothing for so long is dropped.
@@ -23,8 +27,23 @@ const SEND_LIMIT: Duration = Duration::from_secs(5);
 /// Answers that wait for a viewer.
 const ANSWERS: usize = 16;
 
-/// Serves a viewer until it goes.
-pub(crate) async fn serve(mut socket: WebSocket, hub: &Hub, commands: Option<&Commands>) {
+/// By then whoever must show a token has shown it.
+const TOKEN_LIMIT: Duration = Duration::from_secs(5);
+
+/// Serves a viewer until it goes; where there is a `door`, first one of its tokens is to be shown.
+pub(crate) async fn serve(
+    mut socket: WebSocket,
+    hub: &Hub,
+    commands: Option<&Commands>,
+    door: Option<Option<&Tokens>>,
+) {
+    if let Some(tokens) = door
+        && !shows_token(&mut socket, tokens).await
+    {
+        let why = CloseFrame { code: close_code::POLICY, reason: "the token is missing or wrong".into() };
+        let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
+        return;
+    }
     let (first, mut told) = hub.join();
     for message in first {
         if !send(&mut socket, message).await {
@@ -46,6 +65,12 @@ pub(crate) async fn serve(mut socket: WebSocket, hub: &Hub, commands: Option<&Co
             return;
         }
     }
+}
+
+async fn shows_token(socket: &mut WebSocket, tokens: Option<&Tokens>) -> bool {
+    let Ok(Some(Ok(Message::Binary(bytes)))) = timeout(TOKEN_LIMIT, socket.recv()).await else { return false };
+    let look = PageCommand::decoded(&bytes).ok().filter(|command| command.kind() == Kind::Look);
+    look.zip(tokens).is_some_and(|(look, tokens)| tokens.role(&look.token).is_some())
 }
 
 /// What comes next.

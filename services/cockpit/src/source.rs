@@ -2,12 +2,15 @@
 
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
+use wire::v1::VehicleLine;
 
 /// How a source is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SourceState {
     /// It is waited for; why, for people.
     Connecting(String),
+    /// None is chosen of those in sight.
+    Unchosen,
     /// Its messages come.
     Live,
     /// It has ended; why, for people.
@@ -38,13 +41,18 @@ pub struct Description {
     pub supervisor_pid: Option<u32>,
 }
 
-/// Who answers for a system; asked from threads that may wait.
+/// Who answers for a system, and knows who else is in sight; asked from threads that may wait.
 pub trait Desk: Send + Sync {
     /// What it is; the reason where nobody answers.
     fn description(&self) -> Result<Description, String>;
 
     /// How its services are.
     fn services(&self) -> Result<Vec<ServiceStatus>, String>;
+
+    /// The vehicles in sight, where several can be chosen from.
+    fn vehicles(&self) -> Vec<VehicleLine> {
+        Vec::new()
+    }
 
     /// Commands can be given here.
     fn takes_commands(&self) -> bool;

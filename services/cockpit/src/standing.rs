@@ -12,7 +12,7 @@ use judge::{Fields, Judge};
 use messages::{Header, ImuSample, MagSample};
 use observe::{hops::Hops, process::Processes};
 use runtime::clock::monotonic_ns;
-use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, standing::State};
+use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
 
 use crate::source::{Description, Desk, SourceState};
 
@@ -22,11 +22,15 @@ const ASK_INTERVAL: Duration = Duration::from_secs(1);
 const WARNINGS_MAX: usize = 32;
 
 /// What the supervisor said last.
-type Said = Mutex<Option<(Description, Vec<ServiceStatus>)>>;
+#[derive(Debug, Default)]
+struct Said {
+    answer: Option<(Description, Vec<ServiceStatus>)>,
+    vehicles: Vec<VehicleLine>,
+}
 
 /// Watches the path, and has the supervisor asked.
 pub(crate) struct Watch {
-    said: Arc<Said>,
+    said: Arc<Mutex<Said>>,
     takes_commands: bool,
     hops: Hops,
     before: [Option<Header>; Service::PATH.len()],
@@ -39,7 +43,7 @@ pub(crate) struct Watch {
 impl Watch {
     /// `has_every_tick`: what comes can be judged.
     pub(crate) fn new(desk: Arc<dyn Desk>, has_every_tick: bool) -> Self {
-        let said = Arc::new(Said::default());
+        let said = Arc::new(Mutex::<Said>::default());
         let takes_commands = desk.takes_commands();
         let told = Arc::downgrade(&said);
         thread::spawn(move || ask(&*desk, &told));
@@ -96,8 +100,11 @@ impl Watch {
     pub(crate) fn standing(&mut self, state: SourceState) -> Standing {
         self.hops.settle();
         let (latencies, whole) = self.hops.report();
-        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let (description, statuses) = said.filter(|_| state == SourceState::Live).unwrap_or_default();
+        let (answer, vehicles) = {
+            let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+            (said.answer.clone(), said.vehicles.clone())
+        };
+        let (description, statuses) = answer.filter(|_| state == SourceState::Live).unwrap_or_default();
         let now_ns = monotonic_ns();
         let supervisor = description.supervisor_pid.map(|pid| ServiceStatus {
             service: "supervisor".into(),
@@ -128,6 +135,7 @@ impl Watch {
         self.before = Service::PATH.map(|service| self.hops.newest(service));
         let (told, why) = match &state {
             SourceState::Connecting(why) => (State::Connecting, why.clone()),
+            SourceState::Unchosen => (State::Unchosen, String::new()),
             SourceState::Live => (State::Live, String::new()),
             SourceState::Ended(why) => (State::Ended, why.clone()),
         };
@@ -144,16 +152,17 @@ impl Watch {
             slots: description.slots.into_iter().map(|(slot, stages)| SlotStages { slot, stages }).collect(),
             takes_commands: self.takes_commands,
             warnings: self.warnings.clone(),
+            vehicles,
             ..Standing::default()
         }
     }
 }
 
 /// Asks until nobody wants to know.
-fn ask(desk: &dyn Desk, told: &Weak<Said>) {
+fn ask(desk: &dyn Desk, told: &Weak<Mutex<Said>>) {
     while let Some(said) = told.upgrade() {
         let answer = desk.description().and_then(|description| Ok((description, desk.services()?)));
-        *said.lock().unwrap_or_else(PoisonError::into_inner) = answer.ok();
+        *said.lock().unwrap_or_else(PoisonError::into_inner) = Said { answer: answer.ok(), vehicles: desk.vehicles() };
         drop(said);
         thread::sleep(ASK_INTERVAL);
     }

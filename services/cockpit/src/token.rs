@@ -1,6 +1,7 @@
-//! What a command needs: a token that only the user who runs the system can read.
+//! What commands need, and beyond the loopback looking, too: tokens that only the user who runs the system can read.
 //!
-//! It is in the address that is printed, behind `#`: a browser sends that part to nobody. The page keeps it for its tab.
+//! An operator's commands and looks, a viewer's looks. It is in the address that is printed, behind `#`: a browser sends that part to nobody.
+//! The page keeps it for its tab.
 
 use std::{
     env,
@@ -14,8 +15,9 @@ use rustix::rand::{GetRandomFlags, getrandom};
 
 /// Random bytes of a token.
 const BYTES: usize = 24;
-/// The file's name.
-const FILE: &str = "cockpit.token";
+/// The files' names.
+const OPERATOR_FILE: &str = "cockpit.token";
+const VIEWER_FILE: &str = "cockpit.viewer.token";
 
 /// Why there is no token.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +46,44 @@ pub enum TokenError {
     Random(io::Error),
 }
 
+/// What somebody may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Look and command.
+    Operator,
+    /// Look.
+    Viewer,
+}
+
+/// The tokens of a user.
+#[derive(Debug, Clone)]
+pub struct Tokens {
+    operator: Token,
+    viewer: Token,
+}
+
+impl Tokens {
+    /// Those of this user, made at the first time.
+    pub fn of_user() -> Result<Self, TokenError> {
+        let folder = folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?;
+        let kept = |file| Token::kept_in(&folder, file);
+        Ok(Self { operator: kept(OPERATOR_FILE)?, viewer: kept(VIEWER_FILE)? })
+    }
+
+    /// That of a role.
+    pub fn of(&self, role: Role) -> &Token {
+        match role {
+            Role::Operator => &self.operator,
+            Role::Viewer => &self.viewer,
+        }
+    }
+
+    /// What whoever shows this may do; nothing more than others where it is none of them.
+    pub(crate) fn role(&self, shown: &str) -> Option<Role> {
+        [Role::Operator, Role::Viewer].into_iter().find(|role| self.of(*role).is(shown))
+    }
+}
+
 /// A token.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
@@ -56,11 +96,6 @@ impl std::fmt::Debug for Token {
 }
 
 impl Token {
-    /// The token of this user, made at the first time.
-    pub fn of_user() -> Result<Self, TokenError> {
-        Self::kept_in(&folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?)
-    }
-
     /// As it stands in an address.
     pub fn text(&self) -> &str {
         &self.0
@@ -72,8 +107,8 @@ impl Token {
         own.len() == shown.len() && own.iter().zip(shown).fold(0, |all, (a, b)| all | (a ^ b)) == 0
     }
 
-    fn kept_in(folder: &Path) -> Result<Self, TokenError> {
-        let path = folder.join(FILE);
+    fn kept_in(folder: &Path, file: &str) -> Result<Self, TokenError> {
+        let path = folder.join(file);
         let failed = |cause| TokenError::File { path: path.clone(), cause };
         // Two that begin at once: one of them makes it, the other reads it.
         for _ in 0..2 {
@@ -168,12 +203,12 @@ mod tests {
     fn it_is_made_once_and_for_its_user_alone() {
         let folder = tempfile::tempdir().unwrap();
         let own = folder.path().join("state");
-        let first = Token::kept_in(&own).unwrap();
-        assert_eq!(Token::kept_in(&own).unwrap(), first);
-        assert_eq!(fs::metadata(own.join(FILE)).unwrap().mode() & 0o7777, 0o600);
+        let first = Token::kept_in(&own, OPERATOR_FILE).unwrap();
+        assert_eq!(Token::kept_in(&own, OPERATOR_FILE).unwrap(), first);
+        assert_eq!(fs::metadata(own.join(OPERATOR_FILE)).unwrap().mode() & 0o7777, 0o600);
         assert_eq!(fs::read_dir(&own).unwrap().count(), 1, "nothing else is left");
         let other = tempfile::tempdir().unwrap();
-        assert_ne!(Token::kept_in(other.path()).unwrap(), first);
+        assert_ne!(Token::kept_in(other.path(), OPERATOR_FILE).unwrap(), first);
         assert!(first.is(first.text()) && !first.is("") && !first.is(&"0".repeat(2 * BYTES)));
         assert!(!format!("{first:?}").contains(first.text()));
     }
@@ -182,7 +217,8 @@ mod tests {
     fn many_that_begin_at_once_have_the_same() {
         let folder = tempfile::tempdir().unwrap();
         let tokens: Vec<_> = std::thread::scope(|scope| {
-            let all: Vec<_> = (0..8).map(|_| scope.spawn(|| Token::kept_in(folder.path()).unwrap())).collect();
+            let all: Vec<_> =
+                (0..8).map(|_| scope.spawn(|| Token::kept_in(folder.path(), OPERATOR_FILE).unwrap())).collect();
             all.into_iter().map(|one| one.join().unwrap()).collect()
         });
         assert!(tokens.iter().all(|one| *one == tokens[0]));
@@ -191,22 +227,22 @@ mod tests {
     #[test]
     fn what_others_planted_is_neither_read_nor_written_through() {
         let folder = tempfile::tempdir().unwrap();
-        let (path, target) = (folder.path().join(FILE), folder.path().join("target"));
+        let (path, target) = (folder.path().join(OPERATOR_FILE), folder.path().join("target"));
         symlink(&target, &path).unwrap();
-        let error = Token::kept_in(folder.path()).unwrap_err().to_string();
+        let error = Token::kept_in(folder.path(), OPERATOR_FILE).unwrap_err().to_string();
         assert!(error.contains("is a link") && error.contains("remove it"), "{error}");
         assert!(!target.exists());
         fs::write(&target, "a".repeat(2 * BYTES)).unwrap();
-        assert!(Token::kept_in(folder.path()).is_err(), "nor where it leads somewhere");
+        assert!(Token::kept_in(folder.path(), OPERATOR_FILE).is_err(), "nor where it leads somewhere");
         fs::remove_file(&path).unwrap();
         fs::write(&path, "a".repeat(2 * BYTES)).unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o644)).unwrap();
-        let error = Token::kept_in(folder.path()).unwrap_err().to_string();
+        let error = Token::kept_in(folder.path(), OPERATOR_FILE).unwrap_err().to_string();
         assert!(error.contains("others can read it"), "{error}");
         fs::set_permissions(&path, fs::Permissions::from_mode(0o600)).unwrap();
-        assert!(Token::kept_in(folder.path()).is_ok());
+        assert!(Token::kept_in(folder.path(), OPERATOR_FILE).is_ok());
         fs::write(&path, "short").unwrap();
-        assert!(Token::kept_in(folder.path()).unwrap_err().to_string().contains("holds no token"));
+        assert!(Token::kept_in(folder.path(), OPERATOR_FILE).unwrap_err().to_string().contains("holds no token"));
     }
 
     #[test]

@@ -49,6 +49,11 @@ impl Default for Live {
 }
 
 impl Live {
+    /// Somebody is told.
+    pub(crate) fn is_watched(&self) -> bool {
+        self.told.receiver_count() > 0
+    }
+
     /// What is told from now on.
     pub(crate) fn join(&self) -> broadcast::Receiver<Told> {
         self.told.subscribe()

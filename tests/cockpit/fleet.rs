@@ -1,0 +1,106 @@
+//! Vehicles elsewhere on one page.
+use crate::{
+    browser::Page,
+    common::{
+        System,
+        beyond::{endpoint, free_port, gateway},
+        plumb,
+        site::{Site, listening},
+        until,
+    },
+    page::{View, row},
+};
+
+fn vehicle(name: &str, more: &str) -> System {
+    let services = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]";
+    let port = free_port();
+    System::new(&format!("{services}\ngateway.listen = [\"tcp/127.0.0.1:{port}\"]\ngateway.vehicle = {name:?}\n{more}"))
+}
+
+fn view(system: &System, arguments: &[&str]) -> View {
+    let mut command = plumb(&["view", "--listen", &format!("127.0.0.1:{}", free_port()), "--remote"]);
+    command.args(arguments).env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
+    View::start(command)
+}
+
+#[test]
+fn every_vehicle_in_sight_has_a_line_and_the_one_that_is_chosen_is_shown_in_our_frame() {
+    let (boat, drone) = (vehicle("boat", ""), vehicle("drone", "[output]\nframe = \"ned-frd\"\n"));
+    let out = drone.path("out.csv");
+    let (boat_runs, drone_runs) = (boat.start(&[]), drone.start(&["--out", out.to_str().unwrap()]));
+    let ends = [endpoint(&boat), endpoint(&drone)];
+    let view = view(&boat, &["--connect", &ends[0], "--connect", &ends[1]]);
+    let Some(mut page) = Page::open(&view.address) else { return };
+    page.until("plumb.view() === 'fleet' && plumb.drawn()?.vehicles?.length === 2");
+    page.until("plumb.drawn().vehicles.every(({ old, quaternion, stage, lost_ticks }) => !old && quaternion && stage === 'wz' && lost_ticks === 0)");
+    page.shot("fleet-1280.png");
+    page.click("[data-vehicle=drone]");
+    page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && document.getElementById('system').textContent === 'drone'");
+    page.key(" ");
+    page.until("document.getElementById('state').textContent === 'paused' && plumb.drawn()?.quaternion");
+    let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
+    let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
+    page.shot("fleet-chosen.png");
+    page.key("4");
+    page.until("plumb.drawn()?.services?.some(([service, state]) => service === 'fuser' && state === 'running')");
+    assert_eq!(page.eval("document.getElementById('swap').disabled"), true, "over a plain endpoint nobody commands");
+
+    // One that ends stays in the list, and is told so.
+    boat_runs.interrupt();
+    boat_runs.wait().assert_whole();
+    page.key("5");
+    page.until("plumb.drawn()?.vehicles?.some(({ vehicle, old }) => vehicle === 'boat' && old)");
+    page.until("plumb.drawn().vehicles.some(({ vehicle, old }) => vehicle === 'drone' && !old)");
+    page.shot("fleet-gone.png");
+    page.assert_clean();
+    view.end();
+    drone_runs.interrupt();
+    drone_runs.wait().assert_whole();
+    // North-east-down and forward-right-down: as the file has it, so has the page in ours.
+    let row = row(&out, tick);
+    assert_eq!(drawn, [row[1], row[3], row[2], -row[4]], "tick {tick}");
+}
+
+#[test]
+fn the_page_begins_with_the_vehicle_that_is_named_and_finds_it_again() {
+    let boat = vehicle("boat", "");
+    let running = boat.start(&[]);
+    let end = endpoint(&boat);
+    let view = view(&boat, &["boat", "--connect", &end]);
+    let Some(mut page) = Page::open(&view.address) else { return };
+    page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    running.interrupt();
+    running.wait().assert_whole();
+    page.until("plumb.state().kind !== 'live'");
+    let again = boat.start(&[]);
+    until("the gateway", || gateway(&boat).is_some());
+    page.until("plumb.state().kind === 'live'");
+    page.assert_clean();
+    view.end();
+    again.interrupt();
+    again.wait().assert_whole();
+}
+
+#[test]
+fn an_operator_swaps_a_stage_of_a_vehicle_elsewhere_by_a_click() {
+    let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["operator", "ann"]]);
+    let alpha = listening(&site, free_port());
+    let running = alpha.start(&[]);
+    let end = endpoint(&alpha);
+    let keys = site.of("operator.ann");
+    let view = view(&alpha, &["alpha", "--connect", &end, "--keys", keys.to_str().unwrap()]);
+    let Some(mut page) = Page::open(&view.address) else { return };
+    page.until("plumb.state().kind === 'live'");
+    page.key("4");
+    page.until("document.getElementById('slot').value === 'fuser' && !document.getElementById('swap').disabled");
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#swap");
+    page.click("#yes");
+    page.until("/^(committed|aborted|refused)/.test(document.getElementById('outcome').textContent)");
+    let outcome = page.text("document.getElementById('outcome').textContent");
+    assert!(outcome.starts_with("committed: fuser: wz → vqf from tick"), "{outcome}");
+    page.assert_clean();
+    view.end();
+    running.interrupt();
+    running.wait().assert_whole();
+}

@@ -1,0 +1,137 @@
+//! The page by TLS: nothing without a token, a viewer looks, an operator commands.
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use crate::{
+    browser::Page,
+    common::{System, beyond::free_port, plumb, site::Site, until},
+    page::with_cockpit,
+};
+
+/// Asks by the standard library of Python, which believes the authority and nobody else: the status, or what was said against it.
+fn status(site: &Site, url: &str, token: &str) -> String {
+    let script = r#"
+import http.client, ssl, sys, urllib.error, urllib.request
+ca, url, token = sys.argv[1:]
+context = ssl.create_default_context(cafile=ca)
+request = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"} if token else {})
+try:
+    print(urllib.request.urlopen(request, timeout=20, context=context).status)
+except urllib.error.HTTPError as error:
+    print(error.code)
+except (OSError, http.client.HTTPException) as error:
+    print(error)
+"#;
+    let ca = site.of("vehicle.alpha").join("ca.pem");
+    let output = Command::new("python3").args(["-c", script]).arg(ca).args([url, token]).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+}
+
+fn secured() -> (Site, System, u16) {
+    let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
+    let folder = site.of("vehicle.alpha");
+    let [cert, key] = ["cert.pem", "key.pem"].map(|file| folder.join(file));
+    let (system, port) = with_cockpit(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
+    (site, system, port)
+}
+
+fn token(system: &System, file: &str) -> String {
+    let path = system.path("plumbline").join(file);
+    until("the token", || path.is_file());
+    fs::read_to_string(path).unwrap().trim().to_owned()
+}
+
+#[test]
+fn by_tls_nothing_is_seen_without_a_token_a_viewer_looks_and_an_operator_commands() {
+    let (site, system, port) = secured();
+    let running = system.start(&[]);
+    system.all_run();
+    let (operator, viewer) = (token(&system, "cockpit.token"), token(&system, "cockpit.viewer.token"));
+    assert_ne!(operator, viewer);
+    let at = |rest: &str| format!("https://127.0.0.1:{port}/{rest}");
+    until("the page", || status(&site, &at(""), "") == "200");
+    for (token, expected) in [("", "401"), ("wrong", "401"), (&viewer, "200"), (&operator, "200")] {
+        assert_eq!(status(&site, &at("metrics"), token), expected, "{token}");
+    }
+    // Who does not believe the authority, or speaks no TLS, gets nothing.
+    let other = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
+    assert!(status(&other, &at(""), &viewer).contains("CERTIFICATE_VERIFY_FAILED"));
+    assert!(!status(&site, &format!("http://127.0.0.1:{port}/"), &viewer).contains("200"));
+
+    let Some(mut stranger) = Page::open(&at("")) else { return };
+    stranger.until("document.getElementById('state').textContent === 'no token'");
+    assert_eq!(stranger.eval("plumb.data.frames.length"), 0);
+    let mut looks = Page::open(&at(&format!("#{viewer}"))).unwrap();
+    looks.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    looks.key("4");
+    looks.until("document.getElementById('slot').value === 'fuser'");
+    swap(&mut looks);
+    let said = looks.text("document.getElementById('outcome').textContent");
+    assert!(said.contains("a viewer's token: it looks and does not command"), "{said}");
+    let mut commands = Page::open(&at(&format!("#{operator}"))).unwrap();
+    commands.until("plumb.state().kind === 'live'");
+    commands.key("4");
+    commands.until("document.getElementById('slot').value === 'fuser'");
+    swap(&mut commands);
+    let said = commands.text("document.getElementById('outcome').textContent");
+    assert!(said.starts_with("committed: fuser: wz → vqf from tick"), "{said}");
+    looks.assert_clean();
+    commands.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+fn swap(page: &mut Page) {
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#swap");
+    page.click("#yes");
+    page.until("/^(committed|aborted|refused)/.test(document.getElementById('outcome').textContent)");
+}
+
+#[test]
+fn beyond_the_loopback_it_listens_only_with_a_certificate_that_serves() {
+    let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"], &["vehicle", "beta"]]);
+    let view = |more: &[&str]| -> Output {
+        let listen = format!("0.0.0.0:{}", free_port());
+        let state = site.of("state");
+        let mut command = plumb(&["view", "--seconds", "1", "--listen", &listen]);
+        command.args(more).env("XDG_STATE_HOME", state).env_remove("STATE_DIRECTORY").output().unwrap()
+    };
+    let said = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    let open = view(&[]);
+    assert_eq!(open.status.code(), Some(2), "{open:?}");
+    assert!(said(&open).contains("--tls is needed") && said(&open).contains("ssh -L"), "{}", said(&open));
+    let folder = |party: &str| site.of(party).to_str().unwrap().to_owned();
+    let served = view(&["--tls", &folder("vehicle.alpha")]);
+    assert!(served.status.success(), "{}", said(&served));
+    let printed = String::from_utf8(served.stdout).unwrap();
+    assert!(printed.starts_with("https://") && !printed.contains("0.0.0.0"), "{printed}");
+    let viewer = view(&["--tls", &folder("vehicle.alpha"), "--viewer"]);
+    assert_ne!(token_of(&printed), token_of(&String::from_utf8(viewer.stdout).unwrap()));
+
+    let nothing = view(&["--tls", &folder("nowhere")]);
+    assert!(said(&nothing).contains("nowhere/cert.pem"), "{}", said(&nothing));
+    // A key of somebody else's, and one that others can read.
+    let mixed = site.of("mixed");
+    fs::create_dir(&mixed).unwrap();
+    copy(&site.of("vehicle.alpha").join("cert.pem"), &mixed.join("cert.pem"));
+    copy(&site.of("vehicle.beta").join("key.pem"), &mixed.join("key.pem"));
+    let mismatched = view(&["--tls", mixed.to_str().unwrap()]);
+    assert!(said(&mismatched).contains("plumb keys vehicle"), "{}", said(&mismatched));
+    use std::os::unix::fs::PermissionsExt as _;
+    fs::set_permissions(mixed.join("key.pem"), fs::Permissions::from_mode(0o644)).unwrap();
+    let readable = view(&["--tls", mixed.to_str().unwrap()]);
+    assert!(said(&readable).contains("others can read it"), "{}", said(&readable));
+}
+
+fn token_of(address: &str) -> &str {
+    address.trim().split_once('#').map(|(_, token)| token).unwrap_or_else(|| panic!("no token: {address}"))
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::copy(from, to).unwrap();
+}
