@@ -1,8 +1,8 @@
 //! Connections and their limits.
 //!
-//! HTTP/1.1, on the loopback plain, beyond it in TLS, where nothing but the page itself is given without a token: the page, the WebSocket `/socket`, of a recording its pictures, the figures of
-//! `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none in time,
-//! and whoever comes when there are too many, is disconnected.
+//! HTTP/1.1, on the loopback plain, beyond it in TLS, where nothing but the page itself is given without a token: the page, the WebSocket
+//! `/socket`, of a recording its pictures, the figures of `/metrics`, and the WebSocket `/foxglove`. A request has no body; whoever sends none
+//! in time, and whoever comes when there are too many, is disconnected.
 
 use std::{
     io,
