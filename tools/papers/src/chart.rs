@@ -21,6 +21,8 @@ pub(crate) struct Chart {
     pub(crate) x: Axis,
     pub(crate) y: Axis,
     pub(crate) curves: Vec<Curve>,
+    /// The curves' names stand beside them.
+    pub(crate) named: bool,
 }
 
 /// An axis, what it shows with its unit, and from where to where.
@@ -33,6 +35,7 @@ pub(crate) struct Axis {
 /// A curve or a cloud of dots; points that are not finite break it.
 #[derive(Debug)]
 pub(crate) struct Curve {
+    /// In the legend; nothing where another curve stands for it.
     pub(crate) name: String,
     pub(crate) color: RGBColor,
     pub(crate) style: Style,
@@ -90,10 +93,9 @@ impl Chart {
     where
         B::ErrorType: 'static,
     {
-        let named = self.curves.len() > 1;
         let mut chart = ChartBuilder::on(area)
             .margin(8)
-            .margin_right(if named { LEGEND_WIDTH } else { 24 })
+            .margin_right(if self.named { LEGEND_WIDTH } else { 24 })
             .caption(&self.title, TITLE)
             .x_label_area_size(40)
             .y_label_area_size(66)
@@ -106,7 +108,7 @@ impl Chart {
             .axis_desc_style(TEXT)
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.14))
-            .x_labels(11)
+            .x_labels(if self.named { 11 } else { 6 })
             .y_labels(9)
             .x_label_formatter(&number)
             .y_label_formatter(&number)
@@ -120,7 +122,7 @@ impl Chart {
             let runs = points.split(|point| !point.1.is_finite()).filter(|run| run.len() > 1);
             chart.draw_series(runs.map(|run| PathElement::new(run.to_vec(), color.stroke_width(width))))?;
         }
-        if named { self.legend(area) } else { Ok(()) }
+        if self.named { self.legend(area) } else { Ok(()) }
     }
 
     /// The names of the curves, to the right of them.
@@ -130,7 +132,8 @@ impl Chart {
     {
         let left = area.dim_in_pixel().0 as i32 - LEGEND_WIDTH as i32 + 14;
         let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
-        for (Curve { name, color, style, .. }, y) in self.curves.iter().zip((44..).step_by(24)) {
+        let named = self.curves.iter().filter(|curve| !curve.name.is_empty());
+        for (Curve { name, color, style, .. }, y) in named.zip((44..).step_by(24)) {
             if *style == Style::Dots {
                 area.draw(&Circle::new((left + 10, y), 3, color.filled()))?;
             } else {

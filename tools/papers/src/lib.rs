@@ -22,6 +22,7 @@ pub mod picture;
 mod png;
 pub mod progress;
 pub mod s1;
+pub mod s3;
 mod scene;
 mod scheme;
 mod table;
@@ -38,16 +39,19 @@ pub use progress::Progress;
 pub enum Paper {
     /// Matveev 2025.
     S1,
+    /// The improved Madgwick filter.
+    S3,
 }
 
 impl Paper {
     /// All of them.
-    pub const ALL: [Self; 1] = [Self::S1];
+    pub const ALL: [Self; 2] = [Self::S1, Self::S3];
 
     /// `s1` to `s4`: its name in commands and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::S1 => "s1",
+            Self::S3 => "s3",
         }
     }
 
@@ -57,6 +61,9 @@ impl Paper {
             Self::S1 => {
                 "S1: V. V. Matveev et al., parameters (w, z) in strapdown attitude systems, Devices and Methods of Measurements 16(3), 2025, 202–211"
             }
+            Self::S3 => {
+                "S3: improved orientation of a UAV by a MEMS inertial system on the basis of the Madgwick filter"
+            }
         }
     }
 
@@ -64,12 +71,14 @@ impl Paper {
     fn runs(self) -> u64 {
         match self {
             Self::S1 => s1::RUNS,
+            Self::S3 => s3::RUNS,
         }
     }
 
     fn parts(self, progress: &mut Progress<'_>) -> Vec<Part> {
         match self {
             Self::S1 => s1::parts(progress),
+            Self::S3 => s3::parts(progress),
         }
     }
 }

@@ -5,14 +5,7 @@ use std::{error::Error, fs, path::Path};
 use plotters::{coord::Shift, prelude::*};
 
 use crate::{
-    PaperError,
-    chart::Chart,
-    font::Typeface,
-    map::Map,
-    png::Pixels,
-    scene::Scene,
-    scheme::Scheme,
-    table::Table,
+    PaperError, chart::Chart, font::Typeface, map::Map, png::Pixels, scene::Scene, scheme::Scheme, table::Table,
 };
 
 pub(crate) type Drawn = Result<(), Box<dyn Error + Send + Sync>>;
@@ -124,6 +117,8 @@ impl Picture {
 
 /// A number as short as it is: 20, 0.5, not 20.0, −0.0.
 pub(crate) fn number(value: &f64) -> String {
+    // What is left of a sum of ticks is none.
+    let value = if value.abs() < 1e-9 { &0.0 } else { value };
     let text = if *value != 0.0 && value.abs() < 1e-3 { format!("{value:.0e}") } else { format!("{value:.3}") };
     let short = if text.contains('e') { &text } else { text.trim_end_matches('0').trim_end_matches('.') };
     if short == "-0" { "0".into() } else { short.replace('-', "−") }

@@ -24,14 +24,37 @@ pub(crate) struct Scene {
 /// One thing in a scene, drawn in their order.
 #[derive(Debug)]
 pub(crate) enum Shape {
-    Line { points: Vec<Vector3<f64>>, color: RGBAColor, width: u32 },
+    Line {
+        points: Vec<Vector3<f64>>,
+        color: RGBAColor,
+        width: u32,
+    },
     /// A line on the unit sphere, pale where it is behind.
-    OnSphere { points: Vec<Vector3<f64>>, color: RGBColor, width: u32 },
-    Dots { points: Vec<Vector3<f64>>, color: RGBAColor, radius: u32 },
-    Arrow { from: Vector3<f64>, to: Vector3<f64>, color: RGBColor, name: String },
-    Text { at: Vector3<f64>, text: String },
+    OnSphere {
+        points: Vec<Vector3<f64>>,
+        color: RGBColor,
+        width: u32,
+    },
+    Dots {
+        points: Vec<Vector3<f64>>,
+        color: RGBAColor,
+        radius: u32,
+    },
+    Arrow {
+        from: Vector3<f64>,
+        to: Vector3<f64>,
+        color: RGBColor,
+        name: String,
+    },
+    Text {
+        at: Vector3<f64>,
+        text: String,
+    },
     /// A name in the legend.
-    Named { color: RGBColor, name: String },
+    Named {
+        color: RGBColor,
+        name: String,
+    },
 }
 
 impl Scene {

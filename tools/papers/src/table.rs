@@ -33,7 +33,9 @@ impl Table {
     fn widths(&self) -> Vec<usize> {
         let lines = || [&self.head].into_iter().chain(&self.rows);
         (0..self.head.len())
-            .map(|column| lines().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0))
+            .map(|column| {
+                lines().filter_map(|line| line.get(column)).map(|cell| cell.chars().count()).max().unwrap_or(0)
+            })
             .collect()
     }
 

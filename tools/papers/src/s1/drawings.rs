@@ -38,7 +38,11 @@ pub(super) fn sphere() -> Vec<Shape> {
     shapes
 }
 
-fn axes<const N: usize>(of: [Vector3<f64>; N], names: [&str; N], color: RGBColor) -> impl Iterator<Item = Shape> + use<N> {
+fn axes<const N: usize>(
+    of: [Vector3<f64>; N],
+    names: [&str; N],
+    color: RGBColor,
+) -> impl Iterator<Item = Shape> + use<N> {
     of.into_iter().zip(names.map(String::from)).map(move |(to, name)| Shape::Arrow {
         from: Vector3::zeros(),
         to,
@@ -50,11 +54,8 @@ fn axes<const N: usize>(of: [Vector3<f64>; N], names: [&str; N], color: RGBColor
 fn turns() -> Part {
     let (sin, cos) = 35f64.to_radians().sin_cos();
     let turned = [Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0), Vector3::z()];
-    let plane = || Shape::Line {
-        points: circle(|cos, sin| Vector3::new(cos, sin, 0.0)),
-        color: BLACK.mix(0.3),
-        width: 1,
-    };
+    let plane =
+        || Shape::Line { points: circle(|cos, sin| Vector3::new(cos, sin, 0.0)), color: BLACK.mix(0.3), width: 1 };
     let arc_of = |points, color: RGBColor| Shape::Line { points, color: color.to_rgba(), width: 2 };
     let mut first = vec![plane()];
     first.extend(axes([Vector3::x(), Vector3::y(), Vector3::z() * 1.15], ["ξ0", "η0", "ζ0, ζ'"], GREY));
@@ -64,7 +65,8 @@ fn turns() -> Part {
     // A turn of 40° about an axis e of the horizontal plane.
     let e = (turned[0] * 0.8 + turned[1] * 0.6).normalize();
     let (tilt_sin, tilt_cos) = 40f64.to_radians().sin_cos();
-    let tilted = |axis: Vector3<f64>| axis * tilt_cos + e.cross(&axis) * tilt_sin + e * (e.dot(&axis) * (1.0 - tilt_cos));
+    let tilted =
+        |axis: Vector3<f64>| axis * tilt_cos + e.cross(&axis) * tilt_sin + e * (e.dot(&axis) * (1.0 - tilt_cos));
     let mut second = vec![plane()];
     second.extend(axes([turned[0], turned[1], Vector3::z()], ["ξ'", "η'", "ζ'"], BLUE));
     second.extend(axes(turned.map(tilted), ["ξ", "η", "ζ"], GREEN));
@@ -72,10 +74,12 @@ fn turns() -> Part {
     second.push(arc_of(arc(Vector3::z(), e.cross(&Vector3::z()), 40f64.to_radians(), 0.6), ORANGE));
     second.push(Shape::Text { at: (Vector3::z() + tilted(Vector3::z())).normalize() * 0.72, text: "δ".into() });
     let scene = |title: &str, shapes| {
-        Panel::Scene(Scene { title: title.into(), azimuth_deg: 30.0, elevation_deg: 25.0, reach: 1.4, shapes })
+        Panel::Scene(Scene { title: title.into(), azimuth_deg: 62.0, elevation_deg: 28.0, reach: 1.3, shapes })
     };
-    let panels =
-        vec![scene("figure 1: by z about the vertical", first), scene("figure 2: by δ about e, which is horizontal", second)];
+    let panels = vec![
+        scene("figure 1: by z about the vertical", first),
+        scene("figure 2: by δ about e, which is horizontal", second),
+    ];
     Part {
         name: "figure-1-2",
         title: "Figures 1 and 2: the two finite rotations".into(),
@@ -98,13 +102,8 @@ fn projection() -> Part {
         Shape::Text { at: w + Vector3::new(0.22, 0.12, 0.0), text: "w".into() },
         Shape::Text { at: POLE * 1.12, text: "the pole −ζ'".into() },
     ]);
-    let scene = Scene {
-        title: "w = (a + jb) / (1 + c)".into(),
-        azimuth_deg: -65.0,
-        elevation_deg: 24.0,
-        reach: 1.55,
-        shapes,
-    };
+    let scene =
+        Scene { title: "w = (a + jb) / (1 + c)".into(), azimuth_deg: -65.0, elevation_deg: 24.0, reach: 1.55, shapes };
     Part {
         name: "figure-3",
         title: "Figure 3: the end of k'' on the unit sphere and its stereographic image w".into(),

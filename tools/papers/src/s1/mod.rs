@@ -5,12 +5,12 @@ mod operations;
 mod runs;
 
 use attitude::Vector3;
-use plotters::style::{Color, RGBColor};
+use plotters::style::{BLACK, Color, RGBColor};
 
 use crate::{
     Progress,
     chart::{Axis, Chart, Curve, Style},
-    picture::{BLUE, Figure, GREEN, GREY, ORANGE, Panel, Part, Picture, SKY},
+    picture::{BLUE, Figure, GREEN, ORANGE, Panel, Part, Picture, SKY},
     scene::{Scene, Shape},
     table::Table,
 };
@@ -80,6 +80,7 @@ fn parameters(free: &[Moment]) -> Part {
             of("v", ORANGE, |moment| moment.attitude.up.w.im),
             of("z, rad", GREEN, |moment| moment.attitude.z_rad),
         ],
+        named: true,
     };
     Part {
         name: "figure-4",
@@ -102,6 +103,7 @@ fn angles(free: &[Moment], numbers: &Numbers) -> Part {
             of("pitch ϑ", BLUE, |angles| angles.pitch_rad),
             of("roll γ", ORANGE, |angles| angles.roll_rad),
         ],
+        named: true,
     };
     let [yaw, pitch, roll] = numbers.angles_deg;
     Part {
@@ -127,6 +129,7 @@ fn plane(title: &str, curves: Vec<Curve>) -> Panel {
         x: Axis::new("u", -0.5..0.5),
         y: Axis::new("v", -0.5..0.5),
         curves,
+        named: false,
     })
 }
 
@@ -212,6 +215,7 @@ fn channels(noisy: &[Noisy], numbers: &Numbers) -> Part {
                 curve("accelerometers", SKY, Style::Thin, noisy, |moment| (moment.t_s, accel(moment))),
                 curve("gyros", ORANGE, Style::Thick, noisy, |moment| (moment.t_s, gyro(moment))),
             ],
+            named: true,
         })
     };
     let panels = vec![
@@ -232,7 +236,7 @@ fn channels(noisy: &[Noisy], numbers: &Numbers) -> Part {
 
 fn fusion(noisy: &[Noisy], numbers: &Numbers) -> Part {
     let panel = |title: &str, curves| {
-        Panel::Chart(Chart { title: title.into(), x: time(), y: Axis::new("v", -0.4..0.4), curves })
+        Panel::Chart(Chart { title: title.into(), x: time(), y: Axis::new("v", -0.4..0.4), curves, named: true })
     };
     let of = |name: &str, color, style, value: fn(&Noisy) -> f64| {
         curve(name, color, style, noisy, |moment| (moment.t_s, value(moment)))
@@ -248,8 +252,8 @@ fn fusion(noisy: &[Noisy], numbers: &Numbers) -> Part {
         panel(
             "their sum",
             vec![
-                of("v_c", BLUE, Style::Thick, Noisy::sum),
-                of("the true v", GREY, Style::Thin, |moment| moment.truth.up.w.im),
+                of("v_c", SKY, Style::Thick, Noisy::sum),
+                of("the true v", BLACK, Style::Thin, |moment| moment.truth.up.w.im),
             ],
         ),
     ];

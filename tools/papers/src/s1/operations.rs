@@ -84,12 +84,7 @@ fn point([u, v, _]: [Counted; 3], [x, y, z]: [Counted; 3]) -> [Counted; 3] {
 fn quaternion([a, b, c, d]: [Counted; 4], [x, y, z]: [Counted; 3]) -> [Counted; 4] {
     let half = Counted(0.5);
     let (x, y, z) = (half * x, half * y, half * z);
-    [
-        Counted(0.0 - b.0) * x - c * y - d * z,
-        a * x + c * z - d * y,
-        a * y + d * x - b * z,
-        a * z + b * y - c * x,
-    ]
+    [Counted(0.0 - b.0) * x - c * y - d * z, a * x + c * z - d * y, a * y + d * x - b * z, a * z + b * y - c * x]
 }
 
 fn moved<const N: usize>(state: [Counted; N], slope: [Counted; N], dt: Counted) -> [Counted; N] {
@@ -162,7 +157,11 @@ fn counted<T>(step: impl FnOnce() -> T) -> Operations {
 
 #[cfg(test)]
 mod tests {
-    use attitude::{Complex, Quaternion, Vector3, kinematics, point::{Chart, Point}, state::Attitude};
+    use attitude::{
+        Complex, Quaternion, Vector3, kinematics,
+        point::{Chart, Point},
+        state::Attitude,
+    };
 
     use super::*;
 
