@@ -22,7 +22,7 @@ use crate::common::ulog;
 
 /// Largest unannounced step, degrees.
 const STEP_DEG: f64 = 0.05;
-const FUSERS: [&str; 4] = ["wz", "aided", "levelling", "levelling-pi"];
+const FUSERS: [&str; 5] = ["wz", "aided", "levelling", "levelling-unified", "levelling-pi"];
 
 struct Sample {
     t_s: f64,
