@@ -23,6 +23,7 @@ mod png;
 pub mod progress;
 pub mod s1;
 pub mod s3;
+pub mod s4;
 mod scene;
 mod scheme;
 mod table;
@@ -41,17 +42,20 @@ pub enum Paper {
     S1,
     /// The improved Madgwick filter.
     S3,
+    /// Platform levelling.
+    S4,
 }
 
 impl Paper {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::S1, Self::S3];
+    pub const ALL: [Self; 3] = [Self::S1, Self::S3, Self::S4];
 
     /// `s1` to `s4`: its name in commands and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::S1 => "s1",
             Self::S3 => "s3",
+            Self::S4 => "s4",
         }
     }
 
@@ -64,6 +68,7 @@ impl Paper {
             Self::S3 => {
                 "S3: improved orientation of a UAV by a MEMS inertial system on the basis of the Madgwick filter"
             }
+            Self::S4 => "S4: orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8 helicopter",
         }
     }
 
@@ -72,6 +77,7 @@ impl Paper {
         match self {
             Self::S1 => s1::RUNS,
             Self::S3 => s3::RUNS,
+            Self::S4 => s4::RUNS,
         }
     }
 
@@ -79,6 +85,7 @@ impl Paper {
         match self {
             Self::S1 => s1::parts(progress),
             Self::S3 => s3::parts(progress),
+            Self::S4 => s4::parts(progress),
         }
     }
 }

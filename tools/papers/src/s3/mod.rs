@@ -134,7 +134,7 @@ fn figure(name: &'static str, title: &str, sensing: Sensing) -> Part {
     let most = if sensing == Sensing::Magnet { 12.0 } else { 1.0 };
     let panels = vec![
         chart("quaternion, improved", Axis::new("component", -1.0..1.0), quaternions),
-        chart("Euler angles, improved", Axis::new("angle, °", -180.0..180.0), euler),
+        chart("Euler angles, improved", Axis::new("angle, °", -200.0..200.0), euler),
         chart(
             "the whole error",
             Axis::new("error, °", 0.0..most),
