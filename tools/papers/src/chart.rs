@@ -47,6 +47,7 @@ pub(crate) struct Curve {
 pub(crate) enum Style {
     Thin,
     Thick,
+    Wide,
     Dots,
 }
 
@@ -118,7 +119,11 @@ impl Chart {
                 chart.draw_series(points.iter().map(|point| Circle::new(*point, 1, color.mix(0.55).filled())))?;
                 continue;
             }
-            let width = if *style == Style::Thick { 2 } else { 1 };
+            let width = match style {
+                Style::Wide => 4,
+                Style::Thick => 2,
+                Style::Thin | Style::Dots => 1,
+            };
             let runs = points.split(|point| !point.1.is_finite()).filter(|run| run.len() > 1);
             chart.draw_series(runs.map(|run| PathElement::new(run.to_vec(), color.stroke_width(width))))?;
         }

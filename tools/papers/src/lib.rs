@@ -22,6 +22,7 @@ pub mod picture;
 mod png;
 pub mod progress;
 pub mod s1;
+pub mod s2;
 pub mod s3;
 pub mod s4;
 mod scene;
@@ -40,6 +41,8 @@ pub use progress::Progress;
 pub enum Paper {
     /// Matveev 2025.
     S1,
+    /// Inclinometers by matrix and by quaternion.
+    S2,
     /// The improved Madgwick filter.
     S3,
     /// Platform levelling.
@@ -48,12 +51,13 @@ pub enum Paper {
 
 impl Paper {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::S1, Self::S3, Self::S4];
+    pub const ALL: [Self; 4] = [Self::S1, Self::S2, Self::S3, Self::S4];
 
     /// `s1` to `s4`: its name in commands and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::S1 => "s1",
+            Self::S2 => "s2",
             Self::S3 => "s3",
             Self::S4 => "s4",
         }
@@ -64,6 +68,9 @@ impl Paper {
         match self {
             Self::S1 => {
                 "S1: V. V. Matveev et al., parameters (w, z) in strapdown attitude systems, Devices and Methods of Measurements 16(3), 2025, 202–211"
+            }
+            Self::S2 => {
+                "S2: mathematical modelling of geonavigation measuring systems with three-component accelerometers (matrix and quaternion methods)"
             }
             Self::S3 => {
                 "S3: improved orientation of a UAV by a MEMS inertial system on the basis of the Madgwick filter"
@@ -76,6 +83,7 @@ impl Paper {
     fn runs(self) -> u64 {
         match self {
             Self::S1 => s1::RUNS,
+            Self::S2 => s2::RUNS,
             Self::S3 => s3::RUNS,
             Self::S4 => s4::RUNS,
         }
@@ -84,6 +92,7 @@ impl Paper {
     fn parts(self, progress: &mut Progress<'_>) -> Vec<Part> {
         match self {
             Self::S1 => s1::parts(progress),
+            Self::S2 => s2::parts(progress),
             Self::S3 => s3::parts(progress),
             Self::S4 => s4::parts(progress),
         }

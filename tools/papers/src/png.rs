@@ -111,8 +111,17 @@ impl DrawingBackend for Canvas<'_> {
         self.bitmap.draw_rect((x, y), corner, &color, true)
     }
 
+    /// As many thin lines side by side as the stroke is wide: a stroke as a polygon has holes where it turns sharply.
     fn draw_line<S: BackendStyle>(&mut self, from: BackendCoord, to: BackendCoord, style: &S) -> Drawn {
-        self.bitmap.draw_path([doubled(from), doubled(to)], &Doubled(style))
+        let (from, to, color) = (doubled(from), doubled(to), style.color());
+        let wide = (style.stroke_width() * SCALE) as i32;
+        let level = (to.0 - from.0).abs() >= (to.1 - from.1).abs();
+        for line in 0..wide {
+            let off = line - wide / 2;
+            let aside = |(x, y): BackendCoord| if level { (x, y + off) } else { (x + off, y) };
+            self.bitmap.draw_line(aside(from), aside(to), &color)?;
+        }
+        Ok(())
     }
 
     fn draw_rect<S: BackendStyle>(
@@ -126,7 +135,13 @@ impl DrawingBackend for Canvas<'_> {
     }
 
     fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(&mut self, path: I, style: &S) -> Drawn {
-        self.bitmap.draw_path(path.into_iter().map(doubled), &Doubled(style))
+        let mut path = path.into_iter();
+        let Some(mut before) = path.next() else { return Ok(()) };
+        for point in path {
+            self.draw_line(before, point, style)?;
+            before = point;
+        }
+        Ok(())
     }
 
     fn draw_circle<S: BackendStyle>(&mut self, center: BackendCoord, radius: u32, style: &S, fill: bool) -> Drawn {

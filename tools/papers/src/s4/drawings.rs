@@ -52,7 +52,8 @@ pub(super) fn axes() -> Part {
     let (z_sin, z_cos) = 35f64.to_radians().sin_cos();
     // Turned by the platform's azimuth, then by both misalignments, drawn large.
     let right = Vector3::new(z_cos * cos, z_sin * cos, sin);
-    let up = Vector3::new(-sin * z_cos - 0.2 * z_sin * -1.0, -sin * z_sin - 0.2 * z_cos, cos).normalize();
+    let up = Vector3::new(-sin * z_cos, -sin * z_sin, cos) + Vector3::new(z_sin, -z_cos, 0.0) * 0.25;
+    let up = (up - right * up.dot(&right)).normalize();
     let forward = up.cross(&right).normalize();
     let azimuth = arc(Vector3::x(), Vector3::y(), 35f64.to_radians(), 0.6);
     let platform = vec![
@@ -64,9 +65,10 @@ pub(super) fn axes() -> Part {
         axis(forward, "y_P", GREEN),
         axis(up, "z_P", GREEN),
         Shape::Line { points: azimuth, color: ORANGE.to_rgba(), width: 2 },
-        Shape::Text { at: Vector3::new(0.7, 0.25, -0.08), text: "azimuth, free".into() },
         Shape::Line { points: vec![Vector3::z() * 0.8, up * 0.8], color: ORANGE.to_rgba(), width: 2 },
-        Shape::Text { at: (Vector3::z() + up) * 0.5 * 0.62, text: "tilt".into() },
+        Shape::Named { color: ORANGE, name: "azimuth, which is free, and tilt, drawn large".into() },
+        Shape::Named { color: GREEN, name: "the platform".into() },
+        Shape::Named { color: GREY, name: "the geographic frame".into() },
     ];
     let scene = |title: &str, azimuth_deg, shapes| {
         Panel::Scene(Scene { title: title.into(), azimuth_deg, elevation_deg: 28.0, reach: 1.3, shapes })

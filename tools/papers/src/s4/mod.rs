@@ -17,8 +17,9 @@ pub use runs::{Receiver, Sums};
 /// Every flight with every seed.
 pub(crate) const RUNS: u64 = Receiver::ALL.len() as u64 * SEEDS;
 
-/// Of the stages, in their order.
-const COLORS: [RGBColor; 4] = [SKY, PURPLE, ORANGE, BLUE];
+/// Of the stages, in their order; what others lie on is wider.
+const LOOKS: [(RGBColor, Style); 4] =
+    [(SKY, Style::Wide), (PURPLE, Style::Thick), (ORANGE, Style::Thin), (BLUE, Style::Thin)];
 
 /// What the page says of the data.
 const FLIGHT: &str = "The paper's flight is not published; the simulated cruise stands for it, with the same length: turns of 2 to 3 °/s for 20 to 60 s, gyro ±0.05 °/s and 0.05 °/s rms, accelerometer ±0.02 m/s² and 0.02 m/s² rms, velocity 0.05 m/s rms, 0.2 s late.";
@@ -34,7 +35,7 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
             "Figure 4: signed errors with a receiver all the time",
             2.0,
             &always,
-            "The paper's pitch, against a fibre-optic system in a helicopter's cruise of about 3,500 s: roll and pitch RMS 0.2° to 0.5°.",
+            "The paper's pitch, against a fibre-optic system in a helicopter's cruise of about 3,500 s: roll and pitch RMS 0.2° to 0.5°. levelling and levelling-unified are one law here.",
         ),
         drawings::autonomous(),
         errors(
@@ -63,16 +64,19 @@ fn time() -> Axis {
 }
 
 /// A curve is broken where an angle wraps.
-fn line(name: &str, color: RGBColor, of: &[Moment], value: fn(&Moment) -> f64) -> Curve {
+fn line(name: &str, color: RGBColor, style: Style, of: &[Moment], value: fn(&Moment) -> f64) -> Curve {
     let values: Vec<_> = of.iter().map(|moment| (moment.t_s, value(moment))).collect();
-    Curve::over_time(name, color, Style::Thin, &values, 180.0)
+    Curve::over_time(name, color, style, &values, 180.0)
 }
 
 fn errors(name: &'static str, title: &str, most_deg: f64, flown: &[Flown], about: &str) -> Part {
     let panel = |title: &str, label, value: fn(&Moment) -> f64| {
         // What is nearest to the truth lies on top.
-        let curves =
-            STAGES.iter().zip(COLORS).zip(flown).map(|((name, color), flown)| line(name, color, &flown.moments, value));
+        let curves = STAGES
+            .iter()
+            .zip(LOOKS)
+            .zip(flown)
+            .map(|((name, (color, style)), flown)| line(name, color, style, &flown.moments, value));
         Panel::Chart(Chart {
             title: title.into(),
             x: time(),
@@ -107,10 +111,10 @@ fn course(always: &[Flown], gaps: &[Flown]) -> Part {
     let panel = |title: &str, flown: &[Flown]| {
         let of = |stage: usize| flown.get(stage).map_or(&[][..], |flown| &flown.moments);
         let curves = vec![
-            line("levelling, track", SKY, of(0), |moment| moment.course_deg),
-            line("levelling-unified", PURPLE, of(1), |moment| moment.heading_deg),
-            line("levelling-pi, track", ORANGE, of(2), |moment| moment.course_deg),
-            line("aided", BLUE, of(3), |moment| moment.heading_deg),
+            line("levelling, track", SKY, Style::Wide, of(0), |moment| moment.course_deg),
+            line("levelling-unified", PURPLE, Style::Thick, of(1), |moment| moment.heading_deg),
+            line("levelling-pi, track", ORANGE, Style::Thin, of(2), |moment| moment.course_deg),
+            line("aided", BLUE, Style::Thin, of(3), |moment| moment.heading_deg),
         ];
         Panel::Chart(Chart {
             title: title.into(),
