@@ -32,7 +32,7 @@ pub(crate) struct Axis {
     pub(crate) range: Range<f64>,
 }
 
-/// A curve or a cloud of dots; points that are not finite break it.
+/// A curve or a cloud of dots; points that are not finite, or outside the axis, break it.
 #[derive(Debug)]
 pub(crate) struct Curve {
     /// In the legend; nothing where another curve stands for it.
@@ -124,7 +124,8 @@ impl Chart {
                 Style::Thick => 2,
                 Style::Thin | Style::Dots => 1,
             };
-            let runs = points.split(|point| !point.1.is_finite()).filter(|run| run.len() > 1);
+            let outside = |point: &(f64, f64)| !(self.y.range.start..=self.y.range.end).contains(&point.1);
+            let runs = points.split(outside).filter(|run| run.len() > 1);
             chart.draw_series(runs.map(|run| PathElement::new(run.to_vec(), color.stroke_width(width))))?;
         }
         if self.named { self.legend(area) } else { Ok(()) }

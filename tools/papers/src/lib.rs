@@ -29,7 +29,7 @@ mod scene;
 mod scheme;
 mod table;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub use error::PaperError;
 use font::Typeface;
@@ -104,8 +104,6 @@ impl Paper {
 pub struct Made {
     /// Its figures and tables.
     pub parts: Vec<Part>,
-    /// The page of all papers that the folder holds.
-    pub page: PathBuf,
     /// Why there is no PNG, where there is none.
     pub without_png: Option<String>,
 }
@@ -129,6 +127,6 @@ pub fn make(paper: Paper, folder: &Path, told: &mut dyn FnMut(u64, u64)) -> Resu
         progress.step();
     }
     page::write_section(paper, &own, &parts, &svgs)?;
-    let page = page::write_index(folder)?;
-    Ok(Made { parts, page, without_png })
+    page::write_index(folder)?;
+    Ok(Made { parts, without_png })
 }

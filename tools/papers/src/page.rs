@@ -2,16 +2,15 @@
 //!
 //! Each paper leaves its piece of the page in `NAME/section.html`; the page is put together of the pieces that are there.
 
-use std::{
-    fs, io,
-    path::{Path, PathBuf},
-};
+use std::{fs, io, path::Path};
 
 use crate::{
     Paper, PaperError,
     picture::{Part, Picture},
 };
 
+/// The page's name in its folder.
+pub const INDEX: &str = "index.html";
 const SECTION: &str = "section.html";
 /// A piece that is larger is not one of these, bytes.
 const SECTION_MAX: u64 = 50_000_000;
@@ -42,8 +41,8 @@ pub(crate) fn write_section(paper: Paper, own: &Path, parts: &[Part], svgs: &[St
     fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
-/// Writes the page of the pieces that are there; its path.
-pub(crate) fn write_index(folder: &Path) -> Result<PathBuf, PaperError> {
+/// Writes the page of the pieces that are there.
+pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
     let mut body = String::new();
     for paper in Paper::ALL {
         body += &section(&folder.join(paper.name()).join(SECTION))?;
@@ -54,9 +53,8 @@ pub(crate) fn write_index(folder: &Path) -> Result<PathBuf, PaperError> {
          <meta name=\"viewport\" content=\"width=device-width\"/><title>Plumbline: the papers</title><style>{STYLE}</style></head>\n\
          <body><h1>Plumbline: the figures and tables of the four papers</h1>\n{body}</body></html>\n"
     );
-    let path = folder.join("index.html");
-    fs::write(&path, text).map_err(|cause| PaperError::Write { path: path.clone(), cause })?;
-    Ok(path)
+    let path = folder.join(INDEX);
+    fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
 }
 
 /// A piece; nothing where its paper was not made yet.

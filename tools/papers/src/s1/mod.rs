@@ -252,7 +252,7 @@ fn fusion(noisy: &[Noisy], numbers: &Numbers) -> Part {
         panel(
             "their sum",
             vec![
-                of("v_c", SKY, Style::Thick, Noisy::sum),
+                of("v_c", SKY, Style::Wide, Noisy::sum),
                 of("the true v", BLACK, Style::Thin, |moment| moment.truth.up.w.im),
             ],
         ),

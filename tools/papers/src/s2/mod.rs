@@ -71,7 +71,7 @@ fn differences(cells: &[Cell], numbers: &Numbers) -> Part {
         name: "differences",
         title: "The difference of the two methods".into(),
         about: format!(
-            "Rounding only: at most {:.0e}° of β and {:.0e}° of ψ over the sphere, the latter at the rows next to β = ±90°, where it is divided by cos β.",
+            "Rounding only: at most {:.0e}° of β and {:.0e}° of ψ over the sphere, the latter at the rows next to β = ±90°, where it is divided by cos β. Dark blue: none at all.",
             numbers.between.pitch_deg, numbers.between.roll_deg
         ),
         picture: Picture::Figure(Figure { size: (1200, 440), columns: 2, panels }),
