@@ -120,6 +120,8 @@ impl DrawingBackend for Canvas<'_> {
             let off = line - wide / 2;
             let aside = |(x, y): BackendCoord| if level { (x, y + off) } else { (x + off, y) };
             self.bitmap.draw_line(aside(from), aside(to), &color)?;
+            // Of a level line the last pixel is missing.
+            self.bitmap.draw_pixel(aside(to), color)?;
         }
         Ok(())
     }

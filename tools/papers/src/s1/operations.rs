@@ -34,10 +34,11 @@ impl Operations {
 #[derive(Debug, Clone, Copy)]
 struct Counted(f64);
 
-fn count(change: impl FnOnce(&mut Operations)) {
+/// One more of a kind.
+fn count(kind: fn(&mut Operations) -> &mut u32) {
     DONE.with(|done| {
         let mut operations = done.get();
-        change(&mut operations);
+        *kind(&mut operations) += 1;
         done.set(operations);
     });
 }
@@ -48,7 +49,7 @@ macro_rules! counted {
             type Output = Self;
 
             fn $method(self, other: Self) -> Self {
-                count(|operations| operations.$field += 1);
+                count(|operations| &mut operations.$field);
                 Self(self.0 $op other.0)
             }
         }
@@ -64,7 +65,7 @@ counted! {
 
 impl Counted {
     fn root(self) -> Self {
-        count(|operations| operations.others += 1);
+        count(|operations| &mut operations.others);
         Self(self.0.sqrt())
     }
 }

@@ -221,7 +221,7 @@ mod tests {
         }
         let [printed, unified, pi, aided] = &flown[..] else { panic!("four stages") };
         assert!(axes(&printed.aided).iter().all(|deg| (0.1..0.5).contains(deg)), "{:?}", axes(&printed.aided));
-        let apart = axes(&unified.aided).iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
+        let apart = axes(&unified.aided).into_iter().zip(axes(&printed.aided)).map(|(one, other)| (one - other).abs());
         assert!(apart.fold(0.0, f64::max) < 1e-9, "P1 is the printed law");
         assert!(worse(&pi.aided) < 0.2 && worse(&aided.aided) < 0.1);
         // T b: 50 s of 0.05 °/s.
