@@ -10,6 +10,7 @@ mod import;
 mod info;
 mod keys;
 mod out;
+mod paper;
 mod record;
 mod remote;
 mod replay;
@@ -46,6 +47,8 @@ enum Command {
     Up(up::Up),
     /// Run stages over recordings and tell their errors and what an update costs.
     Score(Box<score::Score>),
+    /// Make the figures and tables of the papers that the stages come from.
+    Paper(paper::PaperCommand),
     /// Make a recording of another system into one of ours.
     Import(import::Import),
     /// Find the errors of a sensor unit from its own readings, and print them as a piece of `launch.toml`.
@@ -126,6 +129,7 @@ pub fn main() -> ExitCode {
     match cli.command.unwrap_or(Command::Up(up::Up::default())) {
         Command::Up(up) => up::run(up),
         Command::Score(score) => score::run(*score),
+        Command::Paper(command) => paper::run(&command),
         Command::Import(import) => import::run(import),
         Command::Calibrate(calibrate) => calibrate::run(*calibrate),
         Command::Record(record) => record::run(&record),

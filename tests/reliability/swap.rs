@@ -45,6 +45,7 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
             &[
                 "aided",
                 "levelling-pi",
+                "levelling-unified",
                 "levelling",
                 "madgwick",
                 "madgwick-improved",

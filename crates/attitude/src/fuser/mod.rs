@@ -11,6 +11,7 @@
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
 //! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
 //! | [`levelling`](levelling::Levelling) | a platform levelled by the specific force less the motion a receiver tells |
+//! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with a receiver's velocity and without, and a choice between them |
 //! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
@@ -45,7 +46,7 @@ use crate::{
 };
 use {
     aided::Aided,
-    levelling::{Levelling, LevellingPi},
+    levelling::{Levelling, LevellingPi, LevellingUnified},
     madgwick::Madgwick,
     vqf::Vqf,
     wz::Wz,
@@ -77,6 +78,7 @@ fusers! {
     "madgwick" => Madgwick(Madgwick) = Madgwick::original(),
     "madgwick-improved" => Madgwick(Madgwick) = Madgwick::improved(),
     "levelling" => Levelling(Levelling) = Levelling::default(),
+    "levelling-unified" => LevellingUnified(LevellingUnified) = LevellingUnified::default(),
     "levelling-pi" => LevellingPi(LevellingPi) = LevellingPi::default(),
     "aided" => Aided(Aided) = Aided::default(),
     "vqf" => Vqf(Vqf) = Vqf::default(),
@@ -96,6 +98,8 @@ pub enum Fuser {
     Madgwick(Madgwick),
     /// `levelling`
     Levelling(Levelling),
+    /// `levelling-unified`
+    LevellingUnified(LevellingUnified),
     /// `levelling-pi`
     LevellingPi(LevellingPi),
     /// `aided`
@@ -112,6 +116,7 @@ macro_rules! each {
             Fuser::WzOpen($stage) => $do,
             Fuser::Madgwick($stage) => $do,
             Fuser::Levelling($stage) => $do,
+            Fuser::LevellingUnified($stage) => $do,
             Fuser::LevellingPi($stage) => $do,
             Fuser::Aided($stage) => $do,
             Fuser::Vqf($stage) => $do,

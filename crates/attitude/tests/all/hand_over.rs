@@ -44,13 +44,14 @@ const WHOLE: Errors = degrees(0.05, 0.05);
 /// The same to `vqf`, which finds out by itself how well the bias is known.
 const WHOLE_VQF: Errors = degrees(0.15, 0.1);
 /// Most from the swap on after a giver of small error; the same after another, and over the whole trial, degrees.
-const LIMITS: [(&str, [Errors; 3]); 9] = [
+const LIMITS: [(&str, [Errors; 3]); 10] = [
     ("wz", [degrees(0.15, 0.25), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
     ("wz-closed", [degrees(0.05, 0.05), degrees(0.05, 0.5), degrees(0.05, 0.25)]),
     ("wz-open", [degrees(0.05, 0.55), degrees(0.15, 1.2), degrees(0.05, 0.75)]),
     ("madgwick", [degrees(0.05, 0.2), degrees(1.9, 6.4), degrees(1.15, 1.4)]),
     ("madgwick-improved", [degrees(0.05, 0.05), degrees(0.15, 1.2), degrees(0.05, 0.85)]),
     ("levelling", [degrees(0.05, 0.05), degrees(1.6, 0.0), degrees(0.7, 0.0)]),
+    ("levelling-unified", [degrees(0.05, 0.05), degrees(1.6, 0.0), degrees(0.7, 0.0)]),
     ("levelling-pi", [degrees(0.05, 0.05), degrees(0.05, 0.0), degrees(0.05, 0.0)]),
     ("aided", [degrees(0.05, 0.05), degrees(2.6, 0.0), degrees(1.9, 0.0)]),
     ("vqf", [degrees(0.25, 0.25), degrees(0.05, 0.25), degrees(0.05, 0.1)]),
@@ -228,7 +229,7 @@ fn a_stage_that_makes_no_use_of_the_bias_hands_on_what_it_was_given() {
     let trial = Trial::new(&trials[0], true);
     let [out, back] = [0.3, 0.5].map(|share| trial.row(share));
     let given = trial.alone("wz", out).at_swap.common();
-    for name in ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling"] {
+    for name in ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling", "levelling-unified"] {
         let mut between = Fuser::named(name).unwrap();
         between.adopt(&given).unwrap();
         trial.run(&mut between, out..back);

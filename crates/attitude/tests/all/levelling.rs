@@ -155,6 +155,49 @@ fn as_printed_it_carries_the_bias_without_a_receiver() {
 }
 
 #[test]
+fn two_platforms_are_as_printed_aided_and_in_gaps_as_far_off_as_without_a_receiver() {
+    let aided = flown("levelling-unified", "cruise?gnss=always", 1..=8);
+    assert!(worse(aided.aided) < 0.5);
+    // T b of the complex course: 50 s of 0.05 °/s.
+    assert!((2.0..3.0).contains(&aided.heading.get()), "{}", aided.heading.get());
+    let gaps = flown("levelling-unified", "cruise?gnss=gaps", 1..=8);
+    let printed = flown("levelling", "cruise?gnss=gaps", 1..=8);
+    assert!(worse(gaps.alone) > worse(printed.alone) && worse(gaps.alone) < 5.0);
+    let never = flown("levelling-unified", "cruise?gnss=never", 1..=4);
+    let alone = flown("levelling", "cruise?gnss=never", 1..=4);
+    assert_eq!(worse(never.alone), worse(alone.alone), "P2 alone is the printed law alone");
+}
+
+#[test]
+fn the_choice_jumps_by_as_much_as_the_platforms_are_apart_and_says_so() {
+    let scenario = Scenario::named("cruise?gnss=gaps&duration_s=700").unwrap();
+    let mut chain = Chain::new("levelling-unified", "angles");
+    let (mut told, mut before) = (Vec::new(), None::<[f64; 3]>);
+    for (t_s, reading) in scenario.readings() {
+        let dt_s = if t_s > 0.0 { 0.01 } else { 0.0 };
+        let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s, kind: scenario.rate_kind };
+        let fused = chain.step(&sample, &reading).0;
+        let (got, truth) = (fused.attitude.angles(), reading.truth.attitude.angles());
+        let errors = [got.roll_rad - truth.roll_rad, got.pitch_rad - truth.pitch_rad, got.yaw_rad - truth.yaw_rad];
+        let errors = errors.map(|error_rad| wrapped_rad(error_rad).to_degrees());
+        let step = before.map_or([0.0; 3], |before| [0, 1, 2].map(|i| (errors[i] - before[i]).abs()));
+        if fused.corrections.aligned {
+            told.push((t_s, step));
+        } else {
+            assert!(step[0].max(step[1]) < 0.2, "{t_s} s: {step:?}° without a word");
+        }
+        before = Some(errors);
+    }
+    println!("{told:.2?}");
+    // The level with the first sample, the course with the first fix; then the edges of the gaps from 300 s and from 540 s on.
+    let [_, _, edges @ ..] = &told[..] else { panic!("{told:?}") };
+    let near = |t_s: f64| edges.iter().any(|edge| (edge.0 - t_s).abs() < 2.0);
+    assert!(edges.len() == 4 && [301.5, 360.0, 541.5, 600.0].into_iter().all(near), "{told:?}");
+    // The course goes on.
+    assert!(edges.iter().all(|(_, [roll, pitch, yaw])| roll.max(*pitch) > 0.03 && *yaw < 0.2), "{told:?}");
+}
+
+#[test]
 fn with_the_bias_it_is_within_a_quarter_of_a_degree_aided_and_in_gaps() {
     let aided = flown("levelling-pi", "cruise?gnss=always", 1..=8);
     assert!(worse(aided.aided) < 0.25);
@@ -190,6 +233,8 @@ fn nothing_has_grown_after_a_day() {
     for (fuser, gnss, most_deg) in [
         ("levelling", "always", 0.6),
         ("levelling", "never", 7.0),
+        ("levelling-unified", "always", 0.6),
+        ("levelling-unified", "never", 7.0),
         ("levelling-pi", "always", 0.25),
         ("levelling-pi", "start", 1.0),
         ("levelling-pi", "never", 7.0),
@@ -270,7 +315,7 @@ fn the_first_track_sets_the_heading_and_is_told() {
 
 #[test]
 fn in_flight_and_in_a_gap_a_restored_stage_goes_on_bit_for_bit() {
-    for fuser in ["levelling", "levelling-pi"] {
+    for fuser in ["levelling", "levelling-unified", "levelling-pi"] {
         let scenario = Scenario::named("cruise?gnss=gaps&duration_s=400").unwrap();
         let (mut chain, mut other) = (Chain::new(fuser, "track"), Chain::new(fuser, "track"));
         for (t_s, reading) in scenario.readings() {
@@ -319,7 +364,7 @@ fn an_adopted_estimate_is_gone_on_with() {
 
 #[test]
 fn a_record_of_negative_variance_or_time_is_refused() {
-    for fuser in ["levelling", "levelling-pi"] {
+    for fuser in ["levelling", "levelling-unified", "levelling-pi"] {
         let mut stage = Fuser::named(fuser).unwrap();
         let record = stage.snapshot();
         let refused = (0..record.len)
@@ -331,7 +376,12 @@ fn a_record_of_negative_variance_or_time_is_refused() {
             })
             .count();
         // Attitude, times, variances, spans of the ring: every one that has a sign or a bound.
-        assert!(refused >= if fuser == "levelling" { 7 } else { 45 }, "{fuser}: {refused} of {}", record.len);
+        let least = match fuser {
+            "levelling" => 7,
+            "levelling-unified" => 14,
+            _ => 45,
+        };
+        assert!(refused >= least, "{fuser}: {refused} of {}", record.len);
     }
 }
 
@@ -347,7 +397,7 @@ proptest! {
         let finite = |v: [f64; 3], scale: f64| {
             Vector3::from(v.map(|x| if tame { x.sin() * scale } else { x })).map(|x| if x.is_finite() { x } else { 0.0 })
         };
-        for name in ["levelling", "levelling-pi"] {
+        for name in ["levelling", "levelling-unified", "levelling-pi"] {
             let mut chain = Chain::new(name, "track");
             for (rate, force, velocity, dt_s, [moves, feels, fixes, still, anew], age_s) in &ticks {
                 let age_s = age_s.filter(|age| age.is_finite());

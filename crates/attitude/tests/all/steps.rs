@@ -22,7 +22,7 @@ use crate::common::ulog;
 
 /// Largest unannounced step, degrees.
 const STEP_DEG: f64 = 0.05;
-const FUSERS: [&str; 4] = ["wz", "aided", "levelling", "levelling-pi"];
+const FUSERS: [&str; 5] = ["wz", "aided", "levelling", "levelling-unified", "levelling-pi"];
 
 struct Sample {
     t_s: f64,
@@ -173,6 +173,8 @@ fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
         let limit_deg = match name {
             "wz" => 2.0 * STEP_DEG,
             "levelling-pi" => 0.5,
+            // The level of `levelling`, and a step of the complex course.
+            "levelling-unified" => 1.0,
             _ => 0.9,
         };
         assert!(worst.change.0 < limit_deg, "{name}: {worst:?}");

@@ -23,8 +23,9 @@
 //! such a gyro the law as printed gives about 0.5° aided and 2–4° autonomous. [`Levelling`] is that law; [`LevellingPi`] estimates
 //! the bias, which is the whole of the difference.
 //!
-//! The two laws of a stage, aided and autonomous, act on one attitude: at the edges of a gap only its rate changes, so nothing
-//! jumps.
+//! The two laws of [`Levelling`] and of [`LevellingPi`], aided and autonomous, act on one attitude: at the edges of a gap only its
+//! rate changes, so nothing jumps. S4's figure 7 has two platforms that run all the time, and a choice between them:
+//! [`LevellingUnified`].
 //!
 //! Both need a vehicle that moves where it points. In wind V H' is wrong by wind times H': 10 m/s in a turn of 3 °/s is 3° of
 //! apparent tilt for as long as the turn lasts. Backwards and sideways the law does not hold; for that there is `aided`.
@@ -32,8 +33,12 @@
 mod geometry;
 mod limits;
 mod pi;
+mod platform;
 mod printed;
 mod pull;
+mod speed;
+mod unified;
 
 pub use pi::{LevellingPi, PiSettings};
 pub use printed::{Levelling, PrintedSettings};
+pub use unified::{LevellingUnified, UnifiedSettings};

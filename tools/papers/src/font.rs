@@ -1,0 +1,79 @@
+//! The typeface of the PNGs: one that the system has.
+//!
+//! Input: the folders in which systems keep typefaces. Output: the first of a few wide-spread ones that have Greek letters. Failure: none is there,
+//! and what to install is said; an SVG needs none, its viewer brings the typeface.
+
+use std::path::{Path, PathBuf};
+
+use ab_glyph::{Font, FontVec, PxScale, ScaleFont, point};
+
+const FOLDERS: [&str; 4] =
+    ["/usr/share/fonts", "/usr/local/share/fonts", "/run/current-system/sw/share/X11/fonts", "/Library/Fonts"];
+const NAMES: [&str; 5] =
+    ["DejaVuSans.ttf", "LiberationSans-Regular.ttf", "NotoSans-Regular.ttf", "FreeSans.ttf", "Arial Unicode.ttf"];
+/// Folders within each other, and entries in all: a limit for a tree with loops.
+const DEPTH_MAX: usize = 5;
+const ENTRIES_MAX: usize = 20_000;
+
+/// A typeface that text is drawn with.
+pub(crate) struct Typeface(FontVec);
+
+impl Typeface {
+    /// The first there is; or what to do about it.
+    pub(crate) fn find() -> Result<Self, String> {
+        let mut found = Vec::new();
+        let mut left = ENTRIES_MAX;
+        FOLDERS.iter().for_each(|folder| collect(Path::new(folder), DEPTH_MAX, &mut left, &mut found));
+        found.sort();
+        let typeface = found.iter().find_map(|(_, path)| FontVec::try_from_vec(std::fs::read(path).ok()?).ok());
+        typeface.map(Self).ok_or_else(|| {
+            format!(
+                "no PNGs are made, only SVGs: none of {} is under {}; install one, as with `apt-get install fonts-dejavu-core`",
+                NAMES.join(", "),
+                FOLDERS.join(", ")
+            )
+        })
+    }
+
+    /// Width and height of a line of text whose em is `em` pixels.
+    pub(crate) fn size(&self, text: &str, em: f32) -> (f32, f32) {
+        let font = self.0.as_scaled(self.scale(em));
+        (text.chars().map(|c| font.h_advance(font.glyph_id(c))).sum(), font.height())
+    }
+
+    /// Gives each pixel of a line of text, from its upper left corner, with how much of it is covered.
+    pub(crate) fn draw(&self, text: &str, em: f32, mut pixel: impl FnMut(i32, i32, f32)) {
+        let font = self.0.as_scaled(self.scale(em));
+        let mut x = 0.0;
+        for c in text.chars() {
+            let id = font.glyph_id(c);
+            let glyph = id.with_scale_and_position(self.scale(em), point(x, font.ascent()));
+            x += font.h_advance(id);
+            if let Some(outline) = font.outline_glyph(glyph) {
+                let least = outline.px_bounds().min;
+                outline.draw(|dx, dy, covered| pixel(least.x as i32 + dx as i32, least.y as i32 + dy as i32, covered));
+            }
+        }
+    }
+
+    fn scale(&self, em: f32) -> PxScale {
+        PxScale::from(em * self.0.height_unscaled() / self.0.units_per_em().unwrap_or(1000.0))
+    }
+}
+
+/// Adds what has one of the names, with the name's rank.
+fn collect(folder: &Path, depth: usize, left: &mut usize, found: &mut Vec<(usize, PathBuf)>) {
+    let Ok(entries) = folder.read_dir() else { return };
+    for path in entries.flatten().map(|entry| entry.path()) {
+        if *left == 0 {
+            return;
+        }
+        *left -= 1;
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if let Some(rank) = NAMES.iter().position(|known| *known == name) {
+            found.push((rank, path));
+        } else if depth > 0 && path.is_dir() {
+            collect(&path, depth - 1, left, found);
+        }
+    }
+}

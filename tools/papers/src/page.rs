@@ -1,0 +1,80 @@
+//! One HTML page of all papers that a folder holds; it holds all it shows and asks nobody for anything.
+//!
+//! Each paper leaves its piece of the page in `NAME/section.html`; the page is put together of the pieces that are there.
+
+use std::{fs, io, path::Path};
+
+use crate::{
+    Paper, PaperError,
+    picture::{Part, Picture},
+};
+
+/// The page's name in its folder.
+pub const INDEX: &str = "index.html";
+const SECTION: &str = "section.html";
+/// A piece that is larger is not one of these, bytes.
+const SECTION_MAX: u64 = 50_000_000;
+
+const STYLE: &str = "\
+body{color:#1a1a1a;background:#fff;font:15px/1.5 system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em}\
+h1{font-size:1.5em}h2{font-size:1.25em;margin-top:2.5em;border-top:1px solid #bbb;padding-top:1em}h3{font-size:1.05em;margin:1.6em 0 .2em}\
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}th,td{padding:.2em .8em;text-align:right;border-bottom:1px solid #ddd}\
+th:first-child,td:first-child{text-align:left}svg{max-width:100%;height:auto}p{max-width:60em}";
+
+/// Writes the piece of one paper.
+pub(crate) fn write_section(paper: Paper, own: &Path, parts: &[Part], svgs: &[String]) -> Result<(), PaperError> {
+    let name = paper.name();
+    let mut text = format!("<h2 id=\"{name}\">{}</h2>\n", escaped(paper.title()));
+    for (part, svg) in parts.iter().zip(svgs) {
+        text += &format!(
+            "<h3 id=\"{name}-{}\">{}</h3>\n<p>{}</p>\n",
+            part.name,
+            escaped(&part.title),
+            escaped(&part.about)
+        );
+        text += &match &part.picture {
+            Picture::Figure(_) => scaled(svg),
+            Picture::Table(table) => table.html(),
+        };
+    }
+    let path = own.join(SECTION);
+    fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
+}
+
+/// Writes the page of the pieces that are there.
+pub(crate) fn write_index(folder: &Path) -> Result<(), PaperError> {
+    let mut body = String::new();
+    for paper in Paper::ALL {
+        body += &section(&folder.join(paper.name()).join(SECTION))?;
+    }
+    let text = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\"/>\
+         <meta name=\"viewport\" content=\"width=device-width\"/><title>Plumbline: the papers</title><style>{STYLE}</style></head>\n\
+         <body><h1>Plumbline: the figures and tables of the four papers</h1>\n{body}</body></html>\n"
+    );
+    let path = folder.join(INDEX);
+    fs::write(&path, text).map_err(|cause| PaperError::Write { path, cause })
+}
+
+/// A piece; nothing where its paper was not made yet.
+fn section(path: &Path) -> Result<String, PaperError> {
+    let failed = |cause| PaperError::Read { path: path.into(), cause };
+    match fs::metadata(path) {
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(String::new()),
+        Err(cause) => Err(failed(cause)),
+        Ok(known) if known.len() > SECTION_MAX => Err(failed(io::Error::other("it is too large to be a piece of it"))),
+        Ok(_) => fs::read_to_string(path).map_err(failed),
+    }
+}
+
+/// The element without the declaration that only a file has, in any width.
+fn scaled(svg: &str) -> String {
+    let start = svg.find("<svg").unwrap_or(0);
+    format!("{}\n", svg[start..].trim_end())
+}
+
+/// Text that stands for itself in a page.
+pub(crate) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,183 @@
+//! The drawings of S4: axes, the platform, the three schemes.
+
+use attitude::Vector3;
+use plotters::style::{BLACK, Color, RGBColor};
+
+use crate::{
+    picture::{BLUE, Figure, GREEN, GREY, ORANGE, Panel, Part, Picture},
+    scene::{Scene, Shape, arc, circle},
+    scheme::{Arrow, Block, Scheme},
+};
+
+fn block(at: (f64, f64), size: (f64, f64), lines: &'static [&'static str]) -> Block {
+    Block { at, size, lines }
+}
+
+fn arrow(path: &'static [(f64, f64)], name: &'static str) -> Arrow {
+    Arrow { path, name }
+}
+
+fn scheme(name: &'static str, title: &str, about: &str, size: (u32, u32), scheme: Scheme) -> Part {
+    Part {
+        name,
+        title: title.into(),
+        about: about.into(),
+        picture: Picture::Figure(Figure { size, columns: 1, panels: vec![Panel::Scheme(scheme)] }),
+    }
+}
+
+fn axis(to: Vector3<f64>, name: &str, color: RGBColor) -> Shape {
+    Shape::Arrow { from: Vector3::zeros(), to, color, name: name.into() }
+}
+
+/// Figures 1 and 2.
+pub(super) fn axes() -> Part {
+    let level =
+        || Shape::Line { points: circle(|cos, sin| Vector3::new(cos, sin, 0.0)), color: BLACK.mix(0.3), width: 1 };
+    // A vehicle seen from the side of its nose: fuselage and wings in the axes of the body.
+    let outline = |points: &[(f64, f64)]| Shape::Line {
+        points: points.iter().map(|(x, y)| Vector3::new(*x, *y, 0.0)).collect(),
+        color: GREY.to_rgba(),
+        width: 2,
+    };
+    let body = vec![
+        outline(&[(0.0, 0.75), (0.1, 0.5), (0.1, -0.5), (0.0, -0.65), (-0.1, -0.5), (-0.1, 0.5), (0.0, 0.75)]),
+        outline(&[(-0.75, 0.05), (0.75, 0.05), (0.75, 0.2), (-0.75, 0.2), (-0.75, 0.05)]),
+        outline(&[(-0.25, -0.5), (0.25, -0.5)]),
+        axis(Vector3::x(), "ξ, right", BLUE),
+        axis(Vector3::y() * 1.1, "η, forward", BLUE),
+        axis(Vector3::z() * 0.9, "ζ, up", BLUE),
+    ];
+    let (sin, cos) = 12f64.to_radians().sin_cos();
+    let (z_sin, z_cos) = 35f64.to_radians().sin_cos();
+    // Turned by the platform's azimuth, then by both misalignments, drawn large.
+    let right = Vector3::new(z_cos * cos, z_sin * cos, sin);
+    let up = Vector3::new(-sin * z_cos, -sin * z_sin, cos) + Vector3::new(z_sin, -z_cos, 0.0) * 0.25;
+    let up = (up - right * up.dot(&right)).normalize();
+    let forward = up.cross(&right).normalize();
+    let azimuth = arc(Vector3::x(), Vector3::y(), 35f64.to_radians(), 0.6);
+    let platform = vec![
+        level(),
+        axis(Vector3::x(), "E", GREY),
+        axis(Vector3::y(), "N", GREY),
+        axis(Vector3::z(), "up", GREY),
+        axis(right, "x_P", GREEN),
+        axis(forward, "y_P", GREEN),
+        axis(up, "z_P", GREEN),
+        Shape::Line { points: azimuth, color: ORANGE.to_rgba(), width: 2 },
+        Shape::Line { points: vec![Vector3::z() * 0.8, up * 0.8], color: ORANGE.to_rgba(), width: 2 },
+        Shape::Named { color: ORANGE, name: "azimuth, which is free, and tilt, drawn large".into() },
+        Shape::Named { color: GREEN, name: "the platform".into() },
+        Shape::Named { color: GREY, name: "the geographic frame".into() },
+    ];
+    let scene = |title: &str, azimuth_deg, shapes| {
+        Panel::Scene(Scene { title: title.into(), azimuth_deg, elevation_deg: 28.0, reach: 1.3, shapes })
+    };
+    let panels = vec![
+        scene("figure 1: the body's axes, as here", -50.0, body),
+        scene("figure 2: platform and geographic frame", 60.0, platform),
+    ];
+    Part {
+        name: "figure-1-2",
+        title: "Figures 1 and 2: axes, and the platform's misalignment".into(),
+        about: "The platform is a horizontal frame free in azimuth; levelling turns it by ω_c until its tilt is gone. Here it is the reference frame of (w, z), and C = Aᵀ.".into(),
+        picture: Picture::Figure(Figure { size: (1100, 520), columns: 2, panels }),
+    }
+}
+
+/// Figure 3.
+pub(super) fn aided() -> Part {
+    let drawn = Scheme {
+        title: "figure 3: with a receiver".into(),
+        size: (12.0, 5.0),
+        blocks: vec![
+            block((2.4, 1.2), (3.0, 1.3), &["C' = C ω̂ − ω̂_c C", "H = atan2(C12, C22)"]),
+            block((2.4, 3.8), (3.0, 1.3), &["f_P = C f", "turned by H: fx, fy"]),
+            block((6.3, 3.8), (2.6, 1.3), &["gx = fx − V H'", "gy = fy − V'"]),
+            block((9.8, 2.5), (2.6, 1.6), &["ωx = −K gy", "ωy = K gx", "turned by −H: ω_c"]),
+            block((6.3, 2.0), (1.5, 0.8), &["receiver"]),
+        ],
+        arrows: vec![
+            arrow(&[(0.1, 1.2), (0.9, 1.2)], "ω"),
+            arrow(&[(0.1, 3.8), (0.9, 3.8)], "f"),
+            arrow(&[(2.4, 1.85), (2.4, 3.15)], "C, H"),
+            arrow(&[(3.9, 3.8), (5.0, 3.8)], "fx, fy"),
+            arrow(&[(6.3, 2.4), (6.3, 3.15)], "V, V'"),
+            arrow(&[(7.6, 3.8), (9.8, 3.8), (9.8, 3.3)], "gx, gy"),
+            arrow(&[(9.8, 1.7), (9.8, 0.9), (3.9, 0.9)], "ω_c"),
+        ],
+    };
+    scheme(
+        "figure-3",
+        "Figure 3: the scheme with GNSS correction",
+        "(3), (4): the platform is levelled by the force less the motion that a receiver tells; K g is the inverse of the time constant. The stage levelling while there are fixes, and P1 of levelling-unified.",
+        (1000, 440),
+        drawn,
+    )
+}
+
+/// Figure 5.
+pub(super) fn autonomous() -> Part {
+    let drawn = Scheme {
+        title: "figure 5: without".into(),
+        size: (12.0, 5.0),
+        blocks: vec![
+            block((2.4, 1.2), (3.0, 1.3), &["C' = C ω̂ − ω̂_c C", "H = atan2(C12, C22)"]),
+            block((2.4, 3.8), (3.0, 1.3), &["f_P = C f"]),
+            block((6.3, 3.8), (2.6, 1.3), &["low-pass", "of f_P,x and f_P,y"]),
+            block((9.8, 2.5), (2.6, 1.6), &["ωx = −K f_P,y", "ωy = K f_P,x"]),
+        ],
+        arrows: vec![
+            arrow(&[(0.1, 1.2), (0.9, 1.2)], "ω"),
+            arrow(&[(0.1, 3.8), (0.9, 3.8)], "f"),
+            arrow(&[(2.4, 1.85), (2.4, 3.15)], "C"),
+            arrow(&[(3.9, 3.8), (5.0, 3.8)], "f_P"),
+            arrow(&[(7.6, 3.8), (9.8, 3.8), (9.8, 3.3)], ""),
+            arrow(&[(9.8, 1.7), (9.8, 0.9), (3.9, 0.9)], "ω_c"),
+        ],
+    };
+    scheme(
+        "figure-5",
+        "Figure 5: the scheme without GNSS",
+        "The low-passed force takes the place of what is left without the motion. Time constants here: low-pass 20 s, levelling 60 s.",
+        (1000, 440),
+        drawn,
+    )
+}
+
+/// Figure 7.
+pub(super) fn unified() -> Part {
+    let drawn = Scheme {
+        title: "figure 7: two platforms in parallel, and a choice by k".into(),
+        size: (12.0, 6.0),
+        blocks: vec![
+            block((2.6, 1.2), (2.6, 1.2), &["platform P1", "figure 3"]),
+            block((2.6, 4.8), (2.6, 1.2), &["platform P2", "figure 5"]),
+            block((6.2, 0.8), (2.4, 1.0), &["complex course (5)"]),
+            block((9.6, 1.6), (1.4, 0.9), &["· k"]),
+            block((9.6, 4.4), (1.4, 0.9), &["· (1 − k)"]),
+            block((11.2, 3.0), (0.7, 0.9), &["+"]),
+            block((6.2, 3.0), (2.8, 1.0), &["k = 0 in a gap, else 1"]),
+        ],
+        arrows: vec![
+            arrow(&[(0.1, 1.2), (1.3, 1.2)], "ω, f, V"),
+            arrow(&[(0.1, 4.8), (1.3, 4.8)], "ω, f"),
+            arrow(&[(3.9, 0.8), (5.0, 0.8)], "HΓ"),
+            arrow(&[(7.4, 0.8), (9.6, 0.8), (9.6, 1.15)], "H"),
+            arrow(&[(3.9, 1.6), (8.9, 1.6)], "roll, pitch"),
+            arrow(&[(3.9, 4.6), (8.9, 4.6)], "roll, pitch, HΓ"),
+            arrow(&[(7.6, 3.0), (9.6, 3.0), (9.6, 2.05)], "k"),
+            arrow(&[(9.6, 3.0), (9.6, 3.95)], ""),
+            arrow(&[(10.3, 1.6), (11.2, 1.6), (11.2, 2.55)], ""),
+            arrow(&[(10.3, 4.4), (11.2, 4.4), (11.2, 3.45)], ""),
+            arrow(&[(11.55, 3.0), (11.95, 3.0)], ""),
+        ],
+    };
+    scheme(
+        "figure-7",
+        "Figure 7: the unified scheme",
+        "The stage levelling-unified. HΓ is counted from wherever its platform began: at each change of k the offset is taken anew, so that the course goes on; roll and pitch jump by as much as the platforms are apart, which is told as `aligned`.",
+        (1000, 480),
+        drawn,
+    )
+}

@@ -1,0 +1,164 @@
+//! Lines and points in space, seen from one side: axes, turns, the Riemann sphere.
+
+use attitude::Vector3;
+use plotters::{
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
+
+use crate::picture::{Area, Drawn, TEXT, TITLE};
+
+/// What is drawn in space.
+#[derive(Debug)]
+pub(crate) struct Scene {
+    pub(crate) title: String,
+    /// From where it is seen, about the vertical from the first axis, degrees.
+    pub(crate) azimuth_deg: f64,
+    /// And above the horizontal plane, degrees.
+    pub(crate) elevation_deg: f64,
+    /// Half of what the picture's smaller side shows.
+    pub(crate) reach: f64,
+    pub(crate) shapes: Vec<Shape>,
+}
+
+/// One thing in a scene, drawn in their order.
+#[derive(Debug)]
+pub(crate) enum Shape {
+    Line {
+        points: Vec<Vector3<f64>>,
+        color: RGBAColor,
+        width: u32,
+    },
+    /// A line on the unit sphere, pale where it is behind.
+    OnSphere {
+        points: Vec<Vector3<f64>>,
+        color: RGBColor,
+        width: u32,
+    },
+    Dots {
+        points: Vec<Vector3<f64>>,
+        color: RGBAColor,
+        radius: u32,
+    },
+    Arrow {
+        from: Vector3<f64>,
+        to: Vector3<f64>,
+        color: RGBColor,
+        name: String,
+    },
+    Text {
+        at: Vector3<f64>,
+        text: String,
+    },
+    /// A name in the legend.
+    Named {
+        color: RGBColor,
+        name: String,
+    },
+}
+
+impl Scene {
+    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    where
+        B::ErrorType: 'static,
+    {
+        let area = area.titled(&self.title, TITLE)?;
+        let (width, height) = area.dim_in_pixel();
+        let unit = f64::from(width.min(height)) * 0.5 / self.reach;
+        let centre = (f64::from(width) * 0.5, f64::from(height) * 0.5);
+        let at = |point: &Vector3<f64>| {
+            let (x, y) = self.seen(point);
+            ((centre.0 + x * unit).round() as i32, (centre.1 - y * unit).round() as i32)
+        };
+        let path = |points: &[Vector3<f64>]| points.iter().map(at).collect::<Vec<_>>();
+        let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Center, VPos::Center));
+        let mut names = 0;
+        for shape in &self.shapes {
+            match shape {
+                Shape::Line { points, color, width } => {
+                    area.draw(&PathElement::new(path(points), color.stroke_width(*width)))?;
+                }
+                Shape::OnSphere { points, color, width } => {
+                    for run in points.chunk_by(|a, b| (self.depth(a) < 0.0) == (self.depth(b) < 0.0)) {
+                        let behind = run.first().is_some_and(|point| self.depth(point) < 0.0);
+                        let style = color.mix(if behind { 0.3 } else { 1.0 }).stroke_width(*width);
+                        area.draw(&PathElement::new(path(run), style))?;
+                    }
+                }
+                Shape::Dots { points, color, radius } => {
+                    for point in points {
+                        area.draw(&Circle::new(at(point), *radius, color.filled()))?;
+                    }
+                }
+                Shape::Arrow { from, to, color, name } => {
+                    let (tail, head) = (at(from), at(to));
+                    arrow(&area, &[tail, head], *color)?;
+                    let beyond = |tail: i32, head: i32, room: f64| {
+                        let size = f64::from(head - tail);
+                        head + (room * size.signum() * (size.abs() / 40.0).min(1.0)) as i32
+                    };
+                    let place = (beyond(tail.0, head.0, 20.0), beyond(tail.1, head.1, 13.0));
+                    area.draw(&Text::new(name.as_str(), place, text.clone()))?;
+                }
+                Shape::Text { at: place, text: words } => {
+                    area.draw(&Text::new(words.as_str(), at(place), text.clone()))?;
+                }
+                Shape::Named { color, name } => {
+                    let y = height as i32 - 14 - names * 22;
+                    names += 1;
+                    area.draw(&PathElement::new(vec![(12, y), (32, y)], color.stroke_width(3)))?;
+                    let left = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
+                    area.draw(&Text::new(name.as_str(), (40, y), left))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Where a point is on the paper.
+    fn seen(&self, at: &Vector3<f64>) -> (f64, f64) {
+        let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
+        let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
+        let towards = cos_azimuth * at.x + sin_azimuth * at.y;
+        (cos_azimuth * at.y - sin_azimuth * at.x, at.z * cos_elevation - towards * sin_elevation)
+    }
+
+    /// How near to the eye a point is, from the centre.
+    fn depth(&self, at: &Vector3<f64>) -> f64 {
+        let (sin_azimuth, cos_azimuth) = self.azimuth_deg.to_radians().sin_cos();
+        let (sin_elevation, cos_elevation) = self.elevation_deg.to_radians().sin_cos();
+        (cos_azimuth * at.x + sin_azimuth * at.y) * cos_elevation + at.z * sin_elevation
+    }
+}
+
+/// A path with a head at its end.
+pub(crate) fn arrow<B: DrawingBackend>(area: &Area<B>, path: &[(i32, i32)], color: RGBColor) -> Drawn
+where
+    B::ErrorType: 'static,
+{
+    area.draw(&PathElement::new(path.to_vec(), color.stroke_width(2)))?;
+    if let [.., before, end] = path {
+        let (dx, dy) = (f64::from(end.0 - before.0), f64::from(end.1 - before.1));
+        let size = dx.hypot(dy).max(1e-9);
+        let (dx, dy) = (dx / size, dy / size);
+        let corner = |along: f64, across: f64| {
+            (end.0 + (along * dx - across * dy).round() as i32, end.1 + (along * dy + across * dx).round() as i32)
+        };
+        area.draw(&Polygon::new(vec![*end, corner(-10.0, 4.0), corner(-10.0, -4.0)], color.filled()))?;
+    }
+    Ok(())
+}
+
+/// A closed curve of a parameter from 0 to 2π.
+pub(crate) fn circle(of: impl Fn(f64, f64) -> Vector3<f64>) -> Vec<Vector3<f64>> {
+    (0..=120).map(|k| f64::from(3 * k).to_radians().sin_cos()).map(|(sin, cos)| of(cos, sin)).collect()
+}
+
+/// An arc from one unit vector towards another at right angles to it, so far, rad.
+pub(crate) fn arc(from: Vector3<f64>, towards: Vector3<f64>, angle_rad: f64, radius: f64) -> Vec<Vector3<f64>> {
+    let at = |share: f64| {
+        let (sin, cos) = (share * angle_rad).sin_cos();
+        (from * cos + towards * sin) * radius
+    };
+    (0..=40).map(|k| at(f64::from(k) / 40.0)).collect()
+}
