@@ -164,7 +164,7 @@ fn figure(name: &'static str, title: &str, sensing: Sensing) -> Part {
         is.inclination_deg
     );
     if sensing == Sensing::Magnet {
-        about += " The disturbance is a field of 20 µT to the east, as strong as that to the north, from 2 to 4 s of each turn. The paper says that it moves yaw alone: here it moves the heading most, and the level with it, because the gradient of a field that points 66° down turns about no vertical axis.";
+        about += " The disturbance is a field of 20 µT to the east, as strong as that to the north, from 2 to 4 s of each turn. The paper says that it moves yaw alone: here it moves the heading most, and the level with it, because the gradient of a field that points 66° down turns about no vertical axis. Of the stages that take heading and level apart (wz, vqf) it does move yaw alone: see the table of every fuser.";
     }
     Part {
         name,
