@@ -4,7 +4,6 @@
 mod bench;
 mod bridge;
 mod calibrate;
-mod delivery_tracker;
 mod doctor;
 mod import;
 mod info;

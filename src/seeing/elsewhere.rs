@@ -12,15 +12,13 @@ use link::{Link, Stream};
 use observe::flow::Delivery;
 use wire::{
     command::ControlMessage,
+    delivery::DeliveryTracker,
     keys,
     v1::{Envelope, GatewayReport},
 };
 
 use super::SeeError;
-use crate::{
-    delivery_tracker::DeliveryTracker,
-    remote::{RemoteError, Way},
-};
+use crate::remote::{RemoteError, Way};
 
 /// How long a vehicle is looked for once somebody is connected; its gateway reports what it sends once a second.
 const FIND_LIMIT: Duration = Duration::from_secs(5);

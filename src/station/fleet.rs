@@ -9,17 +9,18 @@ use attitude::frames::Frame;
 use graph::Topic;
 use link::Arrival;
 use messages::{AttitudeOutput, Message};
-use observe::hops::Latencies;
+use observe::{
+    hops::Latencies,
+    tables::{TableError, Tables},
+};
 use serde_json::{Value, json};
 use wire::{
     Payload, Refusal, Refusals,
     command::ControlMessage,
+    delivery::DeliveryTracker,
     keys,
     v1::{Envelope, GatewayReport},
 };
-
-use super::csv::{CsvError, Tables};
-use crate::delivery_tracker::DeliveryTracker;
 
 /// Vehicles that are kept in mind.
 const VEHICLES_MAX: usize = 256;
@@ -60,7 +61,7 @@ pub(crate) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
     }
 }
 
-pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), CsvError> {
+pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), TableError> {
     let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
     let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
     if topic == keys::GATEWAY {
@@ -75,7 +76,7 @@ pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&m
 
 impl Vehicle {
     /// Takes messages of a topic to the counts and into a table.
-    fn take<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut Tables>) -> Result<(), CsvError> {
+    fn take<M: Payload>(&mut self, name: &str, bytes: &[u8], tables: Option<&mut Tables>) -> Result<(), TableError> {
         let topic = M::TOPIC.name;
         match (self.samples::<M>(topic, bytes), tables) {
             (Ok(samples), Some(tables)) => tables.write(name, topic, &samples),
@@ -130,7 +131,7 @@ impl Vehicle {
 
 pub(crate) fn report(vehicles: &Vehicles) -> Value {
     let vehicle = |(name, vehicle): (&String, &Vehicle)| {
-        let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| track.json(topic)).collect();
+        let tracks: Vec<_> = vehicle.tracks.iter().map(|(topic, track)| delivered(topic, track)).collect();
         let attitude = vehicle.attitude.map(|output| {
             json!({
                 "tick": output.header.tick, "t_s": output.header.t_end_ns as f64 * 1e-9, "quaternion": output.quaternion,
@@ -144,4 +145,14 @@ pub(crate) fn report(vehicles: &Vehicles) -> Value {
         })
     };
     json!({ "vehicles": vehicles.iter().map(vehicle).collect::<Vec<_>>() })
+}
+
+fn delivered(topic: &str, track: &DeliveryTracker) -> Value {
+    let DeliveryTracker { messages, samples, lost_messages, lost_samples, repeated, .. } = track;
+    let DeliveryTracker { restarts, decimated, dropped, .. } = track;
+    json!({
+        "topic": topic, "messages": messages, "samples": samples, "lost_messages": lost_messages,
+        "lost_samples": lost_samples, "repeated": repeated, "restarts": restarts, "decimated": decimated,
+        "dropped": dropped,
+    })
 }

@@ -4,7 +4,7 @@ use attitude::frames::Frame;
 use messages::AttitudeOutput;
 
 use super::fleet::Vehicles;
-use crate::delivery_tracker::DeliveryTracker;
+use wire::delivery::DeliveryTracker;
 
 /// A table of the vehicles, and one of them in detail.
 pub(super) fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {

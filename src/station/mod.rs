@@ -1,6 +1,5 @@
 //! `plumb station`: every vehicle there is to see, and whether all that it sends arrives.
 
-mod csv;
 pub(crate) mod fleet;
 mod lines;
 mod view;
@@ -20,10 +19,10 @@ use std::{
 use clap::Args;
 use dashboard::Screen;
 use link::{Link, Stream};
+use observe::tables::{TableError, Tables};
 use wire::keys;
 
 use crate::{fail, out, remote::Way};
-use csv::{CsvError, Tables};
 use fleet::Vehicles;
 
 /// Between two tables as lines.
@@ -110,7 +109,7 @@ fn watch(
     Ok((sight.vehicles, shown))
 }
 
-fn show_lines(sight: &mut Sight, station: &Station) -> Result<ControlFlow<ExitCode>, CsvError> {
+fn show_lines(sight: &mut Sight, station: &Station) -> Result<ControlFlow<ExitCode>, TableError> {
     let (mut shown, mut shown_at) = (ControlFlow::Continue(()), Instant::now());
     while shown.is_continue() && !sight.is_over() {
         sight.look()?;
@@ -129,7 +128,7 @@ impl Sight {
     }
 
     /// Takes what has come, and waits a little where nothing has.
-    fn look(&mut self) -> Result<(), CsvError> {
+    fn look(&mut self) -> Result<(), TableError> {
         while let Some(sign) = self.signs.next(Duration::ZERO) {
             fleet::see(&mut self.vehicles, &sign);
         }

@@ -14,7 +14,7 @@ use super::{
     Sight,
     fleet::{Vehicle, Vehicles},
 };
-use crate::delivery_tracker::DeliveryTracker;
+use wire::delivery::DeliveryTracker;
 
 /// Between two pictures.
 const PICTURE_INTERVAL: Duration = Duration::from_millis(100);

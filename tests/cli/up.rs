@@ -2,6 +2,7 @@
 use std::{
     fs,
     io::Write,
+    os::fd::OwnedFd,
     path::Path,
     process::{Command, Output},
     time::{Duration, Instant},
@@ -9,7 +10,11 @@ use std::{
 
 use crate::common::{Run, Running, System, lives, plumb, signal, until};
 use flate2::{Compression, write::GzEncoder};
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::{
+    fs::{OFlags, fcntl_setfl},
+    pipe::pipe,
+    process::{Pid, Signal, kill_process_group},
+};
 
 /// What the report for scripts says, whatever became of the run.
 const REPORT: [&str; 11] = [
@@ -493,6 +498,27 @@ fn a_system_that_nobody_listens_to_runs_to_its_end() {
     let full = fs::File::options().write(true).open("/dev/full").unwrap();
     let output = system.command(&["--for", "1500ms"]).stderr(full).output().unwrap();
     Run::of(output).assert_whole();
+}
+
+/// Both ends of a pipe that has no room.
+fn full_pipe() -> (OwnedFd, OwnedFd) {
+    let (reader, writer) = pipe().unwrap();
+    fcntl_setfl(&writer, OFlags::NONBLOCK).unwrap();
+    while rustix::io::write(&writer, &[b'x'; 4096]).is_ok() {}
+    fcntl_setfl(&writer, OFlags::empty()).unwrap();
+    (reader, writer)
+}
+
+#[test]
+fn a_system_ends_though_nobody_takes_what_it_says_to_people() {
+    for how in [&["--for", "1s"] as &[&str], &["--for", "1s", "--in-process"]] {
+        let (_reader, writer) = full_pipe();
+        let system = System::new("[ingest.sim]\nrate_hz = 200\n");
+        let mut running = Running::telling(system.command(how), writer);
+        until("the end", || running.has_ended());
+        let report: serde_json::Value = serde_json::from_slice(&running.output().stdout).unwrap();
+        assert!(report["error"].is_null() && report["ticks_out"].as_u64() > Some(100), "{report}");
+    }
 }
 
 #[test]

@@ -229,6 +229,10 @@ impl Running {
         self.services()
     }
 
+    pub fn has_ended(&mut self) -> bool {
+        self.child.as_mut().unwrap().try_wait().unwrap().is_some()
+    }
+
     pub fn wait(self) -> Run {
         Run::of(self.output())
     }

@@ -25,6 +25,7 @@ pub mod batch;
 pub mod channel;
 pub mod cockpit;
 pub mod command;
+pub mod delivery;
 mod field;
 mod frame;
 pub mod keys;

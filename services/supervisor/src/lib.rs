@@ -22,6 +22,7 @@ pub mod flight;
 pub mod in_process;
 mod input;
 mod notify;
+mod people;
 pub mod plan;
 mod processes;
 mod reaper;
@@ -33,7 +34,7 @@ mod view;
 mod warm;
 
 use std::{
-    io::{self, Write},
+    io,
     path::PathBuf,
     sync::{Arc, atomic::AtomicBool},
 };
@@ -81,9 +82,9 @@ pub fn fly_again(request: &Request, flight: Flight) -> Result<Report, UpError> {
     in_process::replay(&Plan::of_flight(request, &flight), flight, &ends)
 }
 
-/// Prints a line for people. One that nobody reads any more does not stop a system.
+/// Prints a line for people. One that nobody reads any more does not stop a system, and one that nobody takes is left out.
 pub fn announce(line: impl std::fmt::Display) {
-    let _ = writeln!(io::stderr(), "{line}");
+    people::say(line, people::LIMIT);
 }
 
 /// Becomes true when a person or the system asks for the end.

@@ -7,6 +7,7 @@
 //! | module | what it holds |
 //! | --- | --- |
 //! | [`record`] | a message by its layout: names, units, values |
+//! | [`tables`] | messages as tables of numbers |
 //! | [`flow`], [`interval`] | rate, intervals, bytes, and what was lost where |
 //! | [`topics`] | which topics there are, and who is at them |
 //! | [`hops`], [`process`], [`top`] | how long each service takes, what it costs, and both with its state |
@@ -19,5 +20,6 @@ pub mod hops;
 pub mod interval;
 pub mod process;
 pub mod record;
+pub mod tables;
 pub mod top;
 pub mod topics;

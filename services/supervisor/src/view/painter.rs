@@ -13,7 +13,7 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::{UpError, announce};
+use crate::{UpError, people};
 
 /// Terminal frames per second at most.
 const FRAMES_HZ: u8 = 10;
@@ -126,7 +126,7 @@ fn show(screen: Option<&Screen>, line: &str) {
     match screen {
         // A terminal that cannot be written to shows nothing.
         Some(screen) => drop(screen.all.println(line)),
-        None => announce(line),
+        None => people::say(line, people::NO_LIMIT),
     }
 }
 

@@ -1,4 +1,7 @@
-//! Tables of what has come: DIR/VEHICLE/TOPIC.csv, a column for each number of the message, named as its field.
+//! Messages as tables: DIR/VEHICLE/TOPIC.csv, a column for each number of the message, named as its field.
+//!
+//! Input: messages of a topic, in their order. Output: lines. Failure: a table that cannot be written is an error with its path; more
+//! tables than a small fleet has are refused.
 
 use std::{
     collections::BTreeMap,
@@ -15,68 +18,63 @@ const FILES_MAX: usize = 512;
 /// Why a table was not written.
 #[derive(Debug, thiserror::Error)]
 #[error("writing {path}: {cause}; check that the folder can be written to and has space")]
-pub(crate) struct CsvError {
+pub struct TableError {
     path: PathBuf,
     cause: io::Error,
 }
 
 /// The tables of a folder.
-pub(crate) struct Tables {
+pub struct Tables {
     folder: PathBuf,
     files: BTreeMap<PathBuf, BufWriter<File>>,
 }
 
-/// Messages as lines of a table.
-pub(crate) trait Rows {
-    fn head(&self) -> String;
-    fn write(&self, to: &mut dyn Write) -> io::Result<()>;
-}
-
 impl Tables {
-    pub(crate) fn in_folder(folder: &Path) -> Self {
+    /// To be written below this folder; a table is made by its first message.
+    pub fn in_folder(folder: &Path) -> Self {
         Self { folder: folder.into(), files: BTreeMap::new() }
     }
 
-    pub(crate) fn write(&mut self, vehicle: &str, topic: &str, rows: &dyn Rows) -> Result<(), CsvError> {
+    /// Appends messages to the table of a vehicle and topic.
+    pub fn write<M: Message>(&mut self, vehicle: &str, topic: &str, messages: &[M]) -> Result<(), TableError> {
         let path = self.folder.join(vehicle).join(format!("{topic}.csv"));
-        let failed = |cause| CsvError { path: path.clone(), cause };
+        let failed = |cause| TableError { path: path.clone(), cause };
         if !self.files.contains_key(&path) {
             if self.files.len() >= FILES_MAX {
                 return Err(failed(io::Error::other(format!("more than {FILES_MAX} tables"))));
             }
             fs::create_dir_all(self.folder.join(vehicle)).map_err(failed)?;
             let mut file = BufWriter::new(File::create(&path).map_err(failed)?);
-            writeln!(file, "{}", rows.head()).map_err(failed)?;
+            writeln!(file, "{}", head::<M>()).map_err(failed)?;
             self.files.insert(path.clone(), file);
         }
         let Some(file) = self.files.get_mut(&path) else { return Ok(()) };
-        rows.write(file).map_err(failed)
+        lines(messages, file).map_err(failed)
     }
 
-    pub(crate) fn finish(self) -> Result<(), CsvError> {
-        self.files.into_iter().try_for_each(|(path, mut file)| file.flush().map_err(|cause| CsvError { path, cause }))
+    /// Writes what is still in memory.
+    pub fn finish(self) -> Result<(), TableError> {
+        self.files.into_iter().try_for_each(|(path, mut file)| file.flush().map_err(|cause| TableError { path, cause }))
     }
 }
 
-impl<M: Message> Rows for Vec<M> {
-    fn head(&self) -> String {
-        let Layout { fields, .. } = M::layout();
-        let names = fields.iter().flat_map(|field| match numbers(field) {
-            1 => vec![field.name.to_owned()],
-            many => (0..many).map(|i| format!("{}_{i}", field.name)).collect(),
-        });
-        names.collect::<Vec<_>>().join(",")
-    }
+fn head<M: Message>() -> String {
+    let Layout { fields, .. } = M::layout();
+    let names = fields.iter().flat_map(|field| match numbers(field) {
+        1 => vec![field.name.to_owned()],
+        many => (0..many).map(|i| format!("{}_{i}", field.name)).collect(),
+    });
+    names.collect::<Vec<_>>().join(",")
+}
 
-    fn write(&self, to: &mut dyn Write) -> io::Result<()> {
-        let Layout { fields, .. } = M::layout();
-        for message in self {
-            let bytes = bytemuck::bytes_of(message);
-            let values = fields.iter().flat_map(|field| (0..numbers(field)).map(move |i| value(bytes, field, i)));
-            writeln!(to, "{}", values.collect::<Vec<_>>().join(","))?;
-        }
-        Ok(())
+fn lines<M: Message>(messages: &[M], to: &mut impl Write) -> io::Result<()> {
+    let Layout { fields, .. } = M::layout();
+    for message in messages {
+        let bytes = bytemuck::bytes_of(message);
+        let values = fields.iter().flat_map(|field| (0..numbers(field)).map(move |i| value(bytes, field, i)));
+        writeln!(to, "{}", values.collect::<Vec<_>>().join(","))?;
     }
+    Ok(())
 }
 
 /// How many numbers a field holds: the length of an array. The words of a checkpoint are left out.
@@ -105,12 +103,11 @@ mod tests {
     use super::*;
     use messages::{AttitudeOutput, Health};
 
-    fn lines<M: Message>(message: M) -> (Vec<String>, Vec<String>) {
-        let rows = vec![message];
+    fn table<M: Message>(message: M) -> (Vec<String>, Vec<String>) {
         let mut text = Vec::new();
-        rows.write(&mut text).unwrap();
+        lines(&[message], &mut text).unwrap();
         let split = |line: &str| line.trim_end().split(',').map(str::to_owned).collect();
-        (split(&rows.head()), split(std::str::from_utf8(&text).unwrap()))
+        (split(&head::<M>()), split(std::str::from_utf8(&text).unwrap()))
     }
 
     #[test]
@@ -118,11 +115,11 @@ mod tests {
         let mut output: AttitudeOutput = bytemuck::Zeroable::zeroed();
         (output.header.tick, output.header.t_start_ns, output.header.incarnation) = (7, -5, 9);
         (output.quaternion, output.roll_rad) = ([0.5, -0.5, 0.25, 0.125], -1.5);
-        let (head, values) = lines(output);
+        let (head, values) = table(output);
         let of = |name: &str| values[head.iter().position(|column| column == name).unwrap()].as_str();
         assert_eq!((of("tick"), of("t_start_ns"), of("incarnation"), of("roll_rad")), ("7", "-5", "9", "-1.5"));
         assert_eq!((of("quaternion_0"), of("quaternion_1"), of("quaternion_3")), ("0.5", "-0.5", "0.125"));
-        let (head, values) = lines(Health { pid: 77, ..bytemuck::Zeroable::zeroed() });
+        let (head, values) = table(Health { pid: 77, ..bytemuck::Zeroable::zeroed() });
         assert_eq!(values[head.iter().position(|column| column == "pid").unwrap()], "77");
     }
 }
