@@ -22,7 +22,7 @@ pub trait Sound {
 pub const UNIT: f64 = 1e-6;
 
 /// Numbers a state may have at most.
-pub const STATE_LIMIT: usize = 512;
+pub const STATE_LIMIT: usize = 1536;
 
 /// An estimator that can fill a slot.
 pub trait Stage {

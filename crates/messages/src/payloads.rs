@@ -361,7 +361,7 @@ payload! {
 
 payload! {
     /// The state of a slot between two ticks: from it the next incarnation of the service goes on, or another stage.
-    Checkpoint = "plumbline.Checkpoint.2" {
+    Checkpoint = "plumbline.Checkpoint.3" {
         /// The tick that the slot takes next.
         next_tick: u64,
         /// [`Checkpoint::sum`].
@@ -386,7 +386,7 @@ payload! {
 }
 
 /// Words of a checkpoint at most: the state of the largest stage and what a slot keeps beside it.
-pub const CHECKPOINT_WORDS: usize = 576;
+pub const CHECKPOINT_WORDS: usize = 1600;
 
 impl Checkpoint {
     /// A number of all but the checksum itself, by words of eight bytes: a checkpoint is long, and is summed often.

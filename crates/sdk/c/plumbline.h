@@ -21,7 +21,7 @@
 #endif
 
 #define PLUMBLINE_VERSION 1
-#define PLUMBLINE_STATE_MAX 512
+#define PLUMBLINE_STATE_MAX 1536
 #define PLUMBLINE_FRAME_MAX 16384
 #define PLUMBLINE_PI 3.14159265358979323846
 
@@ -160,7 +160,7 @@ static inline int plumbline_run(const plumbline_stage *stage, const char *slot, 
     /* It ends with whoever asks, also in a step that never ends. */
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     for (int i = 0; i < stage->parameter_count; i++) stage->settings[i] = stage->parameters[i].initial;
-    if (stage->state_count > PLUMBLINE_STATE_MAX) return fprintf(stderr, "a state of more than 512 numbers\n"), 1;
+    if (stage->state_count > PLUMBLINE_STATE_MAX) return fprintf(stderr, "a state of more than 1536 numbers\n"), 1;
     for (;;) {
         const ssize_t received = recv(0, &in, sizeof in, 0);
         if (received == 0) return 0;

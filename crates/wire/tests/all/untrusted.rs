@@ -60,7 +60,8 @@ fn more_than_there_may_be_is_refused() {
     assert_eq!(Credit::decoded(&vec![0; BYTES_MAX + 1]), Err(Refusal::TooLarge { bytes: BYTES_MAX + 1 }));
     let many = wire::seal(&Envelope::default(), &wire::samples(&vec![Credit { ticks: 1, ends: 0 }; SAMPLES_MAX + 1]));
     assert!(matches!(wire::open::<Credit>(&many), Err(Refusal::TooMany { .. })));
-    let form = v1::Checkpoint { words: vec![1; 577], service: 1, ..v1::Checkpoint::default() };
+    let form =
+        v1::Checkpoint { words: vec![1; messages::CHECKPOINT_WORDS + 1], service: 1, ..v1::Checkpoint::default() };
     assert!(matches!(Checkpoint::decoded(&form.encode_to_vec()), Err(Refusal::TooMany { what: "words", .. })));
     let form = v1::Checkpoint { stage: "s".repeat(33), service: 1, ..v1::Checkpoint::default() };
     assert!(matches!(Checkpoint::decoded(&form.encode_to_vec()), Err(Refusal::TooMany { what: "letters", .. })));

@@ -162,7 +162,8 @@ impl Drawn for Checkpoint {
     fn drawn(dice: &mut Dice) -> Self {
         let mut checkpoint = Self { next_tick: dice.word(), service: dice.service(), ..bytemuck::Zeroable::zeroed() };
         checkpoint.stage[..7].copy_from_slice(b"madgwick".first_chunk::<7>().unwrap());
-        let words = dice.below(CHECKPOINT_WORDS as u64 + 1) as usize;
+        // Eight of the largest do not fit one batch.
+        let words = dice.below(CHECKPOINT_WORDS as u64 / 2 + 1) as usize;
         checkpoint.words[..words].iter_mut().for_each(|word| *word = dice.word());
         (checkpoint.slot_words, checkpoint.common_words) = (dice.half(), dice.half());
         (checkpoint.stage_words, checkpoint.incarnation) = (dice.half(), dice.half());
