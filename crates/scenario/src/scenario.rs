@@ -49,7 +49,7 @@ pub struct Parameter {
 }
 
 /// Every number by which scenarios can be set; errors are those at the scenario's rate.
-pub const PARAMETERS: [Parameter; 9] = [
+pub const PARAMETERS: [Parameter; 12] = [
     Parameter {
         name: "gyro_bias_deg_s",
         least: 0.0,
@@ -105,6 +105,27 @@ pub const PARAMETERS: [Parameter; 9] = [
         most: 2.0,
         about: "how late fixes arrive, s",
         set: |scenario, value| give(&mut receiver(scenario)?.latency_s, value),
+    },
+    Parameter {
+        name: "antenna_right_m",
+        least: -100.0,
+        most: 100.0,
+        about: "place of the receiver's antenna from the sensors, to the right, m",
+        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.x, value),
+    },
+    Parameter {
+        name: "antenna_forward_m",
+        least: -100.0,
+        most: 100.0,
+        about: "the same, forward, m",
+        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.y, value),
+    },
+    Parameter {
+        name: "antenna_up_m",
+        least: -100.0,
+        most: 100.0,
+        about: "the same, up, m",
+        set: |scenario, value| give(&mut receiver(scenario)?.antenna_m.z, value),
     },
     Parameter {
         name: "amplitude_deg",

@@ -1,7 +1,7 @@
 //! The scenarios agree with themselves: rates with attitudes, forces with velocities, readings with their seeds.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, turn::Turn};
+use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, state::Attitude, turn::Turn};
 use scenario::{Coverage, Errors, Motion, Scenario, Sensors};
 
 fn every(name: &str) -> impl Iterator<Item = f64> + use<> {
@@ -152,7 +152,7 @@ fn what_does_not_exist_is_refused_with_what_does() {
         (
             "cruise?sed=3",
             "a scenario has no `sed`; seed, rate_hz, duration_s, gnss, gyro_bias_deg_s, gyro_noise_deg_s, gyro_scale, accel_bias_g, accel_noise_g, \
-             field_noise_ut, gnss_noise_m_s, gnss_latency_s, amplitude_deg can be set, as in `cruise?seed=3&gnss=gaps`",
+             field_noise_ut, gnss_noise_m_s, gnss_latency_s, antenna_right_m, antenna_forward_m, antenna_up_m, amplitude_deg can be set, as in `cruise?seed=3&gnss=gaps`",
         ),
         ("cruise?seed=-1", "a scenario's seed: expected a natural number, found `-1`"),
         ("cruise?rate_hz=NaN", "a scenario's rate_hz: expected a number from 1 to 10000, found `NaN`"),
@@ -203,4 +203,13 @@ fn numbers_of_a_scenario_change_what_they_say_and_nothing_else() {
     }
     let latency_s = |text: &str| usual(text).readings().find(|(_, reading)| reading.fix.is_some()).unwrap().0;
     assert_eq!((latency_s("cruise"), latency_s("cruise?gnss_latency_s=0.5")), (0.2, 0.5));
+    let velocities = |text: &str| usual(text).readings().filter_map(|(_, reading)| reading.fix);
+    let apart = |text: &str| {
+        let pairs = velocities("cruise?duration_s=20").zip(velocities(text));
+        let most = |most: f64, (one, other): (Fix, Fix)| most.max((one.velocity_m_s - other.velocity_m_s).norm());
+        pairs.fold(0.0, most)
+    };
+    // 10 m above the sensors a roll of 1° at 1/7.3 Hz is 0.15 m/s, the pitch 0.21 m/s at most.
+    assert!((0.15..0.26).contains(&apart("cruise?antenna_up_m=10&duration_s=20")));
+    assert_eq!(apart("cruise?antenna_up_m=0&duration_s=20"), 0.0);
 }

@@ -26,12 +26,10 @@ struct Chain {
 }
 
 impl Chain {
-    fn new() -> Self {
-        Self {
-            gyro: Gyro::named("mobius").unwrap(),
-            accel: Projector::default(),
-            fuser: Fuser::named("aided").unwrap(),
-        }
+    fn new(settings: &[(&str, f64)]) -> Self {
+        let mut fuser = Fuser::named("aided").unwrap();
+        settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
+        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser }
     }
 
     fn step(&mut self, sample: &RateSample, force_m_s2: Vector3<f64>, fix: Option<Fix>) -> Fused {
@@ -76,6 +74,8 @@ struct Errors {
     alone: [Rms; 2],
     course: Rms,
     step: Rms,
+    /// Found in the end, s.
+    latency_s: Rms,
 }
 
 impl Errors {
@@ -86,12 +86,13 @@ impl Errors {
             alone: both(self.alone, other.alone),
             course: self.course.with(other.course),
             step: self.step.with(other.step),
+            latency_s: self.latency_s.with(other.latency_s),
         }
     }
 }
 
-fn fly(scenario: &Scenario) -> Errors {
-    let (mut chain, mut errors, mut since_fix_s) = (Chain::new(), Errors::default(), f64::INFINITY);
+fn fly(scenario: &Scenario, settings: &[(&str, f64)]) -> Errors {
+    let (mut chain, mut errors, mut since_fix_s) = (Chain::new(settings), Errors::default(), f64::INFINITY);
     let mut before: Option<(f64, Attitude, Attitude)> = None;
     for (t_s, reading) in scenario.readings() {
         let dt_s = before.map_or(0.0, |(before_s, ..)| t_s - before_s);
@@ -112,14 +113,20 @@ fn fly(scenario: &Scenario) -> Errors {
         before = Some((t_s, out, truth));
     }
     assert_eq!(chain.fuser.flaw(), None);
+    let Fuser::Aided(aided) = &chain.fuser else { panic!("another stage") };
+    errors.latency_s.add(aided.latency_s());
     errors
 }
 
 /// All seeds of a scenario, two at a time.
 fn flown(name: &str) -> Errors {
+    flown_with(name, &[])
+}
+
+fn flown_with(name: &str, settings: &[(&str, f64)]) -> Errors {
     let seeds: Vec<u64> = SEEDS.collect();
     let fly_all = |seeds: &[u64]| {
-        let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed)));
+        let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed), settings));
         each.fold(Errors::default(), Errors::with)
     };
     let (first, second) = seeds.split_at(seeds.len() / 2);
@@ -132,11 +139,13 @@ fn flown(name: &str) -> Errors {
         format!("{:.3} / {:.3} (max {:.2} / {:.2})", roll.get(), pitch.get(), roll.most, pitch.most)
     };
     println!(
-        "{name}: roll / pitch with fixes {}, without {}; course {:.2}; step {:.4}, deg",
+        "{name}: roll / pitch with fixes {}, without {}; course {:.2}; step {:.4}, deg; latency {:.3} s (max {:.3})",
         pair(errors.told),
         pair(errors.alone),
         errors.course.get(),
-        errors.step.most
+        errors.step.most,
+        errors.latency_s.get(),
+        errors.latency_s.most
     );
     errors
 }
@@ -175,6 +184,27 @@ fn wind_gusts_slip_scale_error_and_drift_are_borne() {
     assert!(within(gaps.told, 0.15) && within(gaps.alone, 0.2));
     assert!(gaps.step.most < 0.02);
     assert!(within(flown("cruise-hard?gnss=start").alone, 0.8));
+}
+
+#[test]
+fn a_latency_from_a_tenth_to_four_tenths_of_a_second_is_found() {
+    for latency_s in [0.1, 0.2, 0.3, 0.4] {
+        let errors = flown(&format!("cruise?gnss_latency_s={latency_s}"));
+        let off_s = [errors.latency_s.get(), errors.latency_s.most].map(|found_s| (found_s - latency_s).abs());
+        assert!(off_s.iter().all(|off_s| *off_s < 0.015), "{latency_s} s: off by {off_s:?} s");
+        assert!(within(errors.told, 0.05) && errors.course.get() < 0.3);
+    }
+}
+
+#[test]
+fn the_place_of_the_antenna_takes_off_what_its_lever_arm_adds() {
+    let flight = "cruise?antenna_right_m=-3&antenna_forward_m=6&antenna_up_m=2";
+    let set =
+        |sign: f64| [("antenna_right_m", -3.0 * sign), ("antenna_forward_m", 6.0 * sign), ("antenna_up_m", 2.0 * sign)];
+    let [right, none, wrong] = [1.0, 0.0, -1.0].map(|sign| flown_with(flight, &set(sign)));
+    assert!(within(right.told, 0.05) && right.course.get() < 0.3);
+    let above = |errors: Errors, limit_deg: f64| errors.told.iter().all(|axis| axis.get() > limit_deg);
+    assert!(above(none, 0.08) && above(wrong, 0.16));
 }
 
 /// A recorded flight: time, rate, force, the autopilot's own attitude where it counts, the fix that arrived.
@@ -223,7 +253,7 @@ fn recorded() -> Option<Vec<Row>> {
 /// RMS of inclination and heading from a minute after take-off on, deg; `covered` is told the time since that minute.
 fn over_the_flight(name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;
-    let (mut chain, mut before_s) = (Chain::new(), rows[0].t_s);
+    let (mut chain, mut before_s) = (Chain::new(&[]), rows[0].t_s);
     let [mut inclination, mut heading] = [Rms::default(); 2];
     for row in rows {
         let sample = RateSample { rate_rad_s: row.rate_rad_s, dt_s: row.t_s - before_s, kind: RateKind::Mean };

@@ -49,6 +49,8 @@ pub struct Receiver {
     pub latency_s: f64,
     /// White noise on each axis and fix, standard deviation, m/s.
     pub noise_m_s: f64,
+    /// From the sensors to its antenna, whose velocity it tells, m, body axes.
+    pub antenna_m: Vector3<f64>,
     /// When there are fixes.
     pub coverage: Coverage,
     /// The latitude that it tells, rad.
@@ -129,6 +131,7 @@ impl Errors {
             interval_s: 0.1,
             latency_s: 0.2,
             noise_m_s: 0.05,
+            antenna_m: Vector3::new(0.0, 0.0, 0.0),
             coverage: Coverage::Always,
             latitude_rad: None,
         }),
@@ -145,6 +148,7 @@ impl Errors {
             interval_s: 0.1,
             latency_s: 0.25,
             noise_m_s: 0.15,
+            antenna_m: Vector3::new(0.0, 0.0, 0.0),
             coverage: Coverage::Always,
             latitude_rad: None,
         }),

@@ -1,6 +1,6 @@
 //! The fixes of a satellite receiver, which arrive late.
 
-use attitude::gnss::Fix;
+use attitude::{Vector3, gnss::Fix};
 
 use super::errors::Receiver;
 use crate::{
@@ -23,7 +23,7 @@ impl Fixes {
 
     /// The last fix that arrived until `t_s` and was not asked for before.
     pub(super) fn arrived(&mut self, body: &mut Body, t_s: f64) -> Option<Fix> {
-        let Receiver { interval_s, latency_s, noise_m_s, coverage, latitude_rad } = self.receiver;
+        let Receiver { interval_s, latency_s, noise_m_s, antenna_m, coverage, latitude_rad } = self.receiver;
         let mut fix = None;
         // A fix that arrives with a sample must not miss it by the last digit of its time.
         while self.count as f64 * interval_s + latency_s <= t_s + 1e-9 {
@@ -31,7 +31,7 @@ impl Fixes {
             let noise = self.noise.normals() * noise_m_s;
             self.count += 1;
             fix = coverage.covers(of_s + latency_s).then(|| Fix {
-                velocity_m_s: body.velocity_m_s(of_s) + noise,
+                velocity_m_s: antenna_velocity_m_s(body, antenna_m, of_s) + noise,
                 sd_m_s: None,
                 age_s: None,
                 latitude_rad,
@@ -39,4 +39,11 @@ impl Fixes {
         }
         fix
     }
+}
+
+/// Of a point of the body, over ground, m/s: v + Aᵀ (ω × r).
+fn antenna_velocity_m_s(body: &mut Body, antenna_m: Vector3<f64>, t_s: f64) -> Vector3<f64> {
+    let velocity_m_s = body.velocity_m_s(t_s);
+    let truth = body.at(t_s);
+    velocity_m_s + truth.attitude.matrix().transpose() * truth.rate_rad_s.cross(&antenna_m)
 }

@@ -29,6 +29,8 @@ pub struct Aided {
     /// Heading counts from north, so that it acts on the velocity.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
+    /// Of the antenna against the sensors, R (ω × r), m/s, reference axes.
+    pub(super) antenna_m_s: Vector3<f64>,
     pub(super) gyro_bias_rad_s: Vector3<f64>,
     pub(super) accel_bias_m_s2: Vector3<f64>,
     pub(super) latency_s: f64,
@@ -60,6 +62,7 @@ impl Aided {
             reference: Reference::Arbitrary,
             course_known: false,
             velocity_m_s: Vector3::zeros(),
+            antenna_m_s: Vector3::zeros(),
             gyro_bias_rad_s: Vector3::zeros(),
             accel_bias_m_s2: Vector3::zeros(),
             latency_s: settings.latency_s,
@@ -109,7 +112,7 @@ impl Aided {
 
     pub(super) fn begin_velocity(&mut self, velocity_m_s: Vector3<f64>, sd_m_s: f64, vertical_sd_m_s: f64) {
         self.velocity_m_s = velocity_m_s;
-        self.past.begin(velocity_m_s);
+        self.past.begin(velocity_m_s + self.antenna_m_s);
         for (axis, sd_m_s) in [sd_m_s, sd_m_s, vertical_sd_m_s].into_iter().enumerate() {
             self.covariance.begin(VELOCITY + axis, sd_m_s * sd_m_s);
         }

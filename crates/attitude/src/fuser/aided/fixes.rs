@@ -51,13 +51,13 @@ impl Aided {
         }
     }
 
-    /// Each axis of the velocity, as it was when the receiver measured it, and the track, very weakly. The error of the velocity
-    /// was then another one by what tilt and accelerometer bias did to it since.
+    /// Each axis of the antenna's velocity v + R (ω × r), as it was when the receiver measured it, and the track, very weakly. The
+    /// error of the velocity was then another one by what tilt and accelerometer bias did to it since.
     fn measure(&mut self, fix: &Fix, interval_s: f64) {
         let (settings, mut error) = (self.settings, Error::zeros());
         let age_s = fix.age_s.filter(|age_s| (0.0..=1.0).contains(age_s));
         let late_s = age_s.unwrap_or(self.latency_s);
-        let (velocity_m_s, slope_m_s2) = self.past.at(late_s, self.velocity_m_s, self.sums.length_s);
+        let (velocity_m_s, slope_m_s2) = self.past.at(late_s, self.velocity_m_s + self.antenna_m_s, self.sums.length_s);
         let sd_m_s =
             fix.sd_m_s.filter(|sd| (0.0..1e6).contains(sd)).map_or(settings.velocity_sd_m_s, |sd| sd.max(SD_MIN_M_S));
         let (limit, variance) = (settings.innovation_limit, sd_m_s * sd_m_s);
@@ -108,6 +108,6 @@ impl Aided {
         }
         self.course_known = true;
         let sd_m_s = self.settings.velocity_sd_m_s.max(1.0);
-        self.begin_velocity(fix.velocity_m_s, sd_m_s, sd_m_s);
+        self.begin_velocity(fix.velocity_m_s - self.antenna_m_s, sd_m_s, sd_m_s);
     }
 }

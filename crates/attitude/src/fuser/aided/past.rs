@@ -1,4 +1,4 @@
-//! The velocity of the last second, against which a fix that arrives late is held.
+//! The antenna's velocity of the last second, against which a fix that arrives late is held.
 
 use super::covariance::INTERVAL_S;
 use crate::{Vector3, numbers::Numbers};

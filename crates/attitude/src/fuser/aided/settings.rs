@@ -1,6 +1,6 @@
 //! Settings of the fuser stage `aided`.
 
-use crate::parameters::settings;
+use crate::{Vector3, parameters::settings};
 
 settings! {
     /// Settings of the fuser stage `aided`.
@@ -29,6 +29,12 @@ settings! {
         latency_s: 0.2 in 0.0 .. 0.6, "s";
         /// Standard deviation of that.
         latency_sd_s: 0.1 in 0.0 .. 0.5, "s";
+        /// Place of the receiver's antenna from the sensors, to the right.
+        antenna_right_m: 0.0 in -100.0 .. 100.0, "m";
+        /// The same, forward.
+        antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
+        /// The same, up.
+        antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
         /// Speed from which the track tells the course; a slow vehicle wants it lower, and less wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
         /// Wind to be expected, by which course and track over ground differ.
@@ -67,5 +73,12 @@ settings! {
         magnetic_sd_deg: 5.0 in 0.1 .. 90.0, "°";
         /// Time over which its error stays alike.
         magnetic_memory_s: 20.0 in 0.1 .. 10000.0, "s";
+    }
+}
+
+impl Settings {
+    /// From the sensors to the receiver's antenna, m, body axes.
+    pub(super) fn antenna_m(&self) -> Vector3<f64> {
+        Vector3::new(self.antenna_right_m, self.antenna_forward_m, self.antenna_up_m)
     }
 }

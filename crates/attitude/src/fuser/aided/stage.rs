@@ -97,7 +97,9 @@ impl Stage for Aided {
             (false, false) => Reference::Arbitrary,
         };
         self.course_known.visit(visit);
-        for vector in [&mut self.velocity_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2] {
+        for vector in
+            [&mut self.velocity_m_s, &mut self.antenna_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2]
+        {
             vector.visit(visit);
         }
         self.latency_s.visit(visit);

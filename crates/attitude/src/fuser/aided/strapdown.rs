@@ -44,6 +44,7 @@ impl Aided {
         }
         let to_reference = matrix.transpose();
         let rate_rad_s = (motion.rate_rad_s - self.gyro_bias_rad_s).map(|x| x.clamp(-1e3, 1e3));
+        self.antenna_m_s = to_reference * rate_rad_s.cross(&self.settings.antenna_m());
         let up_rad_s = to_reference.row(2).transpose().dot(&rate_rad_s);
         self.turn_rate_rad_s -= (self.turn_rate_rad_s + up_rad_s) * (dt_s / TURN_MEMORY_S).min(1.0);
         let force_m_s2 = match force_m_s2 {
@@ -89,7 +90,7 @@ impl Aided {
         let heading_acts = self.course_known;
         self.covariance.advance(&Interval { force_m_s2, to_reference, heading_acts, dt_s: length_s, noise });
         self.covariance.hold(&self.limits());
-        self.past.push(self.velocity_m_s, length_s);
+        self.past.push(self.velocity_m_s + self.antenna_m_s, length_s);
         self.sums.begin();
     }
 
