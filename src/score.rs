@@ -82,6 +82,10 @@ pub(crate) struct Score {
     /// values, by factors where b is ten times a or more. The total error counts, or the inclination where the course is counted from nowhere.
     #[arg(long, value_name = "KEY=A..B")]
     tune: Option<Tune>,
+    /// Print the errors of roll, pitch, yaw, course and gyro bias, the drift of a heading that is counted from nowhere, and errors over their own standard
+    /// deviations, too; --json always has them.
+    #[arg(long)]
+    all_errors: bool,
     /// Print one JSON object at the end, on the last line of standard output.
     #[arg(long)]
     json: bool,
@@ -103,7 +107,7 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, plot, report, tune, json, reading, reference, .. } = score;
+    let Score { out, plot, report, tune, all_errors, json, reading, reference, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference is that of one recording: score the others by themselves", 2);
     }
@@ -139,6 +143,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         report,
         command: command(),
         tune,
+        all_errors,
     };
     let bar = ProgressBar::new(0).with_style(style());
     let scores = score::run(&request, &mut |done, of| {

@@ -15,6 +15,7 @@ mod output;
 mod python_sensor;
 mod replay;
 mod score;
+mod score_errors;
 mod score_report;
 mod serial_walk;
 mod sources;

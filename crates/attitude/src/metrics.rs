@@ -1,12 +1,13 @@
 //! How far an estimated attitude is from the true one.
 //!
-//! Input: quaternions body → earth, the earth frame's third axis up. Output: angles in degrees, and their RMSE over many. Time: none.
+//! Input: quaternions body → earth, the earth frame's third axis up, and the angles that people read. Output: angles in degrees, and their RMSE over
+//! many. Time: none.
 //! Failure: none for quaternions that are finite and not zero; their length does not matter.
 //!
 //! Laidig et al., BROAD, *Data* 6(7):72, 2021: e = q_est q_ref*, in earth axes. Every angle is taken by the two-argument
 //! arctangent, which is exact near 0 and near 180°, where the arc cosine is not.
 
-use crate::Quaternion;
+use crate::{Quaternion, angles::Angles, course::GIMBAL_RAD, state::wrapped_rad};
 
 /// The angles of e = q_est q_ref*, each in [0, 180]. No heading offset is taken out.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -39,6 +40,41 @@ impl AttitudeError {
             heading_deg: combine(self.heading_deg, other.heading_deg),
             inclination_deg: combine(self.inclination_deg, other.inclination_deg),
         }
+    }
+}
+
+/// The turn about the vertical with its sign, counter-clockwise from above positive, (−180, 180], degrees; its size is
+/// [`AttitudeError::heading_deg`].
+pub fn turn_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
+    let e = estimate * truth.conjugate();
+    wrapped_rad(2.0 * libm::atan2(e.k, e.w)).to_degrees()
+}
+
+/// Angles of an estimate less those of the truth, each in (−180, 180].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AngleError {
+    /// Roll, right side down positive, degrees.
+    pub roll_deg: f64,
+    /// Pitch, nose up positive, degrees.
+    pub pitch_deg: f64,
+    /// Yaw, counter-clockwise from above positive, degrees.
+    pub yaw_deg: f64,
+    /// Course, clockwise from above positive, degrees.
+    pub course_deg: f64,
+}
+
+impl AngleError {
+    /// `None` where either nose is within 1° of the vertical: yaw, roll and course mean nothing there.
+    pub fn between(estimate: Angles, course_rad: f64, truth: Angles) -> Option<Self> {
+        let off_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
+        let is_vertical = [estimate, truth].iter().any(|angles| libm::fabs(angles.pitch_rad) > GIMBAL_RAD);
+        (!is_vertical).then(|| Self {
+            roll_deg: off_deg(estimate.roll_rad - truth.roll_rad),
+            pitch_deg: off_deg(estimate.pitch_rad - truth.pitch_rad),
+            yaw_deg: off_deg(estimate.yaw_rad - truth.yaw_rad),
+            // The true course is −ψ.
+            course_deg: off_deg(course_rad + truth.yaw_rad),
+        })
     }
 }
 
@@ -129,6 +165,33 @@ mod tests {
         assert_near(AttitudeError::between(about_vertical * truth, truth), [90.0, 90.0, 0.0]);
         // The same turn about the body's ζ, which is horizontal, is inclination.
         assert_near(AttitudeError::between(truth * about_vertical, truth), [90.0, 0.0, 90.0]);
+    }
+
+    #[test]
+    fn the_turn_about_the_vertical_has_the_sign_of_yaw() {
+        for turn_deg in [-170.0_f64, -30.0, 0.0, 90.0, 180.0] {
+            let (sin, cos) = (0.5 * turn_deg).to_radians().sin_cos();
+            let truth = Quaternion::new(0.6, 0.8, 0.0, 0.0);
+            let estimate = Quaternion::new(cos, 0.0, 0.0, sin) * truth;
+            for estimate in [estimate, -estimate] {
+                assert!((super::turn_deg(estimate, truth) - turn_deg).abs() < 1e-12, "{turn_deg}");
+            }
+        }
+    }
+
+    #[test]
+    fn angles_are_held_against_each_other_the_short_way_round_and_not_at_the_vertical() {
+        let angles = |yaw_deg: f64, pitch_deg: f64, roll_deg: f64| Angles {
+            yaw_rad: yaw_deg.to_radians(),
+            pitch_rad: pitch_deg.to_radians(),
+            roll_rad: roll_deg.to_radians(),
+        };
+        let (estimate, truth) = (angles(-179.0, 10.0, 170.0), angles(178.0, 12.0, -175.0));
+        let error = AngleError::between(estimate, 181.0_f64.to_radians(), truth).unwrap();
+        let found = [error.roll_deg, error.pitch_deg, error.yaw_deg, error.course_deg];
+        assert!(found.iter().zip([-15.0, -2.0, 3.0, -1.0]).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        assert_eq!(AngleError::between(estimate, 0.0, angles(0.0, 89.5, 0.0)), None);
+        assert_eq!(AngleError::between(angles(0.0, -89.5, 0.0), 0.0, truth), None);
     }
 
     #[test]

@@ -13,7 +13,8 @@
 //! | [`seeds`] | a simulation with many seeds, and how its errors spread |
 //! | [`mod@run`] | the stages over the trials, through the slots of the running system |
 //! | [`timing`] | nanoseconds per update of the bare stages |
-//! | [`table`] | the scores, for people and for scripts |
+//! | [`tally`], [`normalised`] | the errors of a chain of stages over a trial; errors over their own standard deviations |
+//! | [`table`], `text` | the scores, for scripts and for people |
 //! | [`tune`], [`verdict`] | the best value of a setting; which stage and setting to choose |
 //! | [`overlay`], `report` | the attitudes of all stages one over the other; the page |
 //! | [`plot`] | figures of a run |
@@ -22,6 +23,7 @@
 pub mod catalogue;
 pub mod chain;
 mod error;
+pub mod normalised;
 pub mod overlay;
 pub mod plot;
 mod report;
@@ -29,6 +31,8 @@ pub mod run;
 pub mod seeds;
 pub mod stages;
 pub mod table;
+pub mod tally;
+mod text;
 pub mod timing;
 pub mod trial;
 pub mod tune;

@@ -4,6 +4,7 @@
 //! run; every trial has been read once before the first is run.
 
 use std::{
+    cell::Cell,
     collections::HashSet,
     fs,
     path::{Path, PathBuf},
@@ -14,7 +15,7 @@ use attitude::metrics::Accuracy;
 use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
 use launch::{Launch, Source, counted};
-use messages::{AttitudeOutput, CourseReference, Reference};
+use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
 use pipeline::{Collector, OutFile, is_same_file};
 use rayon::prelude::*;
 use runtime::{Pace, RuntimeError, ServiceConfig};
@@ -28,6 +29,7 @@ use crate::{
     seeds::{self, joined},
     stages::{self, Choice},
     table::{ErrorsDeg, Scores, StageScore, TrialScore, Warning},
+    tally::{Moment, Tally, Truth},
     timing::{SAMPLES_MAX, Step, ns_per_update},
     trial::{Gnss, Options, Trial},
     tune::{self, Tune},
@@ -56,6 +58,8 @@ pub struct Request {
     pub command: String,
     /// The setting whose best value is searched and used.
     pub tune: Option<Tune>,
+    /// People are to be told every error.
+    pub all_errors: bool,
 }
 
 /// Runs every stage over every trial, on all cores. `progress` is told the readings done, and of how many.
@@ -77,7 +81,12 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         Some(tune) => tune::search(tune, &trials, &mut launches, &mut |more| tell(more))?,
         None => Vec::new(),
     };
-    let mut scores = Scores { stages: launches.iter().map(StageScore::new).collect(), tuned, ..Scores::default() };
+    let mut scores = Scores {
+        stages: launches.iter().map(StageScore::new).collect(),
+        tuned,
+        all_errors: request.all_errors,
+        ..Scores::default()
+    };
     let (mut overlays, mut heading_is_known) = (Vec::new(), true);
     let firsts = entries.iter().flat_map(|entry| (0..entry.trials.len()).map(|index| index == 0));
     let runs: Vec<_> = trials.iter().zip(firsts).collect();
@@ -165,7 +174,8 @@ pub(crate) fn errors_of(
         let mut conditioner = ingest::conditioner(first)?;
         for reading in trial.readings()? {
             let Some(sample) = conditioner.condition(&reading?) else { continue };
-            lanes.iter_mut().try_for_each(|lane| lane.offer(&sample))?;
+            let truth = truth(&sample, None);
+            lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, truth))?;
         }
         for (lane, (errors, heading)) in lanes.iter().zip(&mut found) {
             errors.extend(lane.collector.accuracy().rmse());
@@ -222,6 +232,7 @@ fn one(
     let mut overlay = (is_first && (request.report.is_some() || differ))
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
     let mut conditioner = ingest::conditioner(all.first().unwrap_or(&config(&Launch::default(), trial)))?;
+    let gyro_bias = trial.gyro_bias_rad_s().filter(|_| launches.iter().all(reads_as_it_is));
     let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
     let mut steps = Vec::new();
     let mut told = 0;
@@ -237,8 +248,9 @@ fn one(
         if is_first && steps.len() < SAMPLES_MAX {
             steps.push(Step::new(&sample));
         }
+        let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         for lane in &mut lanes {
-            lane.offer(&sample)?;
+            lane.offer(&sample, truth)?;
         }
         if let Some(overlay) = &mut overlay {
             let tick = sample.imu.header.tick;
@@ -266,6 +278,17 @@ fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
     })
 }
 
+/// The truth at a tick, where there is one.
+fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
+    sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
+}
+
+/// Neither calibration nor mounting is applied: what is wrong with the gyro is wrong with its rate in body axes.
+fn reads_as_it_is(launch: &Launch) -> bool {
+    let (ours, usual) = (&launch.ingest, Launch::default().ingest);
+    ours.calibration.gyro == usual.calibration.gyro && ours.mounting == usual.mounting
+}
+
 /// What the slots are told. The limits are those of a system that replays the recording.
 fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     let mut launch = launch.clone();
@@ -290,8 +313,9 @@ fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
 struct Lane {
     path: pipeline::Path,
     collector: Collector,
+    tally: Tally,
     figures: Option<Figures>,
-    newest: Option<AttitudeOutput>,
+    newest: Option<(AttitudeOutput, FusedState)>,
 }
 
 /// A lane that writes what the request asks for.
@@ -319,31 +343,36 @@ impl Lane {
         Ok(Self {
             path: pipeline::Path::new(config)?,
             collector: Collector::new(out.map(OutFile::new).as_ref())?,
+            tally: Tally::default(),
             figures,
             newest: None,
         })
     }
 
     fn attitude_at(&self, tick: u64) -> Option<[f64; 4]> {
-        self.newest.filter(|output| output.header.tick == tick).map(|output| output.quaternion)
+        self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
     }
 
     fn heading_is_known(&self) -> bool {
-        self.newest.is_some_and(|output| output.course_reference != CourseReference::ARBITRARY)
+        self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY)
     }
 
-    fn offer(&mut self, sample: &Sample) -> Result<(), RuntimeError> {
-        let Self { path, collector, figures, newest } = self;
-        let truth = sample.reference;
+    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), RuntimeError> {
+        let Self { path, collector, tally, figures, newest } = self;
+        let tick = sample.imu.header.tick;
         if let Some(truth) = truth {
-            let (tick, scored) = (sample.imu.header.tick, truth.scored.into());
-            collector.reference(Reference { tick, scored, quaternion: truth.quaternion });
+            collector.reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
         }
-        path.offer(*sample, &mut |output| {
+        let state = Cell::new(None);
+        path.offer_seen(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
             collector.attitude(&output);
-            *newest = Some(output);
+            let Some(fused) = state.get() else { return };
+            *newest = Some((output, fused));
+            if let Some(truth) = truth.filter(|truth| truth.scored) {
+                tally.take(&Moment::of(&output, &fused, &truth), &output, &fused);
+            }
             if let Some(figures) = figures {
-                figures.take(&sample.imu, truth, &output);
+                figures.take(&sample.imu, sample.reference, &output);
             }
         })
     }
@@ -354,9 +383,15 @@ impl Lane {
             figures.write()?;
         }
         let accuracy = self.collector.accuracy();
+        let heading_is_known = self.heading_is_known();
+        let error = self.tally.errors(ErrorsDeg::of(accuracy.rmse()));
+        let deviations = self.tally.into_deviations();
         Ok(TrialScore {
             name: trial.name.clone(),
-            error: ErrorsDeg::of(accuracy.rmse()),
+            error,
+            heading_is_known,
+            normalised: deviations.told(),
+            deviations,
             scored: accuracy.count(),
             ticks: self.collector.ticks(),
             ns_per_update,

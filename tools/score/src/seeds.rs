@@ -3,12 +3,14 @@
 //! Input: a simulation's name with `seed=A..B`. Output: one name for each seed; of their errors mean, deviation and quantiles. Time: none.
 //! Failure: a range that is empty or too long.
 
-use attitude::metrics::Accuracy;
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::{
     ScoreError,
-    table::{ErrorsDeg, TrialScore},
+    normalised::Deviations,
+    table::{Errors, TrialScore},
 };
 
 /// Seeds of one simulation at most.
@@ -22,13 +24,15 @@ pub struct Spread {
     /// Seeds.
     pub seeds: u64,
     /// Standard deviation.
-    pub sd: ErrorsDeg,
+    pub sd: Errors,
     /// The errors that 5, 50 and 95 % of the seeds do not exceed.
-    pub quantiles: [ErrorsDeg; QUANTILES.len()],
+    pub quantiles: [Errors; QUANTILES.len()],
     /// The seed with the largest error in total.
     pub worst_seed: u64,
-    /// Its error.
-    pub worst: ErrorsDeg,
+    /// Its errors.
+    pub worst: Errors,
+    /// Of each error that is known, the seed at which it is the largest.
+    pub worst_seed_of: BTreeMap<&'static str, u64>,
 }
 
 /// The simulations of a range of seeds; none where the name has no range.
@@ -53,10 +57,14 @@ pub fn each(text: &str) -> Result<Option<Vec<(u64, String)>>, ScoreError> {
 
 /// The score over all seeds, as that of one trial of that name.
 pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
-    let errors = || of.iter().filter_map(|(_, score)| score.error.error());
+    let mut deviations = Deviations::default();
+    of.iter().for_each(|(_, score)| deviations.add(&score.deviations));
     TrialScore {
         name: name.into(),
-        error: ErrorsDeg::of(Accuracy::mean(errors())),
+        error: Errors::mean(&of.iter().map(|(_, score)| score.error).collect::<Vec<_>>()),
+        heading_is_known: of.iter().all(|(_, score)| score.heading_is_known),
+        normalised: deviations.told(),
+        deviations,
         scored: of.iter().map(|(_, score)| score.scored).sum(),
         ticks: of.iter().map(|(_, score)| score.ticks).sum(),
         ns_per_update: of.iter().find_map(|(_, score)| score.ns_per_update),
@@ -65,19 +73,18 @@ pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
-    let total = |score: &TrialScore| score.error.total.unwrap_or(f64::NEG_INFINITY);
+    let total = |score: &TrialScore| score.error.attitude.total.unwrap_or(f64::NEG_INFINITY);
     let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| total(a).total_cmp(&total(b)))?;
-    let each = |pick: fn(&ErrorsDeg) -> Option<f64>| {
-        let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| pick(&score.error)).collect();
+    let sorted: [Vec<f64>; _] = std::array::from_fn(|at| {
+        let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| score.error.each()[at]).collect();
         sorted.sort_by(f64::total_cmp);
         sorted
-    };
-    let [total, heading, inclination] =
-        [each(|error| error.total), each(|error| error.heading), each(|error| error.inclination)];
-    let errors = |of: &dyn Fn(&[f64]) -> Option<f64>| ErrorsDeg {
-        total: of(&total),
-        heading: of(&heading),
-        inclination: of(&inclination),
+    });
+    let errors = |of: &dyn Fn(&[f64]) -> Option<f64>| Errors::of_each(sorted.each_ref().map(|sorted| of(sorted)));
+    let worst_of = |(at, name): (usize, &'static str)| {
+        let known = of.iter().filter_map(|(seed, score)| Some((seed, score.error.each()[at]?.abs())));
+        let (seed, _) = known.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        Some((name, *seed))
     };
     Some(Spread {
         seeds: of.len() as u64,
@@ -85,6 +92,7 @@ fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
         quantiles: QUANTILES.map(|part| errors(&|sorted| quantile(sorted, part))),
         worst_seed: *worst_seed,
         worst: worst.error,
+        worst_seed_of: Errors::NAMES.into_iter().enumerate().filter_map(worst_of).collect(),
     })
 }
 
@@ -106,6 +114,7 @@ fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{normalised::Normalised, table::ErrorsDeg};
 
     #[test]
     fn a_range_of_seeds_is_a_simulation_each() {
@@ -124,7 +133,14 @@ mod tests {
     fn the_spread_is_what_a_hand_computes() {
         let score = |deg: f64| TrialScore {
             name: String::new(),
-            error: ErrorsDeg { total: Some(deg), heading: Some(2.0 * deg), inclination: None },
+            error: Errors {
+                attitude: ErrorsDeg { total: Some(deg), heading: Some(2.0 * deg), inclination: None },
+                drift_deg_min: Some(3.0 - deg),
+                ..Errors::default()
+            },
+            heading_is_known: true,
+            normalised: Normalised::default(),
+            deviations: Deviations::default(),
             scored: 2,
             ticks: 3,
             ns_per_update: None,
@@ -133,9 +149,16 @@ mod tests {
         let of: Vec<_> =
             [(7, 1.0), (8, 5.0), (9, 2.0), (10, 4.0), (11, 3.0)].map(|(seed, deg)| (seed, score(deg))).into();
         let spread = spread(&of).unwrap();
-        assert_eq!((spread.seeds, spread.worst_seed, spread.worst.total), (5, 8, Some(5.0)));
-        assert!((spread.sd.total.unwrap() - 2.5f64.sqrt()).abs() < 1e-15 && spread.sd.inclination.is_none());
-        let [least, middle, most] = spread.quantiles.map(|errors| errors.heading.unwrap());
+        assert_eq!((spread.seeds, spread.worst_seed, spread.worst.attitude.total), (5, 8, Some(5.0)));
+        assert!(
+            (spread.sd.attitude.total.unwrap() - 2.5f64.sqrt()).abs() < 1e-15
+                && spread.sd.attitude.inclination.is_none()
+        );
+        let [least, middle, most] = spread.quantiles.map(|errors| errors.attitude.heading.unwrap());
         assert!((least - 2.4).abs() < 1e-12 && middle == 6.0 && (most - 9.6).abs() < 1e-12);
+        assert_eq!(joined("all", &of).error.drift_deg_min, Some(1.2), "the mean size");
+        assert!(spread.quantiles[1].drift_deg_min == Some(0.0) && spread.quantiles[0].drift_deg_min < Some(0.0));
+        let worst: Vec<_> = spread.worst_seed_of.into_iter().collect();
+        assert_eq!(worst, [("drift_deg_min", 8), ("heading", 8), ("total", 8)]);
     }
 }

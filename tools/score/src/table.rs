@@ -2,12 +2,18 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use attitude::metrics::{Accuracy, AttitudeError};
+use attitude::metrics::AttitudeError;
 use launch::Launch;
 use serde::Serialize;
 
-use crate::seeds::{QUANTILES, Spread};
-use crate::{overlay::Difference, tune::Tuned, verdict::Verdict};
+use crate::{
+    normalised::{Deviations, Normalised},
+    overlay::Difference,
+    seeds::Spread,
+    text,
+    tune::Tuned,
+    verdict::Verdict,
+};
 
 /// The scores of every chain of stages.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -22,6 +28,9 @@ pub struct Scores {
     pub differences: Vec<Difference>,
     /// Which stage and setting to choose, where there is a choice.
     pub choice: Option<Verdict>,
+    /// People are to be told every error, too.
+    #[serde(skip)]
+    pub all_errors: bool,
 }
 
 /// What is to be said of a trial.
@@ -55,7 +64,9 @@ pub struct StageScore {
     /// Trial by trial.
     pub trials: Vec<TrialScore>,
     /// Mean of the trials that have a score.
-    pub mean: ErrorsDeg,
+    pub mean: Errors,
+    /// Errors over their own standard deviations, of the samples of all trials.
+    pub normalised: Normalised,
     /// Mean of the trials, ns.
     pub ns_per_update: Option<f64>,
 }
@@ -67,7 +78,14 @@ pub struct TrialScore {
     pub name: String,
     /// Root mean square of the errors where they count.
     #[serde(flatten)]
-    pub error: ErrorsDeg,
+    pub error: Errors,
+    /// The heading is counted from north in the end; where it is not, total and heading have an offset that means nothing.
+    pub heading_is_known: bool,
+    /// Errors over their own standard deviations.
+    pub normalised: Normalised,
+    /// What that was told from.
+    #[serde(skip)]
+    pub deviations: Deviations,
     /// Samples that count.
     pub scored: u64,
     /// Samples.
@@ -77,6 +95,71 @@ pub struct TrialScore {
     /// Over the seeds of a simulation with many, whose mean the errors are then.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spread: Option<Spread>,
+}
+
+/// Every error of a chain of stages; `None` where there is no truth, or where it means nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Errors {
+    /// Of the whole attitude.
+    #[serde(flatten)]
+    pub attitude: ErrorsDeg,
+    /// Of roll, degrees.
+    pub roll: Option<f64>,
+    /// Of pitch, degrees.
+    pub pitch: Option<f64>,
+    /// Of yaw, degrees; `None` where it is counted from nowhere.
+    pub yaw: Option<f64>,
+    /// Of the course as the course stage tells it, degrees; `None` where it is counted from nowhere.
+    pub course: Option<f64>,
+    /// Length of that of the gyro's bias, °/s; known in a simulation.
+    pub gyro_bias_deg_s: Option<f64>,
+    /// How fast a heading that is counted from nowhere drifts, °/min, counter-clockwise from above positive.
+    pub drift_deg_min: Option<f64>,
+    /// How far it has drifted in the end, degrees.
+    pub drift_end_deg: Option<f64>,
+}
+
+/// How many errors there are.
+pub(crate) const ERRORS: usize = 10;
+
+impl Errors {
+    /// Their names, as scripts read them.
+    pub(crate) const NAMES: [&'static str; ERRORS] = [
+        "total",
+        "heading",
+        "inclination",
+        "roll",
+        "pitch",
+        "yaw",
+        "course",
+        "gyro_bias_deg_s",
+        "drift_deg_min",
+        "drift_end_deg",
+    ];
+
+    /// In the order of their names.
+    pub(crate) fn each(&self) -> [Option<f64>; ERRORS] {
+        let Self { attitude: ErrorsDeg { total, heading, inclination }, roll, pitch, yaw, course, .. } = *self;
+        let Self { gyro_bias_deg_s, drift_deg_min, drift_end_deg, .. } = *self;
+        [total, heading, inclination, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg]
+    }
+
+    pub(crate) fn of_each(values: [Option<f64>; ERRORS]) -> Self {
+        let [total, heading, inclination, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg] =
+            values;
+        let attitude = ErrorsDeg { total, heading, inclination };
+        Self { attitude, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg }
+    }
+
+    /// Of each the mean size, over those that have it.
+    pub(crate) fn mean(of: &[Self]) -> Self {
+        let mean = |at: usize| {
+            let known = || of.iter().filter_map(|errors| errors.each()[at]);
+            let count = known().count();
+            (count > 0).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
+        };
+        Self::of_each(std::array::from_fn(mean))
+    }
 }
 
 /// Errors in degrees; `None` where there is no reference.
@@ -98,11 +181,6 @@ impl ErrorsDeg {
             inclination: error.map(|error| error.inclination_deg),
         }
     }
-
-    pub(crate) fn error(self) -> Option<AttitudeError> {
-        let Self { total, heading, inclination } = self;
-        Some(AttitudeError { total_deg: total?, heading_deg: heading?, inclination_deg: inclination? })
-    }
 }
 
 impl StageScore {
@@ -119,16 +197,25 @@ impl StageScore {
             course: launch.course.stage.clone(),
             settings: settings.collect(),
             trials: Vec::new(),
-            mean: ErrorsDeg::default(),
+            mean: Errors::default(),
+            normalised: Normalised::default(),
             ns_per_update: None,
         }
     }
 
     /// The means of the trials.
     pub(crate) fn finish(&mut self) {
-        self.mean = ErrorsDeg::of(Accuracy::mean(self.trials.iter().filter_map(|trial| trial.error.error())));
+        self.mean = Errors::mean(&self.trials.iter().map(|trial| trial.error).collect::<Vec<_>>());
+        let mut deviations = Deviations::default();
+        self.trials.iter().for_each(|trial| deviations.add(&trial.deviations));
+        self.normalised = deviations.told();
         let times: Vec<f64> = self.trials.iter().filter_map(|trial| trial.ns_per_update).collect();
         self.ns_per_update = (!times.is_empty()).then(|| times.iter().sum::<f64>() / times.len() as f64);
+    }
+
+    /// In every trial that has a score the heading is counted from north.
+    pub(crate) fn heading_is_known(&self) -> bool {
+        self.trials.iter().all(|trial| trial.heading_is_known || trial.scored == 0)
     }
 }
 
@@ -142,41 +229,14 @@ impl Scores {
 
 impl fmt::Display for Scores {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(first) = self.stages.first() else { return Ok(()) };
-        let longest =
-            |names: &mut dyn Iterator<Item = &String>| names.map(|name| name.chars().count()).max().unwrap_or(0);
-        let wide = longest(&mut first.trials.iter().map(|trial| &trial.name)).max("RMSE, degrees".len());
-        let fuser = longest(&mut self.stages.iter().map(|stage| &stage.fuser)).max("fuser".len());
-        let number = |x: Option<f64>, digits: usize| x.map_or("—".into(), |x| format!("{x:.digits$}"));
-        let line = |name: &str, stage: &str, error: &ErrorsDeg, ns: Option<f64>| {
-            let [total, heading, inclination] =
-                [error.total, error.heading, error.inclination].map(|deg| number(deg, 3));
-            let ns = number(ns, 0);
-            format!("{name:wide$}  {stage:fuser$}  {total:>9}  {heading:>9}  {inclination:>11}  {ns:>9}")
-        };
-        write!(
-            f,
-            "{:wide$}  {:fuser$}  {:>9}  {:>9}  {:>11}  {:>9}",
-            "RMSE, degrees", "fuser", "total", "heading", "inclination", "ns/update"
-        )?;
-        for (index, trial) in first.trials.iter().enumerate() {
-            let mut name = trial.name.as_str();
-            for stage in &self.stages {
-                let Some(trial) = stage.trials.get(index) else { continue };
-                write!(f, "\n{}", line(name, &stage.fuser, &trial.error, trial.ns_per_update))?;
-                for (label, errors) in trial.spread.iter().flat_map(labelled) {
-                    write!(f, "\n{}", line(&label, "", &errors, None))?;
-                }
-                name = "";
-            }
+        write!(f, "{}", text::errors(self))?;
+        if self.all_errors {
+            write!(f, "\n\n{}\n\n{}", text::all_errors(self), text::normalised(self))?;
         }
-        let mut name = "mean";
-        for stage in self.stages.iter().filter(|_| first.trials.len() > 1) {
-            write!(f, "\n{}", line(name, &stage.fuser, &stage.mean, stage.ns_per_update))?;
-            name = "";
-        }
+        text::drifts(self).iter().try_for_each(|line| write!(f, "\n{line}"))?;
         for Difference { trial, from, to, rms } in &self.differences {
-            let [total, heading, inclination] = [rms.total, rms.heading, rms.inclination].map(|deg| number(deg, 3));
+            let [total, heading, inclination] =
+                [rms.total, rms.heading, rms.inclination].map(|deg| text::number(deg, 3));
             write!(
                 f,
                 "\n{trial}: {from} and {to} are apart by total {total}°, heading {heading}°, inclination {inclination}°"
@@ -197,14 +257,6 @@ impl fmt::Display for Scores {
     }
 }
 
-/// The lines of a spread under its mean.
-fn labelled(spread: &Spread) -> Vec<(String, ErrorsDeg)> {
-    let quantiles =
-        QUANTILES.iter().zip(spread.quantiles).map(|(part, errors)| (format!("  {} %", part * 100.0), errors));
-    let worst = (format!("  worst: seed {}", spread.worst_seed), spread.worst);
-    [("  deviation".to_owned(), spread.sd)].into_iter().chain(quantiles).chain([worst]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,7 +264,10 @@ mod tests {
     fn scores() -> Scores {
         let trial = |name: &str, deg: Option<f64>| TrialScore {
             name: name.into(),
-            error: ErrorsDeg { total: deg, heading: deg, inclination: deg },
+            error: Errors { attitude: ErrorsDeg { total: deg, heading: deg, inclination: deg }, ..Errors::default() },
+            heading_is_known: true,
+            normalised: Normalised::default(),
+            deviations: Deviations::default(),
             scored: 3,
             ticks: 5,
             ns_per_update: Some(100.0),
@@ -227,7 +282,7 @@ mod tests {
     #[test]
     fn the_mean_is_over_the_trials_that_have_a_score() {
         let Scores { stages, .. } = scores();
-        assert_eq!(stages[0].mean, ErrorsDeg { total: Some(1.5), heading: Some(1.5), inclination: Some(1.5) });
+        assert_eq!(stages[0].mean.attitude, ErrorsDeg { total: Some(1.5), heading: Some(1.5), inclination: Some(1.5) });
         assert_eq!(stages[0].ns_per_update, Some(100.0));
     }
 

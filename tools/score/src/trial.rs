@@ -157,6 +157,15 @@ impl Trial {
     }
 }
 
+impl Trial {
+    /// What the gyro of a simulation reads too much at a time, ns; not known of a recording.
+    pub(crate) fn gyro_bias_rad_s(&self) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
+        let Source::Sim(scenario) = &self.source else { return None };
+        let sensors = scenario.sensors();
+        Some(move |t_ns: i64| sensors.gyro_bias_rad_s(t_ns as f64 * 1e-9).into())
+    }
+}
+
 /// Reads a file of references to its end.
 fn check(file: &Path) -> Result<(), RecordingError> {
     References::open(file)?.at(i64::MAX).map(drop)

@@ -54,7 +54,11 @@ impl Verdict {
 
 /// The error by which chains are ranked, with its name.
 pub(crate) fn least_of(heading_is_known: bool) -> (&'static str, fn(&StageScore) -> Option<f64>) {
-    if heading_is_known { ("total", |stage| stage.mean.total) } else { ("inclination", |stage| stage.mean.inclination) }
+    if heading_is_known {
+        ("total", |stage| stage.mean.attitude.total)
+    } else {
+        ("inclination", |stage| stage.mean.attitude.inclination)
+    }
 }
 
 /// A chain of stages as `launch.toml` has it.
@@ -88,7 +92,7 @@ mod tests {
             let mut launch = Launch::default();
             launch.fuser.stage = (*name).into();
             let mut stage = StageScore::new(&launch);
-            stage.mean = ErrorsDeg { total: deg.map(|deg| 10.0 - deg), heading: None, inclination: *deg };
+            stage.mean.attitude = ErrorsDeg { total: deg.map(|deg| 10.0 - deg), heading: None, inclination: *deg };
             stage
         };
         Scores { stages: errors_deg.iter().map(stage).collect(), ..Scores::default() }

@@ -10,7 +10,7 @@ use super::{
 use crate::{Quaternion, angles::Angles, numbers::Numbers, stage::RestoreError};
 
 /// |pitch| from which yaw and roll are no longer told apart, rad: 89°.
-pub(super) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
+pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 
 /// The gyroscopic course HΓ = −ψ of the fuser, made true by the declination where it is magnetic.
 pub(super) fn gyroscopic(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> Bearing {

@@ -30,6 +30,7 @@ mod reference;
 mod track;
 
 pub use angles::{AnglesSettings, OfAngles};
+pub(crate) use continuity::GIMBAL_RAD;
 pub use input::CourseInput;
 pub use reading::{Bearing, LastReading, Reading};
 pub use reference::Reference;

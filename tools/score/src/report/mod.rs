@@ -101,11 +101,11 @@ impl Report<'_> {
         for index in 0..trials {
             for stage in stages {
                 let Some(trial) = stage.trials.get(index) else { continue };
-                row(page, &trial.name, stage, &trial.error, trial.ns_per_update);
+                row(page, &trial.name, stage, &trial.error.attitude, trial.ns_per_update);
             }
         }
         for stage in stages.iter().filter(|_| trials > 1) {
-            row(page, "mean", stage, &stage.mean, stage.ns_per_update);
+            row(page, "mean", stage, &stage.mean.attitude, stage.ns_per_update);
         }
         page.add("</table>");
         self.differences(page);

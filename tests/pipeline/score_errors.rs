@@ -1,0 +1,86 @@
+//! `plumb score`: the errors of each angle, of the course as the course stage tells it, of the gyro's bias; the drift of a heading from nowhere; errors over
+//! their own standard deviations.
+use std::fmt::Write;
+
+use serde_json::Value;
+
+use super::score::{folder_with, number, score, scores};
+
+/// A body at rest and level whose reference turns by so much, as a bias that no sensor shows would turn the heading.
+fn turning_reference(deg_s: f64) -> String {
+    let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
+    for row in 0..3000 {
+        let t_s = f64::from(row) * 0.01;
+        let (sin, cos) = (0.5 * (40.0 + deg_s * t_s)).to_radians().sin_cos();
+        writeln!(text, "{t_s},0,0,0,0,0,9.80665,{cos},0,0,{sin},1").unwrap();
+    }
+    text
+}
+
+fn table(folder: &std::path::Path, arguments: &[&str]) -> String {
+    String::from_utf8(score(folder, arguments).stdout).unwrap()
+}
+
+#[test]
+fn a_heading_from_nowhere_is_told_by_its_drift_and_not_by_its_offset() {
+    let folder = folder_with(&[("turning.csv", turning_reference(-0.05))]);
+    let scores = scores(folder.path(), &["turning.csv"]);
+    let trial = |key: &str| number(&scores, &format!("/stages/0/trials/0/{key}"));
+    assert!((trial("drift_deg_min") - 3.0).abs() < 0.01 && (trial("drift_end_deg") - 1.5).abs() < 0.01, "{scores}");
+    assert_eq!(scores.pointer("/stages/0/trials/0/heading_is_known"), Some(&Value::Bool(false)));
+    assert_eq!(scores.pointer("/stages/0/trials/0/yaw"), Some(&Value::Null));
+    let table = table(folder.path(), &["turning.csv"]);
+    assert!(table.contains("arb.") && !table.contains("39."), "the offset means nothing:\n{table}");
+    assert!(table.contains("it drifts by +3.000°/min, +1.50° at the end"), "{table}");
+}
+
+#[test]
+fn the_course_that_counts_is_that_of_the_course_stage() {
+    let folder = folder_with(&[]);
+    let flight = ["sim:cruise?duration_s=240&gyro_bias_deg_s=0.3", "--mag", "off", "--fuser", "levelling"];
+    let of = |course: &str| scores(folder.path(), &[&flight[..], &["--course", course]].concat());
+    let (angles, track) = (of("angles"), of("track"));
+    assert_eq!(angles.pointer("/stages/0/trials/0/course"), Some(&Value::Null), "counted from nowhere");
+    let course = number(&track, "/stages/0/trials/0/course");
+    assert!((3.0..20.0).contains(&course), "T b = 15° of S4's equation at most: {course}");
+    for key in ["roll", "pitch", "inclination", "drift_deg_min", "gyro_bias_deg_s"] {
+        let [a, b] = [&angles, &track].map(|scores| number(scores, &format!("/stages/0/trials/0/{key}")));
+        assert_eq!(a, b, "{key} is the fuser's");
+    }
+    assert!(number(&track, "/stages/0/normalised/course/samples") > 1e4);
+    assert_eq!(track.pointer("/stages/0/normalised/heading"), Some(&Value::Null));
+}
+
+#[test]
+fn the_bias_of_a_stage_that_estimates_none_is_wrong_by_all_of_it() {
+    let folder = folder_with(&[]);
+    let trial = ["sim:s1?duration_s=60&gyro_bias_deg_s=0.2", "--fuser", "madgwick", "--fuser", "wz"];
+    let scores = scores(folder.path(), &trial);
+    let [madgwick, wz] = [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/trials/0/gyro_bias_deg_s")));
+    assert!((madgwick - 0.2 * 3f64.sqrt()).abs() < 1e-9 && wz < 0.3 * madgwick, "{madgwick}, {wz}");
+    let inclination = number(&scores, "/stages/1/trials/0/inclination");
+    let axes = ["roll", "pitch"].map(|axis| number(&scores, &format!("/stages/1/trials/0/{axis}")));
+    assert!(axes.iter().all(|axis| *axis < 1.2 * inclination) && axes[0].hypot(axes[1]) > inclination, "{axes:?}");
+    let table = table(folder.path(), &[&trial[..], &["--all-errors"]].concat());
+    for words in ["bias, °/s", "drift, °/min", "error / own deviation / ideal", &format!("{madgwick:.4}")] {
+        assert!(table.contains(words), "no {words:?} in:\n{table}");
+    }
+}
+
+#[test]
+fn many_seeds_spread_every_error_and_name_the_worst_of_each() {
+    let folder = folder_with(&[]);
+    let query = |seed: &str| format!("sim:s1?duration_s=10&seed={seed}&accel_noise_g=0.05");
+    let each = [3, 4, 5].map(|seed: u64| {
+        let scores = scores(folder.path(), &[&query(&seed.to_string())]);
+        (seed, number(&scores, "/stages/0/trials/0/pitch"), number(&scores, "/stages/0/normalised/inclination/samples"))
+    });
+    let many = scores(folder.path(), &[&query("3..5")]);
+    let trial = |key: &str| number(&many, &format!("/stages/0/trials/0/{key}"));
+    let mean = each.iter().map(|(_, pitch, _)| pitch).sum::<f64>() / 3.0;
+    assert!((trial("pitch") - mean).abs() < 1e-12 && trial("spread/sd/pitch") > 0.0);
+    let worst = each.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+    assert_eq!(trial("spread/worst_seed_of/pitch"), worst.0 as f64);
+    let samples = each.iter().map(|(_, _, samples)| samples).sum::<f64>();
+    assert_eq!(trial("normalised/inclination/samples"), samples, "of all seeds together");
+}
