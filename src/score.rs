@@ -11,9 +11,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use score::{
     Request,
+    plot::{Format, Plots},
     stages::{Choice, Setting},
     trial::{Gnss, Options, RecordedSamples},
-    tune::Tune,
+    tune::Range,
 };
 
 use crate::{
@@ -52,9 +53,10 @@ pub(crate) struct Score {
     /// be chosen, too. Without it, only the `[stages.NAME]` of ./launch.toml can be.
     #[arg(long, value_name = "FILE")]
     launch: Option<PathBuf>,
-    /// A parameter of the chosen stages, as `key=value`, `slot.key=value` or `stage.key=value`.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    settings: Vec<Setting>,
+    /// A parameter of the chosen stages, as `key=value`, `slot.key=value` or `stage.key=value`; as `key=a..b` the errors over that range, at 25 values, by
+    /// factors where b is ten times a or more: the best is told, --plot draws them, --json has them, and the scores are with the value before.
+    #[arg(long = "set", value_name = "KEY=VALUE|A..B", value_parser = set)]
+    settings: Vec<Set>,
     /// Whether the magnetic field is used.
     #[arg(long, value_name = "on|off", default_value = "on")]
     mag: Switch,
@@ -71,9 +73,24 @@ pub(crate) struct Score {
     /// Write `t_s,qw,qx,qy,qz` of each tick to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write figures to DIR/TRIAL.*.svg; of several fusers to DIR/FUSER/TRIAL.*.svg.
+    /// Write what was said at each tick, and the truth beside it, to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv. What is not known is `nan`.
+    #[arg(long, value_name = "DIR")]
+    csv: Option<PathBuf>,
+    /// Write figures to DIR/TRIAL.*.svg; of several fusers those of each to DIR/FUSER/TRIAL.*.svg, and all over one another to DIR/TRIAL.*.svg.
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
+    /// Begin the figures at this time, seconds from the first sample.
+    #[arg(long, value_name = "SECONDS", requires = "plot", default_value_t = 0.0, value_parser = seconds)]
+    from: f64,
+    /// End the figures at this time.
+    #[arg(long, value_name = "SECONDS", requires = "plot", value_parser = seconds)]
+    to: Option<f64>,
+    /// Width and height of each figure, pixels.
+    #[arg(long, value_name = "WIDTHxHEIGHT", requires = "plot", value_parser = size)]
+    size: Option<(u32, u32)>,
+    /// Whether figures are vectors or pixels; pixels are doubled, and need a typeface of the system.
+    #[arg(long, value_name = "svg|png", requires = "plot", default_value = "svg")]
+    format: PlotFormat,
     /// Write one page to send: the attitudes of all stages one over the other with the reference, errors, settings, and which to choose; where there is no
     /// reference, how far the stages are apart. It holds all it shows, and asks no other host for anything.
     #[arg(long, value_name = "FILE.html")]
@@ -81,7 +98,7 @@ pub(crate) struct Score {
     /// Search the value of a parameter of the chosen stages that gives the least error, as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`, and use it: 27
     /// values, by factors where b is ten times a or more. The total error counts, or the inclination where the course is counted from nowhere.
     #[arg(long, value_name = "KEY=A..B")]
-    tune: Option<Tune>,
+    tune: Option<Range>,
     /// Print the errors of roll, pitch, yaw, course and gyro bias, the drift of a heading that is counted from nowhere, and errors over their own standard
     /// deviations, too; --json always has them.
     #[arg(long)]
@@ -100,6 +117,19 @@ enum Switch {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum PlotFormat {
+    Svg,
+    Png,
+}
+
+/// A value, or a range of values.
+#[derive(Clone)]
+enum Set {
+    Value(Setting),
+    Range(Range),
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum Samples {
     Means,
     Instants,
@@ -107,9 +137,24 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, plot, report, tune, all_errors, json, reading, reference, .. } = score;
+    let Score { out, csv, plot, from, to, size, format, report, tune, all_errors, json, reading, reference, .. } =
+        score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference is that of one recording: score the others by themselves", 2);
+    }
+    if to.is_some_and(|to| to <= from) {
+        return fail(&"--to is to be later than --from", 2);
+    }
+    let format = match format {
+        PlotFormat::Svg => Format::Svg,
+        PlotFormat::Png => Format::Png,
+    };
+    let (mut values, mut sweeps) = (Vec::new(), Vec::new());
+    for set in settings {
+        match set {
+            Set::Value(setting) => values.push(setting),
+            Set::Range(range) => sweeps.push(range),
+        }
     }
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
@@ -137,11 +182,13 @@ pub(crate) fn run(score: Score) -> ExitCode {
             gyro_samples,
             recorded_samples: RecordedSamples(base.ingest.replay.gyro_samples),
         },
-        choice: Choice { gyro, accel, course, fusers, launch: base, settings },
+        choice: Choice { gyro, accel, course, fusers, launch: base, settings: values },
         out,
-        plot,
+        csv,
+        plot: plot.map(|folder| Plots { folder, from_s: from, to_s: to, size, format }),
         report,
         command: command(),
+        sweeps,
         tune,
         all_errors,
     };
@@ -194,6 +241,23 @@ fn command() -> String {
 fn style() -> ProgressStyle {
     ProgressStyle::with_template("{bar:40} {percent:>3} % of {human_len} samples, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+fn set(text: &str) -> Result<Set, String> {
+    let is_range = text.split_once('=').is_some_and(|(_, value)| value.contains(".."));
+    if is_range { text.parse().map(Set::Range) } else { text.parse().map(Set::Value) }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let found = text.parse().ok().filter(|seconds: &f64| (0.0..1e9).contains(seconds));
+    found.ok_or_else(|| "expected seconds from the first sample, as in 12.5".into())
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let pair = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    let fits = |pixels: &u32| (200..=8000).contains(pixels);
+    let found = pair.filter(|(width, height)| fits(width) && fits(height));
+    found.ok_or_else(|| "expected WIDTHxHEIGHT, each of 200 to 8000 pixels, as in 1200x900".into())
 }
 
 fn gnss(text: &str) -> Result<Gnss, String> {

@@ -16,6 +16,7 @@ mod python_sensor;
 mod replay;
 mod score;
 mod score_errors;
+mod score_files;
 mod score_report;
 mod serial_walk;
 mod sources;

@@ -75,15 +75,15 @@ impl OutFile {
         self.columns.iter().any(|column| column.is_of_fused())
     }
 
-    /// The names of the columns.
-    pub(crate) fn head(&self) -> String {
+    /// The names of the columns, as a line.
+    pub fn head(&self) -> String {
         let quaternion = self.output.quaternion.ordered(["qw", "qx", "qy", "qz"]).join(",");
         let more = self.columns.iter().map(|column| format!(",{}", column.head()));
         format!("t_s,{quaternion}{}\n", more.collect::<String>())
     }
 
     /// Adds the line of a tick.
-    pub(crate) fn line(&self, output: &AttitudeOutput, fused: Option<&FusedState>, lines: &mut String) {
+    pub fn line(&self, output: &AttitudeOutput, fused: Option<&FusedState>, lines: &mut String) {
         let Output { frame, quaternion } = self.output;
         let (output, fused) = (attitude_in(frame, *output), fused.map(|state| fused_in(frame, *state)));
         let t_ns = output.header.t_end_ns;

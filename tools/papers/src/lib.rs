@@ -13,13 +13,10 @@
 //! | [`page`] | the HTML page |
 #![forbid(unsafe_code)]
 
-mod chart;
 mod error;
-mod font;
 mod map;
 pub mod page;
 pub mod picture;
-mod png;
 pub mod progress;
 pub mod s1;
 pub mod s2;
@@ -32,7 +29,7 @@ mod table;
 use std::path::Path;
 
 pub use error::PaperError;
-use font::Typeface;
+use figures::Typeface;
 use picture::Part;
 pub use progress::Progress;
 
@@ -119,7 +116,7 @@ pub fn make(paper: Paper, folder: &Path, told: &mut dyn FnMut(u64, u64)) -> Resu
     std::fs::create_dir_all(&own).map_err(|cause| PaperError::Write { path: own.clone(), cause })?;
     let (typeface, without_png) = match Typeface::find() {
         Ok(typeface) => (Some(typeface), None),
-        Err(missing) => (None, Some(missing)),
+        Err(missing) => (None, Some(format!("no PNGs are made, only SVGs: {missing}"))),
     };
     let mut svgs = Vec::new();
     for part in &parts {

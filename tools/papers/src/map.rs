@@ -1,13 +1,12 @@
 //! A quantity over a plane, as colours.
 
+use figures::{
+    Area, Axis, Drawn,
+    style::{TEXT, TITLE, number},
+};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
-};
-
-use crate::{
-    chart::Axis,
-    picture::{Area, Drawn, TEXT, TITLE, number},
 };
 
 /// Room for the scale of colours, pixels.
@@ -48,8 +47,8 @@ impl Map {
         chart.draw_series(cells)?;
         chart
             .configure_mesh()
-            .x_desc(self.x.label)
-            .y_desc(self.y.label)
+            .x_desc(self.x.label.as_ref())
+            .y_desc(self.y.label.as_ref())
             .label_style(TEXT)
             .axis_desc_style(TEXT)
             .disable_mesh()
@@ -80,7 +79,7 @@ impl Map {
             let y = top + high - (share * f64::from(high)) as i32;
             area.draw(&Text::new(number(&at(share)), (left + 24, y), text.clone()))?;
         }
-        area.draw(&Text::new(self.of.label, (left, top - 20), text))?;
+        area.draw(&Text::new(self.of.label.as_ref(), (left, top - 20), text))?;
         Ok(())
     }
 

@@ -1,12 +1,14 @@
 //! Lines and points in space, seen from one side: axes, turns, the Riemann sphere.
 
 use attitude::Vector3;
+use figures::{
+    Area, Drawn,
+    style::{TEXT, TITLE},
+};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
-
-use crate::picture::{Area, Drawn, TEXT, TITLE};
 
 /// What is drawn in space.
 #[derive(Debug)]

@@ -1,14 +1,15 @@
 //! A block diagram.
 
+use figures::{
+    Area, Drawn,
+    style::{TEXT, TITLE},
+};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use crate::{
-    picture::{Area, Drawn, TEXT, TITLE},
-    scene::arrow,
-};
+use crate::scene::arrow;
 
 /// Boxes and arrows in a plane of `size`, y downwards.
 #[derive(Debug)]

@@ -2,12 +2,11 @@
 
 use std::fmt::{self, Display};
 
+use figures::{Area, Drawn, style::TEXT};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
-
-use crate::picture::{Area, Drawn, TEXT};
 
 const ROW: u32 = 26;
 const MARGIN: u32 = 12;

@@ -95,7 +95,7 @@ pub enum ScoreError {
     #[error(transparent)]
     Collector(#[from] CollectorError),
     /// The attitude would be written over the recording.
-    #[error("writing {path}: that is the recording itself; give --out another folder")]
+    #[error("writing {path}: that is the recording itself; give --out or --csv another folder")]
     OutIsTrial {
         /// The file.
         path: PathBuf,
@@ -108,11 +108,17 @@ pub enum ScoreError {
     },
     /// No error tells which value is best.
     #[error(
-        "tuning {key}: no trial has a reference that counts, so no value is better than another; --reference names one"
+        "trying values of {key}: no trial has a reference that counts, so no value is better than another; --reference names one"
     )]
     NothingToTuneBy {
         /// The parameter.
         key: String,
+    },
+    /// There is nothing that a PNG's text could be drawn with.
+    #[error("drawing PNGs: {why}, or draw SVGs with --format svg")]
+    Typeface {
+        /// What is missing, and the remedy.
+        why: String,
     },
     /// A slot could not be filled.
     #[error(transparent)]
@@ -148,7 +154,7 @@ impl ScoreError {
             | Self::OutIsTrial { .. } => 2,
             Self::Recording(RecordingError::Write { .. }) => 1,
             Self::Recording(_) => 3,
-            Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } => 1,
+            Self::Collector(_) | Self::Slot(_) | Self::Source(_) | Self::Write { .. } | Self::Typeface { .. } => 1,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Scores: what stages make of recordings, against their reference attitude, and what a step of them costs.
 //!
 //! Input: files or simulations, and the stages to run over them side by side. Output: errors per trial and their mean, time per
-//! update, attitudes as CSV, figures as SVG, a page of all of it as HTML, the best value of a setting. Time: the samples' own; the clock only to time the stages. Failure: what was asked
+//! update, attitudes as CSV, figures as SVG or PNG, a page of all of it as HTML, the best value of a setting. Time: the samples' own; the clock only to time the stages. Failure: what was asked
 //! for and does not exist, a file that cannot be read or written.
 //!
 //! | module | what it holds |
@@ -15,13 +15,15 @@
 //! | [`timing`] | nanoseconds per update of the bare stages |
 //! | [`tally`], [`normalised`] | the errors of a chain of stages over a trial; errors over their own standard deviations |
 //! | [`table`], `text` | the scores, for scripts and for people |
-//! | [`tune`], [`verdict`] | the best value of a setting; which stage and setting to choose |
+//! | [`tune`], [`verdict`] | errors over the range of a setting, the best value; which stage and setting to choose |
 //! | [`overlay`], `report` | the attitudes of all stages one over the other; the page |
 //! | [`plot`] | figures of a run |
+//! | `csv` | what was said at each tick, and the truth beside it |
 #![forbid(unsafe_code)]
 
 pub mod catalogue;
 pub mod chain;
+mod csv;
 mod error;
 pub mod normalised;
 pub mod overlay;

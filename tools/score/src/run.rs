@@ -11,28 +11,28 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use attitude::metrics::Accuracy;
 use ingest::conditioner::Sample;
 use judge::{Finding, Judge, Stamps};
 use launch::{Launch, Source, counted};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
 use pipeline::{Collector, OutFile, is_same_file};
 use rayon::prelude::*;
-use runtime::{Pace, RuntimeError, ServiceConfig};
+use runtime::{Pace, ServiceConfig};
 
 use crate::{
     ScoreError,
     chain::Stages,
+    csv::Csv,
     overlay::{Deviations, Difference, Overlay},
-    plot::Figures,
+    plot::{Pen, Plots, Record},
     report::Report,
     seeds::{self, joined},
     stages::{self, Choice},
-    table::{ErrorsDeg, Scores, StageScore, TrialScore, Warning},
+    table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, Warning},
     tally::{Moment, Tally, Truth},
     timing::{SAMPLES_MAX, Step, ns_per_update},
     trial::{Gnss, Options, Trial},
-    tune::{self, Tune},
+    tune::{self, Range},
     verdict::Verdict,
 };
 
@@ -50,14 +50,18 @@ pub struct Request {
     pub choice: Choice,
     /// Folder for the attitude of each tick.
     pub out: Option<PathBuf>,
-    /// Folder for figures.
-    pub plot: Option<PathBuf>,
+    /// Folder for what was said at each tick, and the truth beside it.
+    pub csv: Option<PathBuf>,
+    /// Figures.
+    pub plot: Option<Plots>,
     /// The page to be written.
     pub report: Option<PathBuf>,
     /// What was asked, as it was typed, for the page.
     pub command: String,
+    /// The settings whose ranges are gone through, each with the others as they are.
+    pub sweeps: Vec<Range>,
     /// The setting whose best value is searched and used.
-    pub tune: Option<Tune>,
+    pub tune: Option<Range>,
     /// People are to be told every error.
     pub all_errors: bool,
 }
@@ -68,8 +72,10 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
     request.report.as_deref().map_or(Ok(()), has_folder)?;
     let entries = request.files.iter().map(|file| Entry::of(file)).collect::<Result<Vec<_>, _>>()?;
     let trials = trials(request, &entries)?;
+    let pen = request.plot.as_ref().map(Pen::new).transpose()?;
     let rows: u64 = trials.iter().map(|trial| trial.rows).sum();
-    let of = rows * if request.tune.is_some() { 1 + tune::LOOKS } else { 1 };
+    let looks = request.tune.as_ref().map_or(0, |_| tune::LOOKS) + request.sweeps.len() as u64;
+    let of = rows * (1 + looks);
     let told = Mutex::new((0, progress));
     let tell = |more: u64| {
         let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
@@ -77,12 +83,17 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         let done = told.0.min(of);
         (told.1)(done, of);
     };
+    let mut swept = Vec::new();
+    for range in &request.sweeps {
+        swept.extend(tune::sweep(range, &trials, &launches, &tell)?);
+    }
     let tuned = match &request.tune {
-        Some(tune) => tune::search(tune, &trials, &mut launches, &mut |more| tell(more))?,
+        Some(range) => tune::search(range, &trials, &mut launches, &tell)?,
         None => Vec::new(),
     };
     let mut scores = Scores {
         stages: launches.iter().map(StageScore::new).collect(),
+        swept,
         tuned,
         all_errors: request.all_errors,
         ..Scores::default()
@@ -90,7 +101,8 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
     let (mut overlays, mut heading_is_known) = (Vec::new(), true);
     let firsts = entries.iter().flat_map(|entry| (0..entry.trials.len()).map(|index| index == 0));
     let runs: Vec<_> = trials.iter().zip(firsts).collect();
-    let outcomes = runs.par_iter().map(|(trial, is_first)| one(request, trial, &launches, *is_first, &tell));
+    let outcomes =
+        runs.par_iter().map(|(trial, is_first)| one(request, pen.as_ref(), trial, &launches, *is_first, &tell));
     let mut outcomes = trials.iter().zip(outcomes.collect::<Result<Vec<_>, _>>()?);
     for Entry { name, trials } in &entries {
         let mut of_stages = vec![Vec::new(); launches.len()];
@@ -111,6 +123,10 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
         }
     }
     scores.stages.iter_mut().for_each(StageScore::finish);
+    if let (Some(pen), Some(plots)) = (&pen, &request.plot) {
+        made(&plots.folder)?;
+        pen.sweeps(&scores.swept)?;
+    }
     scores.choice = Verdict::of(&scores, heading_is_known);
     if let Some(path) = &request.report {
         let (command, ingest) = (&request.command, &request.choice.launch.ingest);
@@ -151,59 +167,72 @@ fn differences(overlay: &Overlay, launches: &[Launch]) -> Vec<Difference> {
     others.iter().zip(&overlay.differences).map(apart).collect()
 }
 
-/// The mean errors of launches over the trials that have a reference.
+/// The mean errors of a launch over the trials that have a reference.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Errors {
-    pub(crate) mean: ErrorsDeg,
+pub(crate) struct Found {
+    pub(crate) mean: Errors,
     /// The course is counted from north at the end of every trial.
     pub(crate) heading_is_known: bool,
 }
 
-/// The errors of every launch, in one reading of each trial. `tell` is told the readings done.
+/// The errors of every launch, on all cores, each trial read once by each of them. `tell` is told the readings done.
 pub(crate) fn errors_of(
     trials: &[Trial],
     launches: &[Launch],
-    tell: &mut dyn FnMut(u64),
-) -> Result<Vec<Errors>, ScoreError> {
-    let mut found = vec![(Vec::new(), true); launches.len()];
-    for trial in trials.iter().filter(|trial| trial.has_reference) {
-        let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-        let lane = |config: &ServiceConfig| Lane::new(config, None, None);
-        let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
-        let Some(first) = all.first() else { continue };
-        let mut conditioner = ingest::conditioner(first)?;
-        for reading in trial.readings()? {
-            let Some(sample) = conditioner.condition(&reading?) else { continue };
-            let truth = truth(&sample, None);
-            lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, truth))?;
-        }
-        for (lane, (errors, heading)) in lanes.iter().zip(&mut found) {
-            errors.extend(lane.collector.accuracy().rmse());
-            *heading &= lane.heading_is_known();
-        }
-        tell(trial.rows);
+    tell: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Found>, ScoreError> {
+    let cores = rayon::current_num_threads().max(1);
+    let shares: Vec<_> = launches.chunks(launches.len().div_ceil(cores).max(1)).collect();
+    let known = trials.iter().filter(|trial| trial.has_reference);
+    let jobs: Vec<_> = known.flat_map(|trial| shares.iter().map(move |share| (trial, *share))).collect();
+    let done = jobs.par_iter().map(|(trial, share)| {
+        let found = errors_of_trial(trial, share)?;
+        tell(trial.rows / shares.len() as u64);
+        Ok(found)
+    });
+    let done: Vec<Vec<_>> = done.collect::<Result<_, ScoreError>>()?;
+    let of_trials: Vec<Vec<(Errors, bool)>> = done.chunks(shares.len()).map(<[_]>::concat).collect();
+    let mean = |at: usize| {
+        let errors: Vec<_> = of_trials.iter().map(|of_trial| of_trial[at].0).collect();
+        let heading_is_known = of_trials.iter().all(|of_trial| of_trial[at].1);
+        Found { mean: Errors::mean(&errors), heading_is_known }
+    };
+    Ok((0..launches.len()).map(mean).collect())
+}
+
+/// Of each launch its errors over a trial, and whether its heading is known in the end.
+fn errors_of_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
+    let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
+    let lane = |config: &ServiceConfig| Lane::new(config, Files::default());
+    let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
+    let Some(first) = all.first() else { return Ok(Vec::new()) };
+    let mut conditioner = ingest::conditioner(first)?;
+    let gyro_bias = gyro_bias(trial, launches);
+    for reading in trial.readings()? {
+        let reading = reading?;
+        let Some(sample) = conditioner.condition(&reading) else { continue };
+        let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
+        lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, truth.as_ref()))?;
     }
-    let errors = |(errors, heading_is_known)| Errors { mean: ErrorsDeg::of(Accuracy::mean(errors)), heading_is_known };
-    Ok(found.into_iter().map(errors).collect())
+    Ok(lanes.iter().map(|lane| (lane.errors(), lane.heading_is_known())).collect())
 }
 
 fn trials(request: &Request, entries: &[Entry]) -> Result<Vec<Trial>, ScoreError> {
     if let (Gnss::File(fixes), trials @ 2..) = (&request.options.gnss, request.files.len()) {
         return Err(ScoreError::FixesOfOne { fixes: fixes.clone(), trials });
     }
+    let names: Vec<_> = entries.iter().flat_map(|entry| &entry.trials).map(|(_, name)| name).collect();
+    let opened = names.par_iter().map(|name| Trial::open(name, &request.options));
+    let trials = opened.collect::<Vec<_>>().into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut names = HashSet::new();
-    let mut trials = Vec::new();
-    for (_, name) in entries.iter().flat_map(|entry| &entry.trials) {
-        let trial = Trial::open(name, &request.options)?;
-        if let Some(path) =
-            request.report.as_ref().filter(|path| trial.file().is_some_and(|file| is_same_file(path, file)))
-        {
+    for trial in &trials {
+        let is_trial = |path: &&PathBuf| trial.file().is_some_and(|file| is_same_file(path, file));
+        if let Some(path) = request.report.as_ref().filter(is_trial) {
             return Err(ScoreError::ReportIsTrial { path: path.clone() });
         }
-        if !names.insert(trial.name.clone()) {
-            return Err(ScoreError::NameTwice { name: trial.name });
+        if !names.insert(&trial.name) {
+            return Err(ScoreError::NameTwice { name: trial.name.clone() });
         }
-        trials.push(trial);
     }
     Ok(trials)
 }
@@ -221,18 +250,20 @@ struct Outcome {
 /// readings done.
 fn one(
     request: &Request,
+    pen: Option<&Pen<'_>>,
     trial: &Trial,
     launches: &[Launch],
     is_first: bool,
     tell: &(dyn Fn(u64) + Sync),
 ) -> Result<Outcome, ScoreError> {
     let all: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
-    let mut lanes = all.iter().map(|config| lane(request, trial, config)).collect::<Result<Vec<_>, _>>()?;
+    let lane = |config| Lane::new(config, files(request, trial, config, is_first)?);
+    let mut lanes = all.iter().map(lane).collect::<Result<Vec<_>, _>>()?;
     let differ = launches.len() > 1 && !trial.has_reference;
     let mut overlay = (is_first && (request.report.is_some() || differ))
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
     let mut conditioner = ingest::conditioner(all.first().unwrap_or(&config(&Launch::default(), trial)))?;
-    let gyro_bias = trial.gyro_bias_rad_s().filter(|_| launches.iter().all(reads_as_it_is));
+    let gyro_bias = gyro_bias(trial, launches);
     let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
     let mut steps = Vec::new();
     let mut told = 0;
@@ -250,7 +281,7 @@ fn one(
         }
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         for lane in &mut lanes {
-            lane.offer(&sample, truth)?;
+            lane.offer(&sample, truth.as_ref())?;
         }
         if let Some(overlay) = &mut overlay {
             let tick = sample.imu.header.tick;
@@ -265,8 +296,30 @@ fn one(
     findings.extend(judge.finish());
     let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
     let heading = lanes.iter().all(Lane::heading_is_known);
+    if let Some(pen) = pen.filter(|_| is_first) {
+        draw(request, pen, trial, &all, &mut lanes)?;
+    }
     let scores = lanes.into_iter().zip(times).map(|(lane, ns)| lane.finish(trial, ns)).collect::<Result<_, _>>()?;
     Ok(Outcome { all: scores, warnings: warnings.collect(), overlay, heading })
+}
+
+/// Each lane's figures, and those of all lanes together where there are several.
+fn draw(
+    request: &Request,
+    pen: &Pen<'_>,
+    trial: &Trial,
+    all: &[ServiceConfig],
+    lanes: &mut [Lane],
+) -> Result<(), ScoreError> {
+    let Some(plots) = &request.plot else { return Ok(()) };
+    lanes.iter_mut().filter_map(|lane| lane.files.record.as_deref_mut()).for_each(Record::finish);
+    let records: Vec<_> = lanes.iter().filter_map(|lane| lane.files.record.as_deref()).collect();
+    for (config, record) in all.iter().zip(&records) {
+        pen.one(&place(request, trial, config, &plots.folder, "")?, &trial.name, &config.launch, record)?;
+    }
+    let launches: Vec<_> = all.iter().map(|config| config.launch.clone()).collect();
+    let together = plots.folder.join(trial.file_stem());
+    if records.len() > 1 { pen.all(&together, &trial.name, &launches, &records) } else { Ok(()) }
 }
 
 /// What was refused of a trial, where anything was.
@@ -283,10 +336,13 @@ fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
     sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
 }
 
-/// Neither calibration nor mounting is applied: what is wrong with the gyro is wrong with its rate in body axes.
-fn reads_as_it_is(launch: &Launch) -> bool {
-    let (ours, usual) = (&launch.ingest, Launch::default().ingest);
-    ours.calibration.gyro == usual.calibration.gyro && ours.mounting == usual.mounting
+/// What the gyro reads too much in body axes at a time, ns: known of a simulation to whose rate neither calibration nor mounting is applied.
+fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
+    let usual = Launch::default().ingest;
+    let as_it_is = |launch: &Launch| {
+        launch.ingest.calibration.gyro == usual.calibration.gyro && launch.ingest.mounting == usual.mounting
+    };
+    trial.gyro_bias_rad_s().filter(|_| launches.iter().all(as_it_is))
 }
 
 /// What the slots are told. The limits are those of a system that replays the recording.
@@ -314,37 +370,62 @@ struct Lane {
     path: pipeline::Path,
     collector: Collector,
     tally: Tally,
-    figures: Option<Figures>,
+    files: Files,
+    /// What was said at the tick.
+    said: Vec<(AttitudeOutput, FusedState)>,
     newest: Option<(AttitudeOutput, FusedState)>,
 }
 
-/// A lane that writes what the request asks for.
-fn lane(request: &Request, trial: &Trial, config: &ServiceConfig) -> Result<Lane, ScoreError> {
-    let place = |folder: &Path, ending: &str| {
-        let several = request.choice.fusers.len() > 1;
-        let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
-        let made = fs::create_dir_all(&folder);
-        made.map_err(|cause| ScoreError::Write { path: folder.clone(), cause })?;
-        Ok::<_, ScoreError>(folder.join(format!("{}{ending}", trial.file_stem())))
+/// What is made of a lane beside its score.
+#[derive(Default)]
+struct Files {
+    out: Option<PathBuf>,
+    csv: Option<Csv>,
+    record: Option<Box<Record>>,
+}
+
+/// The files that the request asks for; only the first of many seeds is drawn.
+fn files(request: &Request, trial: &Trial, config: &ServiceConfig, is_first: bool) -> Result<Files, ScoreError> {
+    let table = |folder: &Option<PathBuf>| {
+        let Some(folder) = folder else { return Ok(None) };
+        let path = place(request, trial, config, folder, ".csv")?;
+        let is_trial = trial.file().is_some_and(|file| is_same_file(&path, file));
+        if is_trial { Err(ScoreError::OutIsTrial { path }) } else { Ok(Some(path)) }
     };
-    let out = request.out.as_deref().map(|folder| place(folder, ".csv")).transpose()?;
-    if let Some(path) = out.as_ref().filter(|out| trial.file().is_some_and(|file| is_same_file(out, file))) {
-        return Err(ScoreError::OutIsTrial { path: path.clone() });
-    }
-    let figures = match &request.plot {
-        Some(folder) => Some(Figures::new(place(folder, "")?, trial, config)?),
-        None => None,
-    };
-    Lane::new(config, out, figures)
+    let record = |plots: &Plots| Record::new(plots, config, trial.rows).map(Box::new);
+    Ok(Files {
+        out: table(&request.out)?,
+        csv: table(&request.csv)?.map(Csv::create).transpose()?,
+        record: request.plot.as_ref().filter(|_| is_first).map(record).transpose()?,
+    })
+}
+
+/// Where a file of a lane is: with several fusers in a folder for each.
+fn place(
+    request: &Request,
+    trial: &Trial,
+    config: &ServiceConfig,
+    folder: &Path,
+    ending: &str,
+) -> Result<PathBuf, ScoreError> {
+    let several = request.choice.fusers.len() > 1;
+    let folder = if several { folder.join(&config.launch.fuser.stage) } else { folder.to_path_buf() };
+    made(&folder)?;
+    Ok(folder.join(format!("{}{ending}", trial.file_stem())))
+}
+
+fn made(folder: &Path) -> Result<(), ScoreError> {
+    fs::create_dir_all(folder).map_err(|cause| ScoreError::Write { path: folder.into(), cause })
 }
 
 impl Lane {
-    fn new(config: &ServiceConfig, out: Option<PathBuf>, figures: Option<Figures>) -> Result<Self, ScoreError> {
+    fn new(config: &ServiceConfig, files: Files) -> Result<Self, ScoreError> {
         Ok(Self {
             path: pipeline::Path::new(config)?,
-            collector: Collector::new(out.map(OutFile::new).as_ref())?,
+            collector: Collector::new(files.out.as_ref().map(OutFile::new).as_ref())?,
             tally: Tally::default(),
-            figures,
+            files,
+            said: Vec::new(),
             newest: None,
         })
     }
@@ -357,34 +438,42 @@ impl Lane {
         self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY)
     }
 
-    fn offer(&mut self, sample: &Sample, truth: Option<Truth>) -> Result<(), RuntimeError> {
-        let Self { path, collector, tally, figures, newest } = self;
+    fn errors(&self) -> Errors {
+        self.tally.errors(ErrorsDeg::of(self.collector.accuracy().rmse()))
+    }
+
+    fn offer(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
+        let Self { path, collector, tally, files, said, newest } = self;
         let tick = sample.imu.header.tick;
         if let Some(truth) = truth {
             collector.reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
         }
         let state = Cell::new(None);
+        said.clear();
         path.offer_seen(*sample, &mut |fused| state.set(Some(*fused)), &mut |output| {
-            collector.attitude(&output);
-            let Some(fused) = state.get() else { return };
-            *newest = Some((output, fused));
-            if let Some(truth) = truth.filter(|truth| truth.scored) {
-                tally.take(&Moment::of(&output, &fused, &truth), &output, &fused);
+            said.extend(state.get().map(|fused| (output, fused)));
+        })?;
+        for (output, fused) in said.iter() {
+            collector.attitude(output);
+            *newest = Some((*output, *fused));
+            let moment = truth.map(|truth| (truth, Moment::of(output, fused, truth)));
+            if let Some((_, moment)) = moment.as_ref().filter(|(truth, _)| truth.scored) {
+                tally.take(moment, output, fused);
             }
-            if let Some(figures) = figures {
-                figures.take(&sample.imu, sample.reference, &output);
+            if let Some(record) = &mut files.record {
+                record.take(&sample.imu, moment.as_ref().map(|(truth, moment)| (*truth, moment)), output, fused);
             }
-        })
+            if let Some(csv) = &mut files.csv {
+                csv.take(output, fused, truth)?;
+            }
+        }
+        Ok(())
     }
 
     fn finish(mut self, trial: &Trial, ns_per_update: Option<f64>) -> Result<TrialScore, ScoreError> {
         self.collector.finish()?;
-        if let Some(figures) = &mut self.figures {
-            figures.write()?;
-        }
-        let accuracy = self.collector.accuracy();
-        let heading_is_known = self.heading_is_known();
-        let error = self.tally.errors(ErrorsDeg::of(accuracy.rmse()));
+        self.files.csv.take().map_or(Ok(()), Csv::finish)?;
+        let (error, heading_is_known) = (self.errors(), self.heading_is_known());
         let deviations = self.tally.into_deviations();
         Ok(TrialScore {
             name: trial.name.clone(),
@@ -392,7 +481,7 @@ impl Lane {
             heading_is_known,
             normalised: deviations.told(),
             deviations,
-            scored: accuracy.count(),
+            scored: self.collector.accuracy().count(),
             ticks: self.collector.ticks(),
             ns_per_update,
             spread: None,

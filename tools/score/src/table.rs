@@ -11,7 +11,7 @@ use crate::{
     overlay::Difference,
     seeds::Spread,
     text,
-    tune::Tuned,
+    tune::Sweep,
     verdict::Verdict,
 };
 
@@ -22,8 +22,10 @@ pub struct Scores {
     pub stages: Vec<StageScore>,
     /// What is to be said of the trials before their scores are believed.
     pub warnings: Vec<Warning>,
+    /// What was found over the ranges of settings; the scores are with the value before.
+    pub swept: Vec<Sweep>,
     /// What a search for the best value of a setting has found; the scores are with that value.
-    pub tuned: Vec<Tuned>,
+    pub tuned: Vec<Sweep>,
     /// How far the stages are apart over the trials without a reference.
     pub differences: Vec<Difference>,
     /// Which stage and setting to choose, where there is a choice.
@@ -242,7 +244,7 @@ impl fmt::Display for Scores {
                 "\n{trial}: {from} and {to} are apart by total {total}°, heading {heading}°, inclination {inclination}°"
             )?;
         }
-        for Tuned { fuser, setting, unit, least_of, before, best, .. } in &self.tuned {
+        for Sweep { fuser, setting, unit, least_of, before, best, .. } in self.swept.iter().chain(&self.tuned) {
             let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
             write!(
                 f,

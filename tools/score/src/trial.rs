@@ -73,7 +73,7 @@ pub struct Trial {
 #[derive(Debug, Clone)]
 enum Source {
     Recording { file: PathBuf, fixes: Option<PathBuf> },
-    Sim(Scenario),
+    Sim(Box<Scenario>),
 }
 
 impl Trial {
@@ -116,7 +116,7 @@ impl Trial {
             rows: (scenario.duration_s * scenario.rate_hz).round() as u64 + 1,
             has_reference: true,
             gyro_samples: options.gyro_samples.unwrap_or(gyro_samples),
-            source: Source::Sim(scenario),
+            source: Source::Sim(Box::new(scenario)),
             options: options.clone(),
         }
     }

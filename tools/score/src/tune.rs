@@ -1,8 +1,8 @@
-//! The value of a setting that gives the least error.
+//! The errors over the range of a setting, and the value that gives the least.
 //!
-//! Input: a setting and a range. Output: of every chain of stages that has it, the errors over the range and the best value. The range is looked at as
-//! a whole, then twice more around the best value so far, each time in one reading of the trials. Time: the samples' own. Failure: a setting that no
-//! stage has, values that it refuses, trials without a reference.
+//! Input: a setting and a range. Output: of every chain of stages that has it, the errors over the range and the best value. A sweep looks at the range as
+//! a whole; a search then twice more around the best value so far. Time: the samples' own. Failure: a setting that no stage has, values that it
+//! refuses, trials without a reference.
 
 use std::{collections::HashSet, str::FromStr};
 
@@ -12,12 +12,15 @@ use serde::Serialize;
 use crate::{
     ScoreError,
     chain::Stages,
-    run::{Errors, errors_of},
+    run::{Found, errors_of},
     stages::{Setting, apply},
+    table::Errors,
     trial::Trial,
 };
 
-/// Values over the range, and over each closer look.
+/// Values over the range of a sweep.
+const SWEEP: [u32; 1] = [25];
+/// Values of a search over the range, and over each closer look.
 const VALUES: [u32; 3] = [13, 7, 7];
 /// Times the trials are read for a search.
 pub(crate) const LOOKS: u64 = VALUES.len() as u64;
@@ -26,14 +29,14 @@ const BY_FACTORS_FROM: f64 = 10.0;
 
 /// A setting and its range, as `key=a..b`, `slot.key=a..b` or `stage.key=a..b`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tune {
+pub struct Range {
     of: Option<String>,
     key: String,
     from: f64,
     to: f64,
 }
 
-impl FromStr for Tune {
+impl FromStr for Range {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -46,9 +49,9 @@ impl FromStr for Tune {
     }
 }
 
-/// What a search has found of a chain of stages.
+/// What a sweep or a search has found of a chain of stages.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Tuned {
+pub struct Sweep {
     /// The fuser of the chain.
     pub fuser: String,
     /// The setting, as `slot.key`.
@@ -72,30 +75,58 @@ pub struct Tuned {
 pub struct Point {
     /// The value, in the setting's unit.
     pub value: f64,
-    /// Mean of the trials' RMSE, degrees.
+    /// Mean of the trials' RMSE that is to be least, degrees.
     pub error_deg: f64,
+    /// Mean of every error.
+    #[serde(flatten)]
+    pub errors: Errors,
+}
+
+/// Goes through the range, and leaves the chains as they are.
+pub(crate) fn sweep(
+    range: &Range,
+    trials: &[Trial],
+    launches: &[Launch],
+    tell: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Sweep>, ScoreError> {
+    Ok(look(range, &SWEEP, trials, launches, tell)?.into_iter().map(|(_, sweep)| sweep).collect())
 }
 
 /// Searches, and gives the best value to the chains that have the setting.
 pub(crate) fn search(
-    tune: &Tune,
+    range: &Range,
     trials: &[Trial],
     launches: &mut [Launch],
-    tell: &mut dyn FnMut(u64),
-) -> Result<Vec<Tuned>, ScoreError> {
+    tell: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Sweep>, ScoreError> {
+    let found = look(range, &VALUES, trials, launches, tell)?;
+    for (index, sweep) in &found {
+        apply(&range.at(sweep.best.value), std::slice::from_mut(&mut launches[*index]))?;
+    }
+    Ok(found.into_iter().map(|(_, sweep)| sweep).collect())
+}
+
+/// The errors over the range of each chain that has the setting, with the chain's place.
+fn look(
+    range: &Range,
+    looks: &[u32],
+    trials: &[Trial],
+    launches: &[Launch],
+    tell: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<(usize, Sweep)>, ScoreError> {
     if trials.iter().all(|trial| !trial.has_reference) {
-        return Err(ScoreError::NothingToTuneBy { key: tune.key.clone() });
+        return Err(ScoreError::NothingToTuneBy { key: range.key.clone() });
     }
     // What is refused anywhere is refused before anything is read.
     let mut chains = Vec::new();
-    for value in [tune.from, tune.to] {
-        chains = tune.chains(launches, value)?;
+    for value in [range.from, range.to] {
+        chains = range.chains(launches, value)?;
     }
-    let mut tried: Vec<Vec<(f64, Errors)>> = vec![Vec::new(); chains.len()];
-    for (look, count) in VALUES.into_iter().enumerate() {
+    let mut tried: Vec<Vec<(f64, Found)>> = vec![Vec::new(); chains.len()];
+    for (look, count) in looks.iter().copied().enumerate() {
         let mut candidates = Vec::new();
         for (chain, tried) in chains.iter().zip(&tried) {
-            let (from, to) = if look == 0 { (tune.from, tune.to) } else { around_best(tried) };
+            let (from, to) = if look == 0 { (range.from, range.to) } else { around_best(tried) };
             let before = [chain.before].into_iter().filter(|_| look == 0);
             let known: HashSet<u64> = tried.iter().map(|(value, _)| value.to_bits()).collect();
             let values = values(from, to, count).chain(before).filter(|value| !known.contains(&value.to_bits()));
@@ -105,7 +136,7 @@ pub(crate) fn search(
         }
         let tries = candidates.iter().map(|(index, value)| {
             let mut launch = [launches[*index].clone()];
-            apply(&tune.at(*value), &mut launch)?;
+            apply(&range.at(*value), &mut launch)?;
             let [launch] = launch;
             Ok(launch)
         });
@@ -118,7 +149,7 @@ pub(crate) fn search(
         }
         tried.iter_mut().for_each(|tried| tried.sort_by(|a, b| a.0.total_cmp(&b.0)));
     }
-    chains.iter().zip(tried).map(|(chain, tried)| chain.tuned(tune, &tried, launches)).collect()
+    chains.iter().zip(tried).map(|(chain, tried)| Ok((chain.index, chain.swept(range, &tried, launches)?))).collect()
 }
 
 /// A chain of stages that has the setting.
@@ -129,7 +160,7 @@ struct Chain {
     before: f64,
 }
 
-impl Tune {
+impl Range {
     fn at(&self, value: f64) -> Setting {
         Setting { of: self.of.clone(), key: self.key.clone(), value }
     }
@@ -159,47 +190,49 @@ impl Tune {
 }
 
 impl Chain {
-    /// The best value is set.
-    fn tuned(&self, tune: &Tune, tried: &[(f64, Errors)], launches: &mut [Launch]) -> Result<Tuned, ScoreError> {
-        let is_total = tried.iter().all(|(_, errors)| errors.heading_is_known);
-        let curve: Vec<_> = tried.iter().filter_map(|(value, errors)| errors.point(*value, is_total)).collect();
-        let nothing = || ScoreError::NothingToTuneBy { key: tune.key.clone() };
+    fn swept(&self, range: &Range, tried: &[(f64, Found)], launches: &[Launch]) -> Result<Sweep, ScoreError> {
+        let is_total = tried.iter().all(|(_, found)| found.heading_is_known);
+        let curve: Vec<_> = tried.iter().filter_map(|(value, found)| found.point(*value, is_total)).collect();
+        let nothing = || ScoreError::NothingToTuneBy { key: range.key.clone() };
         let best = *curve.iter().min_by(|a, b| a.error_deg.total_cmp(&b.error_deg)).ok_or_else(nothing)?;
         let before = *curve.iter().find(|point| point.value == self.before).ok_or_else(nothing)?;
-        if let Some(launch) = launches.get_mut(self.index) {
-            apply(&tune.at(best.value), std::slice::from_mut(launch))?;
-        }
-        Ok(Tuned {
-            fuser: launches.get(self.index).map(|launch| launch.fuser.stage.clone()).unwrap_or_default(),
+        Ok(Sweep {
+            fuser: launches[self.index].fuser.stage.clone(),
             setting: self.setting.clone(),
             unit: self.unit,
             least_of: if is_total { "total" } else { "inclination" },
             before,
             best,
-            at_end: best.value == tune.from || best.value == tune.to,
+            at_end: best.value == range.from || best.value == range.to,
             curve,
         })
     }
 }
 
-impl Errors {
+impl Found {
     fn point(&self, value: f64, is_total: bool) -> Option<Point> {
-        let error_deg = if is_total { self.mean.total } else { self.mean.inclination };
-        error_deg.map(|error_deg| Point { value, error_deg })
+        let errors = self.mean;
+        let error_deg = if is_total { errors.attitude.total } else { errors.attitude.inclination };
+        error_deg.map(|error_deg| Point { value, error_deg, errors })
     }
 }
 
 /// Between the neighbours of the best value.
-fn around_best(tried: &[(f64, Errors)]) -> (f64, f64) {
-    let is_total = tried.iter().all(|(_, errors)| errors.heading_is_known);
+fn around_best(tried: &[(f64, Found)]) -> (f64, f64) {
+    let is_total = tried.iter().all(|(_, found)| found.heading_is_known);
     let error = |i: usize| tried[i].1.point(0.0, is_total).map_or(f64::INFINITY, |point| point.error_deg);
     let best = (0..tried.len()).min_by(|a, b| error(*a).total_cmp(&error(*b))).unwrap_or_default();
     (tried[best.saturating_sub(1)].0, tried[(best + 1).min(tried.len() - 1)].0)
 }
 
+/// So wide a range is gone through by factors, and drawn so.
+pub(crate) fn goes_by_factors(from: f64, to: f64) -> bool {
+    from > 0.0 && to / from >= BY_FACTORS_FROM
+}
+
 /// So many values from one to the other, by steps, or by factors over a wide range.
 fn values(from: f64, to: f64, count: u32) -> impl Iterator<Item = f64> {
-    let by_factors = from > 0.0 && to / from >= BY_FACTORS_FROM;
+    let by_factors = goes_by_factors(from, to);
     (0..count).map(move |i| {
         let share = f64::from(i) / f64::from(count - 1);
         match i {
@@ -222,13 +255,13 @@ mod tests {
 
     #[test]
     fn a_range_is_read_as_people_write_it() {
-        let tune: Tune = "fuser.beta_rad_s=0.01..5e-1".parse().unwrap();
+        let tune: Range = "fuser.beta_rad_s=0.01..5e-1".parse().unwrap();
         assert_eq!(
             (tune.of.as_deref(), tune.key.as_str(), tune.from, tune.to),
             (Some("fuser"), "beta_rad_s", 0.01, 0.5)
         );
         for bad in ["beta", "beta=1", "beta=1..x", "beta=2..1", "beta=1..1", "beta=nan..1"] {
-            assert!(bad.parse::<Tune>().is_err(), "{bad}");
+            assert!(bad.parse::<Range>().is_err(), "{bad}");
         }
     }
 
@@ -241,8 +274,11 @@ mod tests {
 
     #[test]
     fn a_closer_look_is_between_the_neighbours_of_the_best() {
-        let errors = |deg: f64| Errors {
-            mean: crate::table::ErrorsDeg { total: Some(deg), heading: Some(deg), inclination: Some(-deg) },
+        let errors = |deg: f64| Found {
+            mean: Errors {
+                attitude: crate::table::ErrorsDeg { total: Some(deg), heading: Some(deg), inclination: Some(-deg) },
+                ..Errors::default()
+            },
             heading_is_known: true,
         };
         let tried = [(1.0, errors(3.0)), (2.0, errors(1.0)), (4.0, errors(2.0))];

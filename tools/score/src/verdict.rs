@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::{
     table::{Scores, StageScore},
-    tune::Tuned,
+    tune::Sweep,
 };
 
 /// Errors closer than this share of each other say nothing about which is better.
@@ -35,7 +35,7 @@ impl Verdict {
             return Some(Self { text: text.into(), launch: String::new() });
         };
         let mut text = format!("choose fuser {}", best.fuser);
-        if let Some(Tuned { setting, unit, best, .. }) = tuned.iter().find(|tuned| tuned.fuser == best.fuser) {
+        if let Some(Sweep { setting, unit, best, .. }) = tuned.iter().find(|tuned| tuned.fuser == best.fuser) {
             text += &format!(" with {setting} = {}{}{unit}", best.value, if unit.is_empty() { "" } else { " " });
         }
         text += &format!(": {name} error {deg:.3}°");
@@ -45,7 +45,7 @@ impl Verdict {
             text += &format!("; next is {} with {second_deg:.3}°, {more}", second.fuser);
         }
         for tuned in tuned.iter().filter(|tuned| tuned.at_end) {
-            let (Tuned { fuser, setting, .. }, value) = (tuned, tuned.best.value);
+            let (Sweep { fuser, setting, .. }, value) = (tuned, tuned.best.value);
             text += &format!("; of {fuser} the best {setting}, {value}, is at the end of the range: look beyond it");
         }
         Some(Self { text, launch: piece(best) })

@@ -5,12 +5,15 @@ mod operations;
 mod runs;
 
 use attitude::Vector3;
+use figures::{
+    Axis, Chart, Curve,
+    style::{BLUE, GREEN, ORANGE, SKY, Style},
+};
 use plotters::style::{BLACK, Color, RGBColor};
 
 use crate::{
     Progress,
-    chart::{Axis, Chart, Curve, Style},
-    picture::{BLUE, Figure, GREEN, ORANGE, Panel, Part, Picture, SKY},
+    picture::{Figure, Panel, Part, Picture},
     scene::{Scene, Shape},
     table::Table,
 };

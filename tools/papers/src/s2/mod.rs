@@ -2,13 +2,16 @@
 
 mod relations;
 
+use figures::{
+    Axis, Chart, Curve,
+    style::{BLUE, GREEN, ORANGE, SKY, Style},
+};
 use plotters::style::RGBColor;
 
 use crate::{
     Progress,
-    chart::{Axis, Chart, Curve, Style},
     map::Map,
-    picture::{BLUE, Figure, GREEN, ORANGE, Panel, Part, Picture, SKY},
+    picture::{Figure, Panel, Part, Picture},
     table::Table,
 };
 pub use relations::Numbers;

@@ -3,12 +3,15 @@
 mod runs;
 
 use attitude::{Quaternion, fuser::Fuser, metrics::AttitudeError};
+use figures::{
+    Axis, Chart, Curve,
+    style::{BLUE, GREEN, ORANGE, PURPLE, Style},
+};
 use plotters::style::{BLACK, RGBColor};
 
 use crate::{
     Progress,
-    chart::{Axis, Chart, Curve, Style},
-    picture::{BLUE, Figure, GREEN, ORANGE, PURPLE, Panel, Part, Picture},
+    picture::{Figure, Panel, Part, Picture},
     scheme::{Arrow, Block, Scheme},
     table::Table,
 };

@@ -1,10 +1,11 @@
 //! The drawings of S4: axes, the platform, the three schemes.
 
 use attitude::Vector3;
+use figures::style::{BLUE, GREEN, GREY, ORANGE};
 use plotters::style::{BLACK, Color, RGBColor};
 
 use crate::{
-    picture::{BLUE, Figure, GREEN, GREY, ORANGE, Panel, Part, Picture},
+    picture::{Figure, Panel, Part, Picture},
     scene::{Scene, Shape, arc, circle},
     scheme::{Arrow, Block, Scheme},
 };

@@ -3,12 +3,15 @@
 mod drawings;
 mod runs;
 
+use figures::{
+    Axis, Chart, Curve,
+    style::{BLUE, GREEN, ORANGE, PURPLE, SKY, Style},
+};
 use plotters::style::RGBColor;
 
 use crate::{
     Progress,
-    chart::{Axis, Chart, Curve, Style},
-    picture::{BLUE, Figure, GREEN, ORANGE, PURPLE, Panel, Part, Picture, SKY},
+    picture::{Figure, Panel, Part, Picture},
     table::Table,
 };
 use runs::{DURATION_S, Flown, Moment, SEEDS, STAGES, fly_all};

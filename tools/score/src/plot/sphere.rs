@@ -3,55 +3,61 @@
 //! The plane is that of ξ and η through the centre; from the pole −ζ a ray through a point of the plane meets the sphere in the up
 //! vector — Matveev 2025, (12).
 
-use std::path::Path;
-
 use attitude::Vector3;
+use figures::{
+    Area, Draw, Drawn,
+    style::{AMBER, BLUE, ORANGE, TEXT, TITLE},
+};
 use plotters::{
     coord::types::RangedCoordf64,
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use super::{Drawn, FUSED, GYRO};
-
-const SIZE: (u32, u32) = (900, 900);
-const TITLE: (&str, u32) = ("sans-serif", 20);
-const TEXT: (&str, u32) = ("sans-serif", 16);
 /// Half the side of the plane that is drawn; w beyond it is left out.
 const PLANE: f64 = 1.6;
 /// Rays from the pole that are drawn.
 const RAYS: usize = 6;
-const RAY: RGBColor = RGBColor(190, 30, 30);
 /// From where the sphere is seen, about the vertical and above the plane.
 const AZIMUTH_DEG: f64 = -65.0;
 const ELEVATION_DEG: f64 = 22.0;
 
 const POLE: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
-type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// Draws the way of an up vector into a file.
-pub(crate) fn draw(path: &Path, title: &str, ups: &[Vector3<f64>]) -> Drawn {
-    let root = SVGBackend::new(path, SIZE).into_drawing_area();
-    root.fill(&WHITE)?;
-    let area = root.titled(&format!("{title}: the up vector"), TITLE)?;
-    let mut chart = ChartBuilder::on(&area).margin(10).build_cartesian_2d(-2.0..2.0, -2.1..1.8)?;
-    scene(&mut chart)?;
-    way(&mut chart, ups)?;
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
-        .label_font(TEXT)
-        .legend_area_size(34)
-        .background_style(WHITE)
-        .border_style(BLACK.mix(0.3))
-        .draw()?;
-    root.present()?;
-    Ok(())
+/// The way of an up vector.
+pub(crate) struct Sphere<'a> {
+    pub(crate) title: String,
+    pub(crate) ups: &'a [Vector3<f64>],
+}
+
+impl Draw for Sphere<'_> {
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> Drawn
+    where
+        B::ErrorType: 'static,
+    {
+        let area = area.titled(&self.title, TITLE)?;
+        let mut chart = ChartBuilder::on(&area).margin(10).build_cartesian_2d(-2.0..2.0, -2.1..1.8)?;
+        scene(&mut chart)?;
+        way(&mut chart, self.ups)?;
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerLeft)
+            .label_font(TEXT)
+            .legend_area_size(34)
+            .background_style(WHITE)
+            .border_style(BLACK.mix(0.3))
+            .draw()?;
+        Ok(())
+    }
 }
 
 /// Sphere, plane, axes.
-fn scene(chart: &mut Chart<'_, '_>) -> Drawn {
+fn scene<B: DrawingBackend>(chart: &mut Chart<'_, B>) -> Drawn
+where
+    B::ErrorType: 'static,
+{
     let corners = [(-PLANE, -PLANE), (PLANE, -PLANE), (PLANE, PLANE), (-PLANE, PLANE)];
     let plane: Vec<_> = corners.iter().map(|(u, v)| seen(&Vector3::new(*u, *v, 0.0))).collect();
     chart.draw_series([Polygon::new(plane, RGBColor(240, 236, 220).mix(0.8))])?;
@@ -79,20 +85,23 @@ fn scene(chart: &mut Chart<'_, '_>) -> Drawn {
 }
 
 /// The way of the up vector, that of w, and rays between them.
-fn way(chart: &mut Chart<'_, '_>, ups: &[Vector3<f64>]) -> Drawn {
+fn way<B: DrawingBackend>(chart: &mut Chart<'_, B>, ups: &[Vector3<f64>]) -> Drawn
+where
+    B::ErrorType: 'static,
+{
     let legend = |color: RGBColor| move |(x, y)| PathElement::new(vec![(x, y), (x + 26, y)], color.stroke_width(3));
     let plane = lines(ups, |up| point(up).map(|w| seen(&w)));
     chart
-        .draw_series(plane.into_iter().map(|line| PathElement::new(line, GYRO)))?
+        .draw_series(plane.into_iter().map(|line| PathElement::new(line, AMBER)))?
         .label("w = u + jv in the plane")
-        .legend(legend(GYRO));
+        .legend(legend(AMBER));
     let behind = lines(ups, |up| (depth(up) < 0.0).then(|| seen(up)));
-    chart.draw_series(behind.into_iter().map(|line| PathElement::new(line, FUSED.mix(0.35))))?;
+    chart.draw_series(behind.into_iter().map(|line| PathElement::new(line, BLUE.mix(0.35))))?;
     let before = lines(ups, |up| (depth(up) >= 0.0).then(|| seen(up)));
     chart
-        .draw_series(before.into_iter().map(|line| PathElement::new(line, FUSED)))?
+        .draw_series(before.into_iter().map(|line| PathElement::new(line, BLUE)))?
         .label("the up vector in body axes, pale where it is behind")
-        .legend(legend(FUSED));
+        .legend(legend(BLUE));
     let rays: Vec<_> =
         (0..RAYS).filter_map(|k| ups.get(k * ups.len() / RAYS)).filter_map(|up| Some((*up, point(up)?))).collect();
     chart.draw_series(rays.iter().map(|(up, w)| {
@@ -101,9 +110,9 @@ fn way(chart: &mut Chart<'_, '_>, ups: &[Vector3<f64>]) -> Drawn {
     }))?;
     let ends = rays.iter().flat_map(|(up, w)| [*up, *w]);
     chart
-        .draw_series(ends.map(|end| Circle::new(seen(&end), 3, RAY.filled())))?
+        .draw_series(ends.map(|end| Circle::new(seen(&end), 3, ORANGE.filled())))?
         .label("on one ray from −ζ: w and its up vector")
-        .legend(|(x, y)| Circle::new((x + 13, y), 4, RAY.filled()));
+        .legend(|(x, y)| Circle::new((x + 13, y), 4, ORANGE.filled()));
     Ok(())
 }
 

@@ -13,7 +13,7 @@ use crate::{
     ScoreError,
     overlay::{Angles, Deviations, Overlay},
     table::{ErrorsDeg, Scores, StageScore},
-    tune::Tuned,
+    tune::{Sweep, goes_by_factors},
     verdict::least_of,
 };
 use chart::{Chart, Line, class};
@@ -55,7 +55,7 @@ impl Report<'_> {
     fn html(&self) -> String {
         let mut page = Page::default();
         self.summary(&mut page);
-        self.scores.tuned.iter().for_each(|tuned| self.tuned(&mut page, tuned));
+        self.scores.swept.iter().chain(&self.scores.tuned).for_each(|tuned| self.tuned(&mut page, tuned));
         self.overlays.iter().for_each(|overlay| self.trial(&mut page, overlay));
         self.settings(&mut page);
         format!(
@@ -128,8 +128,8 @@ impl Report<'_> {
         page.add("</table>");
     }
 
-    fn tuned(&self, page: &mut Page, tuned: &Tuned) {
-        let Tuned { fuser, setting, unit, least_of, before, best, curve, .. } = tuned;
+    fn tuned(&self, page: &mut Page, tuned: &Sweep) {
+        let Sweep { fuser, setting, unit, least_of, before, best, curve, .. } = tuned;
         let unit_said = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         page.add(&format!(
             "\n<h2>{} of {}</h2><h3>{least_of} error {:.3}° at {}{unit_said}, {:.3}° at {}{unit_said} as before</h3>",
@@ -143,7 +143,7 @@ impl Report<'_> {
         let points: Vec<_> = curve.iter().map(|point| (point.value, point.error_deg)).collect();
         let errors = || points.iter().map(|point| point.1);
         let range = Some((errors().fold(f64::INFINITY, f64::min), errors().fold(f64::NEG_INFINITY, f64::max)));
-        let by_factors = points.first().zip(points.last()).is_some_and(|(a, b)| a.0 > 0.0 && b.0 / a.0 >= 10.0);
+        let by_factors = points.first().zip(points.last()).is_some_and(|(a, b)| goes_by_factors(a.0, b.0));
         let span = points.first().zip(points.last()).map_or((0.0, 1.0), |(a, b)| (a.0, b.0));
         let place = self.scores.stages.iter().position(|stage| stage.fuser == *fuser);
         let line = Line { place: place.or(Some(0)), parts: vec![points], range, marked: true };

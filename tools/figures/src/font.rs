@@ -16,11 +16,11 @@ const DEPTH_MAX: usize = 5;
 const ENTRIES_MAX: usize = 20_000;
 
 /// A typeface that text is drawn with.
-pub(crate) struct Typeface(FontVec);
+pub struct Typeface(FontVec);
 
 impl Typeface {
     /// The first there is; or what to do about it.
-    pub(crate) fn find() -> Result<Self, String> {
+    pub fn find() -> Result<Self, String> {
         let mut found = Vec::new();
         let mut left = ENTRIES_MAX;
         FOLDERS.iter().for_each(|folder| collect(Path::new(folder), DEPTH_MAX, &mut left, &mut found));
@@ -28,7 +28,7 @@ impl Typeface {
         let typeface = found.iter().find_map(|(_, path)| FontVec::try_from_vec(std::fs::read(path).ok()?).ok());
         typeface.map(Self).ok_or_else(|| {
             format!(
-                "no PNGs are made, only SVGs: none of {} is under {}; install one, as with `apt-get install fonts-dejavu-core`",
+                "none of the typefaces {} is under {}; install one, as with `apt-get install fonts-dejavu-core`",
                 NAMES.join(", "),
                 FOLDERS.join(", ")
             )

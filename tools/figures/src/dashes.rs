@@ -1,0 +1,63 @@
+//! A line with gaps.
+//!
+//! Dashes are measured along the axis, not along the line, so that a noisy curve has no more of them than a smooth one.
+
+/// The pieces of a line that are drawn, of `on` and `off` units of x by turns from x = `from`.
+pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<Vec<(f64, f64)>> {
+    let period = on + off;
+    let ends = |x: f64| {
+        let start = from + ((x - from) / period).floor() * period;
+        (start + on, start + period)
+    };
+    let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
+    let mut piece: Vec<(f64, f64)> = Vec::new();
+    for pair in line.windows(2) {
+        let ((mut x, mut y), (x_end, y_end)) = (pair[0], pair[1]);
+        loop {
+            let (drawn_until, until) = ends(x);
+            let is_drawn = x < drawn_until;
+            match is_drawn {
+                true if piece.is_empty() => piece.push((x, y)),
+                false if !piece.is_empty() => pieces.push(std::mem::take(&mut piece)),
+                _ => {}
+            }
+            let next = if is_drawn { drawn_until } else { until };
+            // A line that stands still or goes back is one piece; so is one step of rounding.
+            if next >= x_end || next <= x {
+                if is_drawn {
+                    piece.push((x_end, y_end));
+                }
+                break;
+            }
+            y += (y_end - y) * (next - x) / (x_end - x);
+            x = next;
+            if is_drawn {
+                piece.push((x, y));
+            }
+        }
+    }
+    pieces.push(piece);
+    pieces.retain(|piece| piece.len() > 1);
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_drawn_and_left_out_by_turns() {
+        let line = [(0.0, 0.0), (5.0, 5.0), (10.0, 0.0)];
+        let expected =
+            [vec![(0.0, 0.0), (3.0, 3.0)], vec![(4.0, 4.0), (5.0, 5.0), (7.0, 3.0)], vec![(8.0, 2.0), (10.0, 0.0)]];
+        assert_eq!(dashes(&line, 0.0, 3.0, 1.0), expected);
+    }
+
+    #[test]
+    fn noise_makes_no_more_dashes_and_dashes_end_whatever_the_numbers() {
+        let noise: Vec<_> = (0..10_000).map(|k| (f64::from(k) * 0.1, f64::from(k % 7))).collect();
+        assert_eq!(dashes(&noise, 0.0, 7.0, 3.0).len(), 100);
+        let steep = [(1e9, 0.0), (1e9, 5.0), (1e9 + 1e-7, 0.0)];
+        assert!(dashes(&steep, 0.0, 1e-9, 1e-9).len() < 1000);
+    }
+}
