@@ -44,6 +44,7 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
             "fuser",
             &[
                 "aided",
+                "multiple-model",
                 "levelling-pi",
                 "levelling-unified",
                 "levelling",

@@ -58,6 +58,14 @@ impl Turn {
         }
     }
 
+    /// What stands still, in body axes before the turn, as the body sees it after it: δ* v δ.
+    #[inline]
+    pub(crate) fn seen_after(self, body: Vector3<f64>) -> Vector3<f64> {
+        let axis = Vector3::new(self.s.re, self.s.im, self.p.im);
+        let across = axis.cross(&body);
+        body + (axis.cross(&across) - across * self.p.re) * 2.0
+    }
+
     /// The turn as the formulas of `chart` take it.
     #[inline]
     pub(crate) fn view(self, chart: Chart) -> Self {

@@ -14,6 +14,7 @@
 //! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with a receiver's velocity and without, and a choice between them |
 //! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
+//! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, and a choice between them |
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
@@ -28,6 +29,7 @@ mod input;
 pub mod levelling;
 mod low_pass;
 pub mod madgwick;
+pub mod multiple_model;
 mod rest;
 mod spread;
 pub mod vqf;
@@ -48,6 +50,7 @@ use {
     aided::Aided,
     levelling::{Levelling, LevellingPi, LevellingUnified},
     madgwick::Madgwick,
+    multiple_model::MultipleModel,
     vqf::Vqf,
     wz::Wz,
     wz_closed::WzClosed,
@@ -81,6 +84,7 @@ fusers! {
     "levelling-unified" => LevellingUnified(LevellingUnified) = LevellingUnified::default(),
     "levelling-pi" => LevellingPi(LevellingPi) = LevellingPi::default(),
     "aided" => Aided(Aided) = Aided::default(),
+    "multiple-model" => MultipleModel(MultipleModel) = MultipleModel::default(),
     "vqf" => Vqf(Vqf) = Vqf::default(),
 }
 
@@ -90,6 +94,8 @@ fusers! {
 pub enum Fuser {
     /// `wz`
     Wz(Wz),
+    /// `multiple-model`
+    MultipleModel(MultipleModel),
     /// `wz-closed`
     WzClosed(WzClosed),
     /// `wz-open`
@@ -112,6 +118,7 @@ macro_rules! each {
     ($fuser:expr, $stage:ident => $do:expr) => {
         match $fuser {
             Fuser::Wz($stage) => $do,
+            Fuser::MultipleModel($stage) => $do,
             Fuser::WzClosed($stage) => $do,
             Fuser::WzOpen($stage) => $do,
             Fuser::Madgwick($stage) => $do,

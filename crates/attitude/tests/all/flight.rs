@@ -26,8 +26,8 @@ struct Chain {
 }
 
 impl Chain {
-    fn new(settings: &[(&str, f64)]) -> Self {
-        let mut fuser = Fuser::named("aided").unwrap();
+    fn new(name: &str, settings: &[(&str, f64)]) -> Self {
+        let mut fuser = Fuser::named(name).unwrap();
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
         Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser }
     }
@@ -91,8 +91,8 @@ impl Errors {
     }
 }
 
-fn fly(scenario: &Scenario, settings: &[(&str, f64)]) -> Errors {
-    let (mut chain, mut errors, mut since_fix_s) = (Chain::new(settings), Errors::default(), f64::INFINITY);
+fn fly(scenario: &Scenario, name: &str, settings: &[(&str, f64)]) -> Errors {
+    let (mut chain, mut errors, mut since_fix_s) = (Chain::new(name, settings), Errors::default(), f64::INFINITY);
     let mut before: Option<(f64, Attitude, Attitude)> = None;
     for (t_s, reading) in scenario.readings() {
         let dt_s = before.map_or(0.0, |(before_s, ..)| t_s - before_s);
@@ -113,20 +113,21 @@ fn fly(scenario: &Scenario, settings: &[(&str, f64)]) -> Errors {
         before = Some((t_s, out, truth));
     }
     assert_eq!(chain.fuser.flaw(), None);
-    let Fuser::Aided(aided) = &chain.fuser else { panic!("another stage") };
-    errors.latency_s.add(aided.latency_s());
+    if let Fuser::Aided(aided) = &chain.fuser {
+        errors.latency_s.add(aided.latency_s());
+    }
     errors
 }
 
-/// All seeds of a scenario, two at a time.
 fn flown(name: &str) -> Errors {
-    flown_with(name, &[])
+    flown_by("aided", name, &[])
 }
 
-fn flown_with(name: &str, settings: &[(&str, f64)]) -> Errors {
+/// All seeds of a scenario, two at a time.
+fn flown_by(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
     let seeds: Vec<u64> = SEEDS.collect();
     let fly_all = |seeds: &[u64]| {
-        let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed), settings));
+        let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed), fuser, settings));
         each.fold(Errors::default(), Errors::with)
     };
     let (first, second) = seeds.split_at(seeds.len() / 2);
@@ -139,7 +140,7 @@ fn flown_with(name: &str, settings: &[(&str, f64)]) -> Errors {
         format!("{:.3} / {:.3} (max {:.2} / {:.2})", roll.get(), pitch.get(), roll.most, pitch.most)
     };
     println!(
-        "{name}: roll / pitch with fixes {}, without {}; course {:.2}; step {:.4}, deg; latency {:.3} s (max {:.3})",
+        "{fuser}, {name}: roll / pitch with fixes {}, without {}; course {:.2}; step {:.4}, deg; latency {:.3} s (max {:.3})",
         pair(errors.told),
         pair(errors.alone),
         errors.course.get(),
@@ -201,10 +202,26 @@ fn the_place_of_the_antenna_takes_off_what_its_lever_arm_adds() {
     let flight = "cruise?antenna_right_m=-3&antenna_forward_m=6&antenna_up_m=2";
     let set =
         |sign: f64| [("antenna_right_m", -3.0 * sign), ("antenna_forward_m", 6.0 * sign), ("antenna_up_m", 2.0 * sign)];
-    let [right, none, wrong] = [1.0, 0.0, -1.0].map(|sign| flown_with(flight, &set(sign)));
+    let [right, none, wrong] = [1.0, 0.0, -1.0].map(|sign| flown_by("aided", flight, &set(sign)));
     assert!(within(right.told, 0.05) && right.course.get() < 0.3);
     let above = |errors: Errors, limit_deg: f64| errors.told.iter().all(|axis| axis.get() > limit_deg);
     assert!(above(none, 0.08) && above(wrong, 0.16));
+}
+
+#[test]
+fn multiple_model_flies_as_aided_where_a_receiver_tells_the_velocity() {
+    for flight in ["cruise", "cruise?gnss=gaps", "cruise?gnss=start"] {
+        let [one, both] = ["aided", "multiple-model"].map(|fuser| flown_by(fuser, flight, &[]));
+        for (one, both) in one.told.iter().chain(&one.alone).zip(both.told.iter().chain(&both.alone)) {
+            assert!(both.get() <= 1.02 * one.get(), "{flight}: {} against {}", both.get(), one.get());
+        }
+        assert!(both.course.get() <= 1.02 * one.course.get() && both.step.most < 0.02);
+    }
+}
+
+#[test]
+fn multiple_model_is_levelled_by_the_turns_without_a_receiver() {
+    assert!(within(flown_by("multiple-model", "cruise?gnss=never", &[]).alone, 2.0));
 }
 
 /// A recorded flight: time, rate, force, the autopilot's own attitude where it counts, the fix that arrived.
@@ -251,9 +268,9 @@ fn recorded() -> Option<Vec<Row>> {
 }
 
 /// RMS of inclination and heading from a minute after take-off on, deg; `covered` is told the time since that minute.
-fn over_the_flight(name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [f64; 2] {
+fn over_the_flight(fuser: &str, name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;
-    let (mut chain, mut before_s) = (Chain::new(&[]), rows[0].t_s);
+    let (mut chain, mut before_s) = (Chain::new(fuser, &[]), rows[0].t_s);
     let [mut inclination, mut heading] = [Rms::default(); 2];
     for row in rows {
         let sample = RateSample { rate_rad_s: row.rate_rad_s, dt_s: row.t_s - before_s, kind: RateKind::Mean };
@@ -268,7 +285,7 @@ fn over_the_flight(name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [
     }
     assert_eq!(chain.fuser.flaw(), None);
     let rms = [inclination.get(), heading.get()];
-    println!("apm_plane_log2, {name}: inclination {:.2}, heading {:.2}, deg", rms[0], rms[1]);
+    println!("{fuser}, apm_plane_log2, {name}: inclination {:.2}, heading {:.2}, deg", rms[0], rms[1]);
     rms
 }
 
@@ -276,13 +293,21 @@ fn over_the_flight(name: &str, rows: &[Row], covered: impl Fn(f64) -> bool) -> [
 #[test]
 fn a_real_flight_is_followed_without_a_magnetometer() {
     let Some(rows) = recorded() else { return };
-    let [inclination, heading] = over_the_flight("fixes all the time", &rows, |_| true);
+    let [inclination, heading] = over_the_flight("aided", "fixes all the time", &rows, |_| true);
     assert!(inclination < 4.8 && heading < 5.5);
     let [inclination, heading] =
-        over_the_flight("gaps of 60 s every 120 s", &rows, |t_s| t_s < 0.0 || t_s % 120.0 < 60.0);
+        over_the_flight("aided", "gaps of 60 s every 120 s", &rows, |t_s| t_s < 0.0 || t_s % 120.0 < 60.0);
     assert!(inclination < 5.3 && heading < 6.0);
-    let [inclination, _] = over_the_flight("none after the first minute", &rows, |t_s| t_s < 0.0);
+    let [inclination, _] = over_the_flight("aided", "none after the first minute", &rows, |t_s| t_s < 0.0);
     assert!(inclination < 5.0);
-    let [inclination, _] = over_the_flight("none", &rows, |_| false);
+    let [inclination, _] = over_the_flight("aided", "none", &rows, |_| false);
     assert!(inclination < 8.6);
+}
+
+#[test]
+fn a_real_flight_without_a_receiver_is_levelled_by_its_turns() {
+    let Some(rows) = recorded() else { return };
+    let [told, _] = over_the_flight("multiple-model", "fixes all the time", &rows, |_| true);
+    let [alone, _] = over_the_flight("multiple-model", "none", &rows, |_| false);
+    assert!(told < 4.8 && alone < 16.0);
 }

@@ -15,6 +15,7 @@ mod heading;
 mod identities;
 mod level;
 mod levelling;
+mod multiple_model;
 mod numbers;
 mod scenarios;
 mod steps;

@@ -22,7 +22,7 @@ use crate::common::ulog;
 
 /// Largest unannounced step, degrees.
 const STEP_DEG: f64 = 0.05;
-const FUSERS: [&str; 5] = ["wz", "aided", "levelling", "levelling-unified", "levelling-pi"];
+const FUSERS: [&str; 6] = ["wz", "multiple-model", "aided", "levelling", "levelling-unified", "levelling-pi"];
 
 struct Sample {
     t_s: f64,
@@ -171,7 +171,7 @@ fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
     for (name, magnetic) in FUSERS.map(|name| (name, false)).into_iter().chain([("wz", true), ("aided", true)]) {
         let worst = worst(name, &samples, magnetic);
         let limit_deg = match name {
-            "wz" => 2.0 * STEP_DEG,
+            "wz" | "aided" | "multiple-model" => 2.0 * STEP_DEG,
             "levelling-pi" => 0.5,
             // The level of `levelling`, and a step of the complex course.
             "levelling-unified" => 1.0,

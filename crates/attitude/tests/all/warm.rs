@@ -13,7 +13,8 @@ use attitude::{
 use scenario::Scenario;
 
 /// They take the bias off the rate; how wrong it may be, °/s. `vqf` finds out by itself how well a bias is known, whoever found it.
-const ESTIMATE_IT: [(&str, f64); 4] = [("wz", 0.02), ("levelling-pi", 0.02), ("aided", 0.02), ("vqf", 0.08)];
+const ESTIMATE_IT: [(&str, f64); 5] =
+    [("wz", 0.02), ("multiple-model", 0.02), ("levelling-pi", 0.02), ("aided", 0.02), ("vqf", 0.08)];
 /// Of the gyro, rad/s, on each axis: 0.1 °/s.
 const BIAS_RAD_S: f64 = 0.001_745_329_251_994_329_5;
 const SD_RAD_S: f64 = 2e-4;

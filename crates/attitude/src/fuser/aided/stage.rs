@@ -56,7 +56,7 @@ impl Stage for Aided {
         let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::credible);
         self.carried.observe(input);
         if let Some(motion) = &input.motion {
-            self.advance(motion, force_m_s2);
+            corrections.aligned |= self.advance(motion, force_m_s2);
             corrections.tilt = self.started;
         }
         if self.started {

@@ -18,6 +18,8 @@ const VELOCITY_MAX_M_S: f64 = 3e3;
 const TURN_MEMORY_S: f64 = 1.0;
 /// Acceleration that may have gone unseen without an accelerometer, m/s².
 const UNSEEN_M_S2: f64 = 5.0;
+/// A correction of the attitude by more in a tick is announced, rad: 0.05°.
+const ANNOUNCED_RAD: f64 = 8.726_646e-4;
 /// Random walk of the latency, s/√s.
 const LATENCY_WALK_S: f64 = 1e-4;
 
@@ -27,8 +29,8 @@ pub(super) fn credible(force_m_s2: &Vector3<f64>) -> bool {
 }
 
 impl Aided {
-    /// One interval of the gyro, with the specific force at its end.
-    pub(super) fn advance(&mut self, motion: &Motion, force_m_s2: Option<Vector3<f64>>) {
+    /// One interval of the gyro, with the specific force at its end; true where the attitude is corrected by so much that it jumps.
+    pub(super) fn advance(&mut self, motion: &Motion, force_m_s2: Option<Vector3<f64>>) -> bool {
         let dt_s = motion.dt_s;
         let bias_turn = Turn::of_rotation_vector(self.gyro_bias_rad_s * -dt_s);
         self.attitude = self.attitude.turned(motion.turn.then(bias_turn)).attitude;
@@ -39,8 +41,9 @@ impl Aided {
         let platform_rad = matrix * (fed_in_rad + self.earth_rate_rad_s() * dt_s);
         self.attitude = self.attitude.turned(Turn::of_rotation_vector(-platform_rad)).attitude;
         self.pending_rad -= fed_in_rad;
+        let jumps = fed_in_rad.norm_squared() > square(ANNOUNCED_RAD);
         if !self.started || dt_s <= 0.0 {
-            return;
+            return jumps;
         }
         let to_reference = matrix.transpose();
         let rate_rad_s = (motion.rate_rad_s - self.gyro_bias_rad_s).map(|x| x.clamp(-1e3, 1e3));
@@ -68,6 +71,7 @@ impl Aided {
         if self.sums.length_s > INTERVAL_S - 5e-4 {
             self.advance_covariance(to_reference);
         }
+        jumps
     }
 
     fn advance_covariance(&mut self, to_reference: Matrix3<f64>) {

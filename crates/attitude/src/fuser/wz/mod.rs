@@ -69,6 +69,9 @@ impl Default for Wz {
 }
 
 impl Wz {
+    /// Numbers by which it can be set.
+    pub(super) const PARAMETERS: &'static [Parameter] = Settings::TABLE;
+
     /// The hard iron that the heading found, µT, body axes: where it is above 3 µT the magnetometer wants a calibration.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {
         self.heading.hard_iron().field_ut
@@ -128,7 +131,7 @@ impl Stage for Wz {
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        Settings::TABLE
+        Self::PARAMETERS
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {

@@ -1,0 +1,145 @@
+//! The fuser `multiple-model`: which of its two stages speaks, what its heading counts from, and that it says so.
+use attitude::{
+    GRAVITY_M_S2, Vector3,
+    accel::Projector,
+    course::Reference,
+    fuser::{Fused, Fuser, FuserInput},
+    gyro::{Gyro, Motion, RateKind, RateSample},
+    parameters::ParameterError,
+    stage::Stage,
+    state::Attitude,
+    turn::Turn,
+};
+use scenario::{Field, Scenario};
+
+use crate::common::{DT_S, Row, broad};
+
+const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -44.0);
+
+fn named(name: &str) -> Fuser {
+    Fuser::named(name).unwrap()
+}
+
+fn inputs(trial: &[Row], magnetic: bool) -> Vec<FuserInput> {
+    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let input = |(index, row): (usize, &Row)| {
+        let dt_s = if index == 0 { 0.0 } else { DT_S };
+        FuserInput {
+            motion: Some(gyro.step(&RateSample { rate_rad_s: row.rate_rad_s, dt_s, kind: RateKind::Mean })),
+            inclination: Some(accel.step(&row.force_m_s2)),
+            field_ut: magnetic.then_some(row.field_ut),
+            rest_credible: true,
+            rate_credible: true,
+            ..FuserInput::default()
+        }
+    };
+    trial.iter().enumerate().map(input).collect()
+}
+
+#[test]
+fn what_a_hand_moves_has_the_attitude_of_wz_to_the_last_bit() {
+    let Some(trials) = broad() else { return };
+    for (index, trial) in trials.iter().enumerate() {
+        for magnetic in [false, true] {
+            let (mut both, mut wz) = (named("multiple-model"), named("wz"));
+            for (tick, input) in inputs(trial, magnetic).iter().enumerate() {
+                assert_eq!(both.step(input), wz.step(input), "trial {index}, field {magnetic}, tick {tick}");
+            }
+        }
+    }
+}
+
+/// What was published of a cruise with a field and fixes until `until_s`, and of a landing without a word: rest from then on.
+fn flown_and_landed(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
+    let mut scenario = Scenario::named("cruise?duration_s=600").unwrap();
+    scenario.errors.field = magnetic.then_some(Field { reference_ut: FIELD_UT, noise_ut: 0.5 });
+    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let mut fuser = named("multiple-model");
+    let (mut outputs, mut last) = (Vec::new(), Attitude::default());
+    let flight = scenario.readings().take_while(|(t_s, _)| *t_s < until_s);
+    for (tick, (t_s, reading)) in flight.enumerate() {
+        let dt_s = if tick == 0 { 0.0 } else { 0.01 };
+        let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s, kind: scenario.rate_kind };
+        let input = FuserInput {
+            motion: Some(gyro.step(&sample)),
+            inclination: Some(accel.step(&reading.force_m_s2)),
+            field_ut: reading.field_ut,
+            fix: reading.fix.filter(|_| t_s > 10.0),
+            rest_credible: true,
+            rate_credible: true,
+        };
+        outputs.push((t_s, fuser.step(&input)));
+        last = reading.truth.attitude;
+    }
+    for tick in 0..(rest_s * 100.0) as u32 {
+        let motion = Motion { attitude: last, turn: Turn::NONE, rate_rad_s: Vector3::zeros(), dt_s: 0.01 };
+        let input = FuserInput {
+            motion: Some(motion),
+            inclination: Some(accel.step(&(last.up.direction() * GRAVITY_M_S2))),
+            field_ut: magnetic.then(|| last.matrix() * FIELD_UT),
+            rest_credible: true,
+            rate_credible: true,
+            ..FuserInput::default()
+        };
+        outputs.push((until_s + f64::from(tick) * 0.01, fuser.step(&input)));
+    }
+    assert_eq!(fuser.flaw(), None);
+    outputs
+}
+
+/// What the heading counts from, each with the time from which on.
+fn references(outputs: &[(f64, Fused)]) -> Vec<(f64, Reference)> {
+    let mut all: Vec<(f64, Reference)> = Vec::new();
+    for (t_s, out) in outputs {
+        if all.last().is_none_or(|(_, before)| *before != out.reference) {
+            assert!(out.corrections.aligned, "another reference without a word at {t_s} s");
+            all.push((*t_s, out.reference));
+        }
+    }
+    all
+}
+
+#[test]
+fn the_heading_says_what_it_counts_from_whenever_that_changes() {
+    use Reference::{Arbitrary, Magnetic, True};
+    let of = |outputs: &[(f64, Fused)]| references(outputs).into_iter().map(|(_, of)| of).collect::<Vec<_>>();
+    assert_eq!(of(&flown_and_landed(60.0, 400.0, false)), [Arbitrary, True]);
+    let outputs = flown_and_landed(60.0, 400.0, true);
+    let of_flight = references(&outputs);
+    println!("{of_flight:?}");
+    assert_eq!(of_flight.iter().map(|(_, of)| *of).collect::<Vec<_>>(), [Arbitrary, Magnetic, True, Magnetic]);
+    // Five minutes after the last fix.
+    assert!((359.0..361.0).contains(&of_flight[3].0));
+}
+
+#[test]
+fn from_one_stage_to_the_other_nothing_turns_unannounced() {
+    for magnetic in [false, true] {
+        let outputs = flown_and_landed(300.0, 400.0, magnetic);
+        let mut worst_deg = 0f64;
+        // At rest: all that turns is the stage's own doing.
+        for pair in outputs.windows(2).filter(|pair| pair[0].0 > 300.0) {
+            let [(t_s, one), (_, other)] = pair else { continue };
+            let apart = other.attitude.quaternion() * one.attitude.quaternion().conjugate();
+            let deg = 2.0 * apart.imag().norm().to_degrees();
+            if !other.corrections.aligned {
+                worst_deg = worst_deg.max(deg);
+                assert!(deg < 0.05, "{deg}° at {t_s} s");
+            }
+        }
+        println!("field {magnetic}: {worst_deg:.4}° at most in a tick");
+    }
+}
+
+#[test]
+fn it_takes_the_numbers_of_both_stages() {
+    let mut fuser = named("multiple-model");
+    let known = fuser.parameters();
+    let count = ["wz", "aided"].map(|name| named(name).parameters().len()).iter().sum::<usize>();
+    assert_eq!(known.len(), count);
+    for name in ["hard_iron_sd_ut", "antenna_up_m"] {
+        assert_eq!(fuser.set(name, 1.0), Ok(()));
+        assert!(matches!(fuser.set(name, 1e6), Err(ParameterError::OutOfRange { .. })));
+    }
+    assert_eq!(fuser.set("colour", 1.0), Err(ParameterError::Unknown { known }));
+}
