@@ -10,12 +10,10 @@ use bus::{BusError, Observer, Tap};
 use control::{ControlError, ControlRequest, ask};
 use graph::Topic;
 use indicatif::ProgressBar;
-use ingest::source::{Reading, SourceError};
-use launch::Source;
-use messages::{SensorReading, TakenReading};
+use observe::readings::{self, ReadingsError};
 use runtime::ServiceConfig;
 
-use super::{build_on, sample, style};
+use super::style;
 use crate::seeing::{LOOK, Until, observer};
 
 /// How long it is read where nobody says it.
@@ -35,12 +33,7 @@ pub(super) enum LiveError {
     #[error(transparent)]
     Control(#[from] ControlError),
     #[error(transparent)]
-    Source(#[from] SourceError),
-    #[error(
-        "calibrating from {system:?}: its source is a simulation or a recording, whose readings are not published; start it by \
-         `plumb up --readings`"
-    )]
-    NotPublished { system: String },
+    Readings(#[from] ReadingsError),
     #[error(transparent)]
     Refused(#[from] Refusal),
 }
@@ -59,15 +52,10 @@ pub(super) fn calibrated(
 ) -> Result<Report, LiveError> {
     let seat = observer(system, "calibrate")?;
     let config = ask::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
-    build_on(&mut known, &config.launch)?;
-    known.rate_kind = config.gyro_samples().rate_kind();
+    readings::build_on_system(&mut known, &config).map_err(ReadingsError::from)?;
     let limit = duration_s.map_or(LIMIT, Duration::from_secs_f64);
     let mut until = Until::new(|| seat.is_running(), Some(limit));
-    let topic = match config.launch.ingest.source {
-        _ if config.readings => Topic::Reading,
-        Source::Sim | Source::Replay => return Err(LiveError::NotPublished { system: system.into() }),
-        _ => Topic::Sensor,
-    };
+    let topic = readings::topic(&config)?;
     let tap = opened(&seat, topic, &mut until)?;
     let mut calibrator = Calibrator::new(kind, &known);
     let bar = ProgressBar::new(100).with_style(style("{bar:40} {percent:>3} % {wide_msg}"));
@@ -105,12 +93,6 @@ fn opened(seat: &Observer, topic: Topic, until: &mut Until<'_>) -> Result<Tap, B
 
 /// Takes what has come. What was overwritten meanwhile is a gap, which no rest and no turn is taken across.
 fn look(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
-    tap.drain(&mut |bytes| {
-        let reading = match topic {
-            Topic::Reading => bytemuck::try_pod_read_unaligned::<TakenReading>(bytes).ok().map(|it| Reading::from(&it)),
-            _ => bytemuck::try_pod_read_unaligned::<SensorReading>(bytes).ok().map(Reading::from),
-        };
-        reading.iter().for_each(|reading| calibrator.take(&sample(reading)));
-    })?;
+    tap.drain(&mut |bytes| readings::sample(topic, bytes).iter().for_each(|sample| calibrator.take(sample)))?;
     Ok(())
 }

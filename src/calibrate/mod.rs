@@ -7,14 +7,16 @@ use std::{
     process::ExitCode,
 };
 
-use ::calibrate::{Calibrator, Kind, Known, Refusal, Report, Sample};
+use ::calibrate::{Calibrator, Kind, Known, Refusal, Report};
 use ::import::ImportError;
+use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, messages_of};
 use indicatif::{ProgressBar, ProgressStyle};
 use ingest::source::{Reading, SourceError};
 use launch::{GyroSamples, Launch, LaunchError};
 use messages::TakenReading;
+use observe::readings::{build_on, sample_of};
 use score::{
     ScoreError,
     trial::{Gnss, Options, Trial},
@@ -99,6 +101,8 @@ enum CalibrateError {
     Launch(#[from] LaunchError),
     #[error(transparent)]
     Source(#[from] SourceError),
+    #[error("calibrating: [ingest.calibration] of the launch file: {0}")]
+    Calibration(#[from] CalibrationError),
     #[error(transparent)]
     Live(#[from] LiveError),
     #[error(transparent)]
@@ -116,7 +120,7 @@ impl CalibrateError {
         match self {
             Self::Import(error) => error.exit_code(),
             Self::Trial(error) => error.exit_code(),
-            Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) => 3,
+            Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) | Self::Calibration(_) => 3,
             Self::Live(error) => error.exit_code(),
             Self::Source(_) | Self::Refused(_) => 1,
         }
@@ -166,7 +170,7 @@ fn calibrated(calibrate: Calibrate) -> Result<Report, CalibrateError> {
     let mut calibrator = Calibrator::new(kind, &known);
     let bar = ProgressBar::new(trial.rows).with_style(style("{bar:40} {percent:>3} % of {human_len} samples"));
     for (row, reading) in (1u64..).zip(trial.readings()?) {
-        calibrator.take(&sample(&reading?));
+        calibrator.take(&sample_of(&reading?));
         if row.is_multiple_of(4096) {
             bar.set_position(row);
         }
@@ -189,21 +193,9 @@ fn of_flight(
         return Err(CalibrateError::NoReadings { file: file.into() });
     }
     for taken in readings {
-        calibrator.take(&sample(&Reading::from(&taken?)));
+        calibrator.take(&sample_of(&Reading::from(&taken?)));
     }
     Ok(calibrator.finish()?)
-}
-
-/// The calibrations of a launch file.
-fn build_on(known: &mut Known, launch: &Launch) -> Result<(), SourceError> {
-    let launch::Calibrations { gyro, accel, mag } = &launch.ingest.calibration;
-    (known.gyro, known.accel, known.mag) = (gyro.acting()?, accel.acting()?, mag.acting()?);
-    Ok(())
-}
-
-fn sample(reading: &Reading) -> Sample {
-    let Reading { t_ns, rate_rad_s, force_m_s2, field_ut, .. } = *reading;
-    Sample { t_ns, rate_rad_s: rate_rad_s.into(), force_m_s2: force_m_s2.into(), field_ut: field_ut.map(Into::into) }
 }
 
 /// Drawn on standard error, and only on a terminal.

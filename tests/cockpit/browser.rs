@@ -106,6 +106,23 @@ impl Page {
         self.ask(&json!({ "do": "shot", "file": folder.join(name) }));
     }
 
+    /// Every text stands out from what is behind it by a contrast ratio of 4.5.
+    pub(crate) fn assert_readable(&mut self, view: &str) {
+        let seen = self.ask(&json!({ "do": "contrast" }));
+        assert!(seen["looked"].as_u64().unwrap() > 20, "{view}: {seen}");
+        assert_eq!(seen["found"], json!([]), "{view}: below a contrast ratio of 4.5");
+    }
+
+    /// A figure of Chromium's own about the page.
+    pub(crate) fn metric(&mut self, name: &str) -> f64 {
+        self.ask(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
+    }
+
+    /// What was copied last.
+    pub(crate) fn clipboard(&mut self) -> String {
+        self.text("navigator.clipboard.readText()")
+    }
+
     /// Bytes in use by the page's script after all that is not is gone.
     pub(crate) fn heap(&mut self) -> f64 {
         self.ask(&json!({ "do": "heap" })).as_f64().unwrap()

@@ -7,10 +7,10 @@ const [folder, file] = process.argv.slice(2);
 // Node takes a module for one by its ending.
 const place = mkdtempSync(join(tmpdir(), "conventions-"));
 copyFileSync(join(folder, "attitude.js"), join(place, "attitude.mjs"));
-const { angleBetween, angles, attitudeOf, pointOf, up, upOf } = await import(join(place, "attitude.mjs"));
+const { FRAMES, angleBetween, angles, attitudeOf, pointOf, up, upOf } = await import(join(place, "attitude.mjs"));
 rmSync(place, { recursive: true });
 const cases = JSON.parse(readFileSync(file));
-const most = { angles: 0, up: 0, attitude: 0, point: 0 };
+const most = { angles: 0, up: 0, attitude: 0, point: 0, frames: 0 };
 const worse = (name, value) => { most[name] = Math.max(most[name], value); };
 for (const known of cases) {
   const q = known.quaternion_wxyz;
@@ -25,5 +25,6 @@ for (const known of cases) {
   worse("attitude", angleBetween(attitudeOf(own, known.z_rad, inverted), q));
   const [u, v] = pointOf(inverted ? [above[0], -above[1], -above[2]] : above);
   worse("point", Math.hypot(u - known.u, v - known.v));
+  for (const [name, { quaternion_wxyz }] of Object.entries({ ...known.frames, "enu-rfu": known })) worse("frames", angleBetween(FRAMES[name](q), quaternion_wxyz));
 }
-console.log(JSON.stringify({ cases: cases.length, ...most }));
+console.log(JSON.stringify({ cases: cases.length, names: Object.keys(FRAMES), ...most }));

@@ -11,13 +11,21 @@ let page;
 
 const verbs = {
   async open({ url, width, height, scheme, webgl }) {
-    const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true });
+    const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
     page = await context.newPage();
     page.on("console", (said) => ["error", "warning"].includes(said.type()) && troubles.push(said.text()));
     page.on("pageerror", (error) => troubles.push(String(error)));
     page.on("request", (request) => {
       const at = new URL(request.url());
       if (at.hostname !== "127.0.0.1") troubles.push(`a request to ${at.host}`);
+    });
+    await page.addInitScript(() => {
+      globalThis.written = [];
+      const own = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
+        if (globalThis.written.length < 2000) globalThis.written.push({ canvas: this.canvas, text, style: this.fillStyle });
+        own.call(this, text, ...more);
+      };
     });
     if (!webgl) await page.addInitScript(() => {
       const own = HTMLCanvasElement.prototype.getContext;
@@ -42,9 +50,47 @@ const verbs = {
     await session.send("HeapProfiler.collectGarbage");
     return (await session.send("Runtime.getHeapUsage")).usedSize;
   },
+  /** Texts that stand out too little from what is behind them: below a contrast ratio of 4.5 (WCAG 2.2, 1.4.3). */
+  async contrast() { return page.evaluate(tooPale); },
+  /** Script time and tasks since the page began, s, and frames drawn, as Chromium counts them. */
+  async metrics() {
+    const session = await page.context().newCDPSession(page);
+    await session.send("Performance.enable", { timeDomain: "threadTicks" });
+    const { metrics } = await session.send("Performance.getMetrics");
+    return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
+  },
   async troubles() { return troubles; },
   async close() { await browser.close(); return null; },
 };
+
+/** Runs in the page: of its text, and of what its canvases were told to write since the last time. */
+function tooPale() {
+  const parts = (text) => (text.startsWith("#") ? [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)).concat(1) : [...text.matchAll(/[\d.]+/g)].map(Number).concat(1).slice(0, 4));
+  const over = ([r, g, b, a], under) => [r, g, b].map((part, i) => a * part + (1 - a) * under[i]);
+  const light = (rgb) => rgb.map((part) => part / 255).map((part) => (part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4)).reduce((sum, part, i) => sum + part * [0.2126, 0.7152, 0.0722][i], 0);
+  const ratio = (a, b) => { const [x, y] = [light(a), light(b)]; return (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05); };
+  const behind = (at) => {
+    const layers = [];
+    for (let one = at; one; one = one.parentElement) layers.push(parts(getComputedStyle(one).backgroundColor));
+    return layers.reverse().reduce((under, layer) => over(layer, under), [255, 255, 255]);
+  };
+  const own = (name) => parts(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  const found = [];
+  let looked = 0;
+  const look = (what, colour, under) => { looked += 1; const seen = ratio(over(colour, under), under); if (seen < 4.5) found.push(`${what}: ${seen.toFixed(2)}`); };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const at = walker.currentNode.parentElement;
+    const text = walker.currentNode.textContent.trim();
+    if (text && at.checkVisibility({ visibilityProperty: true }) && !["SCRIPT", "STYLE"].includes(at.tagName)) look(text, parts(getComputedStyle(at).color), behind(at));
+  }
+  for (const { canvas, text, style } of globalThis.written.splice(0)) {
+    if (!canvas.isConnected) continue;
+    const under = canvas.getAttribute("aria-label") === "Artificial horizon" ? [own("sky"), own("ground")] : [behind(canvas)];
+    under.forEach((one) => look(`${text}, on a canvas`, parts(style), one.slice(0, 3)));
+  }
+  return { looked, found: [...new Set(found)] };
+}
 
 for await (const line of createInterface({ input: process.stdin })) {
   const asked = JSON.parse(line);

@@ -11,5 +11,6 @@ mod foxglove;
 mod metrics;
 mod page;
 mod recorded;
+mod sensors;
 mod strangers;
 mod tls;

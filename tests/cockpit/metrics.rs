@@ -110,6 +110,16 @@ fn prometheus_reads_what_plumb_ps_says() {
     let age_s = figures.alone("plumbline_attitude_age_seconds").unwrap();
     assert!(age_s > 0.0, "{age_s}");
 
+    let dashboard = include_str!("../../deploy/grafana/plumbline.json");
+    let words = dashboard.split(|letter: char| !letter.is_ascii_alphanumeric() && letter != '_');
+    let asked: BTreeSet<_> = words.filter(|word| word.starts_with("plumbline_")).collect();
+    let given: BTreeSet<_> = figures.0.iter().map(|(name, _, _)| name.as_str()).collect();
+    let missing: Vec<_> = asked.difference(&given).collect();
+    assert!(
+        asked.len() > 15 && missing.is_empty(),
+        "the dashboard asks for what a running system does not give: {missing:?}"
+    );
+
     // A service that is killed has been started again once, and the counts go on.
     signal(running.service("gyro"), Signal::KILL);
     let restarts = |figures: &Figures| figures.of_service("plumbline_service_restarts_total", "gyro") == Some(1.0);

@@ -10,6 +10,7 @@ use crate::{
     browser::{PACKAGES, Page, run},
     common::{Running, System, beyond::free_port, plumb, signal, until},
 };
+use attitude::frames::Frame;
 use rustix::process::Signal;
 
 const PAGE: &str = "services/cockpit/page";
@@ -35,6 +36,13 @@ pub(crate) struct View {
 }
 
 impl View {
+    /// Of a system on this machine, whether it runs or not.
+    pub(crate) fn of(system: &System, listen: &str) -> Self {
+        let mut command = plumb(&["view", "--system", &system.name, "--listen", listen]);
+        command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
+        Self::start(command)
+    }
+
     pub(crate) fn start(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut address = String::new();
@@ -75,14 +83,18 @@ fn every_view_shows_what_was_sent() {
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     let Some(mut page) = Page::start() else { return };
     let mut seen = Vec::new();
-    for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark")] {
+    for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark"), ((1280, 720), "dark"), ((820, 1180), "light")]
+    {
         let headers = page.goto(&address(&system, port), size, scheme, true);
         assert!(headers["content-security-policy"].as_str().unwrap().starts_with("default-src 'none'"), "{headers}");
         page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
-        for (key, view) in ["fly", "method", "sensors", "system"].iter().enumerate() {
+        for (key, view) in ["fly", "method", "sensors", "system", "fleet"].iter().enumerate() {
             page.key(&(key + 1).to_string());
             page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
-            page.shot(&format!("{view}-{}.png", size.0));
+            page.eval("plumb.looked_at = plumb.costs.length");
+            page.until("plumb.costs.length > plumb.looked_at || plumb.costs.length === 600");
+            page.assert_readable(view);
+            page.shot(&format!("{view}-{}-{scheme}.png", size.0));
         }
         page.key("1");
         page.key(" ");
@@ -169,6 +181,38 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
 }
 
 #[test]
+fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    assert_eq!(page.eval("plumb.drawn().shadow"), serde_json::Value::Null);
+    page.key("4");
+    page.until("document.getElementById('slot').value === 'fuser'");
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#shadow");
+    page.click("#yes");
+    page.key("1");
+    page.until("plumb.drawn()?.shadow");
+    let drawn = page.eval("plumb.drawn()");
+    let numbers = |name: &str| serde_json::from_value::<[f64; 4]>(drawn[name].clone()).unwrap();
+    let along: f64 = numbers("quaternion").into_iter().zip(numbers("shadow")).map(|(own, shadow)| own * shadow).sum();
+    let (seen_deg, said_deg) = (2.0 * along.abs().min(1.0).acos().to_degrees(), drawn["apart_deg"].as_f64().unwrap());
+    assert!(said_deg > 0.0 && (seen_deg - said_deg).abs() < 1e-5, "{seen_deg}° of {said_deg}°");
+    let said = page.text("[...document.querySelectorAll('.legend .c-shadow')].find((one) => !one.hidden).textContent");
+    assert!(said.starts_with("shadow of fuser, ") && said.ends_with("° apart"), "{said}");
+    page.shot("fly-shadow.png");
+    page.key("4");
+    page.click("#cancel");
+    page.click("#yes");
+    page.key("1");
+    page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
 fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     let (system, port) = with_cockpit("");
     let running = started(&system, &[]);
@@ -183,6 +227,9 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     page.until("document.querySelector('[data-service=gyro]') && !document.querySelector('[data-service=gyro]').classList.contains('down')");
     page.until("plumb.drawn().services.some(([service, , , restarts]) => service === 'gyro' && restarts === 1)");
 
+    // What has not come for half a second is old.
+    page.until("plumb.data.state(plumb.data.came + 200).kind === 'live'");
+    assert_eq!(page.eval("plumb.data.state(plumb.data.came + 500).kind"), "stale");
     // What is old is grey, and says how old. The supervisor would start a source again that stands still.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
@@ -202,6 +249,87 @@ fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
     // A connection that was refused meanwhile is said by the browser.
     let others: Vec<_> = page.troubles().into_iter().filter(|said| !said.contains("ERR_CONNECTION")).collect();
     assert_eq!(others, Vec::<String>::new());
+}
+
+#[test]
+fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
+    let fault = "[[ingest.fault]]\nsensor = \"accel\"\nkind = \"stuck\"\nfrom_s = 4\nuntil_s = 6\n";
+    let system = System::new(&format!("faults = true\n{fault}"));
+    // Who looks is there before the system, and misses nothing.
+    let view = View::of(&system, &format!("127.0.0.1:{}", free_port()));
+    let Some(mut page) = Page::open(&view.address) else { return };
+    let running = started(&system, &[]);
+    // Flags are up from their first tick to their last.
+    page.until("plumb.data.events.some(({ word, until }) => word === 'fault-injected' && until > 5.9)");
+    page.until("plumb.data.events.some(({ word }) => word === 'force-stuck')");
+    let [from_s, until_s]: [f64; 2] = serde_json::from_value(
+        page.eval("(({ t, until }) => [t, until])(plumb.data.events.find(({ word }) => word === 'fault-injected'))"),
+    )
+    .unwrap();
+    assert!((from_s - 4.0).abs() < 0.1 && (until_s - 6.0).abs() < 0.1, "{from_s} s to {until_s} s");
+    signal(running.service("accel"), Signal::KILL);
+    page.until("['accel ended', 'accel restarted'].every((word) => plumb.told().some((told) => told.word === word))");
+    page.eval("plumb.ended_s = plumb.told().find((told) => told.word === 'accel ended').t");
+    page.key(" ");
+    for view in ["1", "2", "3", "4"] {
+        page.key(view);
+        page.until("plumb.told().some((told) => told.word === 'accel ended' && told.t === plumb.ended_s)");
+    }
+    // To the event by key, in whichever view; the strips, the scene and the words are at its time.
+    page.key("[");
+    page.key("[");
+    page.until("plumb.data.cursor !== null && plumb.told().some((told) => told.t === plumb.data.cursor)");
+    page.until("document.querySelector('#timeline output').textContent.includes('accel')");
+    let said = page.text("document.querySelector('#timeline output').textContent");
+    page.key("1");
+    page.until("plumb.drawn()?.quaternion && document.getElementById('time').textContent === `${plumb.data.shown().t.toFixed(2)} s`");
+    let off_s = page.number("Math.abs(plumb.data.shown().t - plumb.data.cursor)");
+    assert!(off_s < 0.2, "{off_s} s from {said}");
+    page.shot("fly-event.png");
+    page.assert_clean();
+    view.end();
+    running.interrupt();
+    running.wait();
+}
+
+#[test]
+fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    page.key(" ");
+    page.until("document.getElementById('state').textContent === 'paused'");
+    let ours: [f64; 4] = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
+    for (name, frame) in Frame::NAMES {
+        page.eval(&format!("document.getElementById('frame').value = '{name}'"));
+        page.click("#copy-quaternion");
+        page.until(&format!(
+            "document.getElementById('timeline').textContent.includes('copied: w, x, y, z in {name}')"
+        ));
+        let copied: Vec<f64> = page.clipboard().split(", ").map(|part| part.parse().unwrap()).collect();
+        let expected = frame.quaternion(ours);
+        assert!(
+            copied.iter().zip(expected).all(|(copied, expected)| (copied - expected).abs() < 1e-15),
+            "{name}: {copied:?} of {expected:?}"
+        );
+    }
+    page.key("c");
+    page.until("document.getElementById('timeline').textContent.includes(' values')");
+    let copied = page.clipboard();
+    let (names, values) = copied.trim().split_once('\n').unwrap();
+    let column = |wanted: &str| {
+        let place =
+            names.split(',').position(|name| name == wanted).unwrap_or_else(|| panic!("no {wanted} in {names}"));
+        values.split(',').nth(place).unwrap().parse::<f64>().unwrap()
+    };
+    assert_eq!(["qw", "qx", "qy", "qz"].map(column), ours);
+    assert_eq!(column("pitch_rad"), page.number("plumb.data.shown().picture.attitude.pitch_rad"));
+    assert!(column("force_m_s2_least") <= column("force_m_s2_most"));
+    assert_eq!(column("t_s"), page.number("plumb.data.shown().t"));
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
 }
 
 #[test]
@@ -228,9 +356,7 @@ fn plumb_view_shows_a_system_that_has_no_cockpit() {
     let system = System::new("");
     let running = started(&system, &[]);
     let listen = format!("127.0.0.1:{}", free_port());
-    let mut command = plumb(&["view", "--system", &system.name, "--listen", &listen]);
-    command.env("XDG_STATE_HOME", system.path("")).env_remove("STATE_DIRECTORY");
-    let view = View::start(command);
+    let view = View::of(&system, &listen);
     assert!(view.address.starts_with(&format!("http://{listen}/#")), "{}", view.address);
     if let Some(mut page) = Page::open(&view.address) {
         page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
@@ -251,7 +377,8 @@ fn the_mathematics_of_the_page_is_that_of_the_conventions() {
     println!("{said}");
     let most: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(most["cases"], 14);
-    for name in ["angles", "up", "attitude", "point"] {
+    assert_eq!(most["names"], serde_json::json!(Frame::NAMES.map(|(name, _)| name)));
+    for name in ["angles", "up", "attitude", "point", "frames"] {
         assert!(most[name].as_f64().unwrap() < 1e-14, "{name}: {most}");
     }
 }

@@ -410,7 +410,7 @@ impl Checkpoint {
 
 payload! {
     /// How far a candidate is from the stage that owns its slot: angle, inclination, heading.
-    Difference = "plumbline.Difference.1" {
+    Difference = "plumbline.Difference.2" {
         /// The newest tick compared.
         tick: u64,
         /// Ticks compared.
@@ -423,6 +423,8 @@ payload! {
         rms_rad: [f64; 3],
         /// Largest, rad.
         max_rad: [f64; 3],
+        /// At that tick: the turn from the owner's attitude to the candidate's, w x y z, body axes; NaN where unknown.
+        turn: [f64; 4],
         /// The slot's place in the order ingest, gyro, accel, fuser, course, gateway.
         service: u32,
         /// The candidate's incarnation.
@@ -709,6 +711,7 @@ mod tests {
             "lost_upstream",
             "quaternion",
             "jump",
+            "turn",
             "w",
             "p",
             "s",

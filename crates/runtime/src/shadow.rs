@@ -70,7 +70,7 @@ impl<O: Ticked + Comparable> Shadowing<O> {
             if let (Some((_, ours)), Some(theirs), true) = (ours, theirs.attitude(), incarnation != message.incarnation)
             {
                 sums.add(AttitudeError::between(ours, theirs), message);
-                message.tick = tick;
+                (message.tick, message.turn) = (tick, turn(theirs, ours));
             }
         })?;
         let now_ns = monotonic_ns();
@@ -96,5 +96,23 @@ impl Sums {
         message.mean_rad = self.sum.map(|sum| sum * share);
         message.rms_rad = self.square.map(|square| (square * share).sqrt());
         message.max_rad = self.max;
+    }
+}
+
+/// The turn of the body from one attitude to another, w x y z, in its own axes.
+fn turn(from: Quaternion<f64>, to: Quaternion<f64>) -> [f64; 4] {
+    let turn = from.conjugate() * to;
+    [turn.w, turn.i, turn.j, turn.k]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_is_turned_by_the_difference_lies_as_the_candidate() {
+        let (owner, candidate) = (Quaternion::new(0.1, -0.5, 0.7, 0.5), Quaternion::new(0.7, 0.5, -0.5, 0.1));
+        let [w, x, y, z] = turn(owner, candidate);
+        assert!((owner * Quaternion::new(w, x, y, z) - candidate).norm() < 1e-15);
     }
 }

@@ -42,16 +42,19 @@ impl ControlMessage for PageCommand {
     const NAME: &'static str = "PageCommand";
 
     fn check(&self) -> Result<(), Refusal> {
-        let texts = [("request_id", &self.request_id), ("token", &self.token), ("slot", &self.slot)];
-        for (field, value) in texts.into_iter().chain([("stage", &self.stage)]) {
+        let Self { request_id, token, slot, stage, what, .. } = self;
+        for (field, value) in
+            [("request_id", request_id), ("token", token), ("slot", slot), ("stage", stage), ("what", what)]
+        {
             text(value, field, NAME_MAX)?;
         }
-        let (is_look, is_cancel) = (self.kind() == Kind::Look, self.kind() == Kind::Cancel);
+        let is_of_a_slot = matches!(self.kind(), Kind::Swap | Kind::Shadow | Kind::Cancel);
+        let is_of_a_stage = matches!(self.kind(), Kind::Swap | Kind::Shadow);
         let missing = |field| Err(Refusal::Missing { field });
         match self {
             Self { request_id, .. } if request_id.is_empty() => missing("request_id"),
-            Self { slot, .. } if slot.is_empty() && !is_look => missing("slot"),
-            Self { stage, .. } if stage.is_empty() && !is_cancel && !is_look => missing("stage"),
+            Self { slot, .. } if slot.is_empty() && is_of_a_slot => missing("slot"),
+            Self { stage, .. } if stage.is_empty() && is_of_a_stage => missing("stage"),
             _ if self.kind() == Kind::Unspecified => missing("kind"),
             _ => Ok(()),
         }
@@ -64,7 +67,7 @@ mod tests {
 
     fn command() -> PageCommand {
         let [request_id, token, slot, stage] = ["1", "t", "fuser", "vqf"].map(String::from);
-        PageCommand { request_id, token, kind: Kind::Swap.into(), slot, stage, expected_epoch: 0 }
+        PageCommand { request_id, token, kind: Kind::Swap.into(), slot, stage, ..PageCommand::default() }
     }
 
     #[test]
@@ -82,6 +85,8 @@ mod tests {
         assert_eq!(PageCommand::decoded(&cancel.encoded()).unwrap(), cancel);
         let look = PageCommand { kind: Kind::Look.into(), slot: String::new(), ..cancel };
         assert_eq!(PageCommand::decoded(&look.encoded()).unwrap(), look);
+        let calibrate = PageCommand { kind: Kind::Calibrate.into(), what: "mag".into(), ..look };
+        assert_eq!(PageCommand::decoded(&calibrate.encoded()).unwrap(), calibrate);
         for wrong in [
             PageCommand { kind: 0, ..command() },
             PageCommand { kind: 9, ..command() },
@@ -90,6 +95,7 @@ mod tests {
             PageCommand { request_id: String::new(), ..command() },
             PageCommand { token: "x".repeat(NAME_MAX + 1), ..command() },
             PageCommand { stage: "a\u{7}b".into(), ..command() },
+            PageCommand { what: "x".repeat(NAME_MAX + 1), ..calibrate },
         ] {
             assert!(PageCommand::decoded(&wrong.encoded()).is_err(), "{wrong:?}");
         }

@@ -34,21 +34,29 @@ pub trait Payload: Message {
     }
 }
 
-/// Numbers of `any` may be NaN: what a sensor says, and what may be unknown.
+/// A quaternion of which nothing is known.
+const UNKNOWN: v1::Quaternion = v1::Quaternion { w: f64::NAN, x: f64::NAN, y: f64::NAN, z: f64::NAN };
+
+/// Numbers of `any` may be NaN: what a sensor says, and what may be unknown. So may quaternions of `later`, which recorded flights need not have.
 macro_rules! payloads {
-    ($($name:ident { $($field:ident),* } $(any { $($any:ident),* })?;)*) => { $(
+    ($($name:ident { $($field:ident),* } $(any { $($any:ident),* })? $(later { $($later:ident),* })?;)*) => { $(
         impl Payload for $name {
             const NAME: &'static str = stringify!($name);
             type Form = v1::$name;
 
             fn form(&self) -> v1::$name {
-                v1::$name { $($field: Field::put(self.$field),)* $($($any: Field::put(self.$any)),*)? }
+                v1::$name {
+                    $($field: Field::put(self.$field),)*
+                    $($($any: Field::put(self.$any),)*)?
+                    $($($later: Field::put(self.$later),)*)?
+                }
             }
 
             fn of_form(form: v1::$name) -> Result<Self, Refusal> {
                 Ok(Self {
                     $($field: take_checked(form.$field, stringify!($field))?,)*
-                    $($($any: Field::take(form.$any, stringify!($any))?),*)?
+                    $($($any: Field::take(form.$any, stringify!($any))?,)*)?
+                    $($($later: Field::take(form.$later.or(Some(UNKNOWN)), stringify!($later))?,)*)?
                 })
             }
         }
@@ -81,7 +89,7 @@ payloads! {
         rate_rad_s, inclination_sd_rad, reset_counter, jump
     };
     Credit { ticks, ends };
-    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation };
+    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation } later { turn };
     Health {
         ticks, lost, duplicated, repeated, next_tick, refused, late_wakes, flags, service, state, incarnation, pid, epoch, missed,
         published_from, flawed, clock_offset_ns, clock_jitter_ns, clock_steps

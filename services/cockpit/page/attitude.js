@@ -94,3 +94,12 @@ export function angles(q) {
   const z = rotate(q, [0, 0, 1]);
   return [Math.atan2(-y[0], y[1]), Math.atan2(y[2], Math.hypot(x[2], z[2])), Math.atan2(-x[2], z[2])];
 }
+
+/** How an attitude is given in the frames of others, as `[output]` of the launch file names them: its quaternion w x y z.
+ * @type {Record<string, (q: Quat) => Quat>} */
+export const FRAMES = {
+  "enu-rfu": (q) => q,
+  "enu-flu": ([w, x, y, z]) => [(w - z) * Math.SQRT1_2, (x + y) * Math.SQRT1_2, (y - x) * Math.SQRT1_2, (z + w) * Math.SQRT1_2],
+  "nwu-flu": ([w, x, y, z]) => [w, y, -x, z],
+  "ned-frd": ([w, x, y, z]) => [w, y, x, -z],
+};

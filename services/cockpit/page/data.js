@@ -1,26 +1,36 @@
 // What the page knows: the pictures of the last minute or of a recording, the standing, the events, and which moment is looked at.
 // It knows topics, time and thinning, and nothing of the document.
 
-import { angleBetween, attitudeOf, upOf } from "./attitude.js";
+import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
 /** What is kept of a picture: the quantities of the strips as [least, most].
  * @typedef {{ t: number, number: number, picture: Message, values: Record<string, [number, number]> }} Frame */
-/** @typedef {{ t: number, text: string, fault: boolean, kind: string, service: string, tick: number }} Told */
+/** Something that happened: when on the source's clock, s, null where that is not known, and until when; when it was told on the board's clock, s.
+ * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, tick: number }} Told */
 
 export const SHOWN_S = 60;
 const FRAMES_MAX = 3000;
-const EVENTS_MAX = 300;
+const EVENTS_MAX = 1000;
+/** A flag that comes again within this time has been up all the while, s. */
+const FLAG_S = 1;
 /** After so long without a picture with an attitude what is shown is old, ms. */
 export const STALE_MS = 400;
+/** A difference is told ten times a second; one that is older belongs to a shadow that is gone, s. */
+const DIFFERENCE_S = 0.5;
 const NONE = 2 ** 53;
 
 const EXTREMES = {
-  QUANTITY_FORCE_M_S2: "force", QUANTITY_FIELD_UT: "field", QUANTITY_RATE_X_RAD_S: "rate_x", QUANTITY_RATE_Y_RAD_S: "rate_y",
-  QUANTITY_RATE_Z_RAD_S: "rate_z", QUANTITY_INNOVATION_RAD: "innovation", QUANTITY_ERROR_RAD: "error", QUANTITY_LATENCY_S: "latency",
+  QUANTITY_FORCE_M_S2: "force_m_s2", QUANTITY_FIELD_UT: "field_ut", QUANTITY_RATE_X_RAD_S: "rate_x_rad_s", QUANTITY_RATE_Y_RAD_S: "rate_y_rad_s",
+  QUANTITY_RATE_Z_RAD_S: "rate_z_rad_s", QUANTITY_INNOVATION_RAD: "innovation_rad", QUANTITY_ERROR_RAD: "error_rad", QUANTITY_LATENCY_S: "latency_s",
 };
+
+const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "reference"];
+
+/** The quantities that have a range within a picture. */
+export const RANGES = new Set(Object.values(EXTREMES));
 
 export class Data {
   constructor() {
@@ -28,9 +38,17 @@ export class Data {
     /** @type {Message} */ this.standing = {};
     /** @type {Told[]} */ this.events = [];
     /** @type {Message | null} */ this.answer = null;
+    /** Why a calibration was refused. */ this.refusal = "";
+    /** How the calibration that is under way does. @type {Message | null} */ this.calibration = null;
     /** The newest of each message, as long as it is worth showing. @type {Message} */ this.newest = {};
+    /** The newest difference of each slot's shadow, and when it came. @type {Map<string, { t: number, difference: Message }>} */ this.shadows = new Map();
     /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
     this.paused = false;
+    /** How much of the last minute the strips and the time line show, s. */ this.span_s = SHOWN_S;
+    /** Where that ends, s. */ this.end = 0;
+    /** The source's clock less the board's, s; null as long as no message has said both. @type {number | null} */ this.lead_s = null;
+    /** The newest event of each flag. @type {Map<string, Told>} */ this.up = new Map();
+    /** The names of the flags, each with whether it says nothing bad. @type {[string, boolean][]} */ this.flags = [];
     /** The connection: "connecting", "open", "closed", "refused". */ this.link = "connecting";
     this.came = -Infinity;
     /** Pictures of a recording. @type {Message[]} */ this.recording = [];
@@ -42,8 +60,12 @@ export class Data {
   clear() {
     this.frames.length = 0;
     this.events.length = 0;
+    this.up.clear();
     this.standing = {};
     this.newest = {};
+    this.lead_s = null;
+    this.calibration = null;
+    this.shadows.clear();
     this.answer = null;
     this.cursor = null;
     this.paused = false;
@@ -52,34 +74,93 @@ export class Data {
 
   /** Takes a picture. @param {Message} picture @param {number} now */
   take(picture, now) {
-    for (const event of picture.events) this.note(event);
+    // What happened in a recording is known from the beginning.
+    if (!this.recording.length) this.hear(picture);
     if (picture.t_made_ns === 0 && !picture.attitude && !picture.imu) return;
-    for (const name of ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "reference"]) {
-      if (picture[name]) this.newest[name] = picture[name];
-    }
+    for (const name of TOPICS) if (picture[name]) this.newest[name] = picture[name];
     if (picture.attitude) this.came = now;
     const header = (picture.attitude ?? picture.imu)?.header;
     if (!header) return;
-    const frame = { t: header.t_end_ns * 1e-9, number: picture.number, picture: { ...this.newest, differences: picture.differences }, values: valuesOf(picture) };
+    const t = header.t_end_ns * 1e-9;
     const last = this.frames.at(-1);
     // A source that begins anew begins the strips anew.
-    if (last && frame.t < last.t - 1) this.frames.length = 0;
+    if (last && t < last.t - 1) this.forget();
+    for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
+    for (const [slot, shadow] of this.shadows) if (t - shadow.t > DIFFERENCE_S) this.shadows.delete(slot);
+    const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
+    const frame = { t, number: picture.number, picture: { ...this.newest, differences }, values: valuesOf(picture) };
     this.frames.push(frame);
     if (!this.paused) {
       while (this.frames.length > FRAMES_MAX || (this.frames.length > 1 && this.frames[0].t < frame.t - SHOWN_S)) this.frames.shift();
     } else if (this.frames.length > 2 * FRAMES_MAX) {
-      this.frames.splice(0, FRAMES_MAX);
+      // What stood when it was paused stays.
+      this.frames.splice(FRAMES_MAX, FRAMES_MAX / 2);
     }
+  }
+
+  /** Another run begins: what was seen is no longer before it. */
+  forget() {
+    this.frames.length = 0;
+    this.shadows.clear();
+    this.up.clear();
+    for (const told of this.events) if (told.t !== null) told.t = NaN;
+  }
+
+  /** Takes what a picture says of events and flags. @param {Message} picture */
+  hear(picture) {
+    const header = (picture.attitude ?? picture.imu)?.header;
+    if (header) {
+      const t = header.t_end_ns * 1e-9;
+      this.lead_s = t - header.t_sent_ns * 1e-9;
+      for (const told of this.events) told.t ??= told.told_s + this.lead_s;
+      this.flags.forEach(([name, usual], bit) => {
+        if (!usual && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.flagged(name, header.tick, t);
+      });
+    }
+    for (const event of picture.events) this.note(event);
+  }
+
+  /** A flag is up. @param {string} name @param {number} tick @param {number} t */
+  flagged(name, tick, t) {
+    const last = this.up.get(name);
+    if (last?.until && t >= last.until && t - last.until < FLAG_S) {
+      last.until = t;
+      return;
+    }
+    const told = { t, until: t, told_s: t - (this.lead_s ?? 0), number: -1, text: `flag ${name} at tick ${tick}`, word: name, fault: name !== "swapped", kind: "FLAG", service: "", tick };
+    this.up.set(name, told);
+    this.add(told);
   }
 
   /** @param {Message} event */
   note(event) {
-    if (this.events.some((told) => told.tick === event.tick && told.kind === event.kind && told.text === say(event))) return;
+    const told_s = event.t_told_ns * 1e-9;
+    if (this.events.some((told) => told.number === event.number && told.told_s === told_s)) return;
     const kind = event.kind.replace("EVENT_KIND_", "");
     const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind);
-    const service = event.service.replace("SERVICE_", "").toLowerCase();
-    this.events.push({ t: event.t_told_ns * 1e-9, text: say(event), fault, kind: event.kind, service: service === "unspecified" ? "" : service, tick: event.tick });
+    const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
+    const word = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
+    this.add({ t: this.lead_s === null ? null : told_s + this.lead_s, until: null, told_s, number: event.number, text: say(event, word), word, fault, kind: event.kind, service, tick: event.tick });
+  }
+
+  /** @param {Told} told */
+  add(told) {
+    this.events.push(told);
     if (this.events.length > EVENTS_MAX) this.events.shift();
+  }
+
+  /** The times that strips and time line show, s. @returns {[number, number]} */
+  window() {
+    const newest = this.frames.at(-1)?.t ?? 0;
+    if (!this.paused || this.cursor === null) this.end = newest;
+    else if (this.cursor > this.end) this.end = this.cursor;
+    else if (this.cursor < this.end - this.span_s) this.end = this.cursor + this.span_s;
+    return [this.end - this.span_s, this.end];
+  }
+
+  /** Shows less or more of the last minute. @param {number} factor */
+  zoom(factor) {
+    this.span_s = Math.max(2, Math.min(SHOWN_S, this.span_s * factor));
   }
 
   /** What is looked at. @returns {Frame | null} */
@@ -136,29 +217,27 @@ function valuesOf(picture) {
   }
   const { attitude, fused, accel, gyro } = picture;
   if (attitude) {
-    one("yaw", attitude.yaw_rad); one("pitch", attitude.pitch_rad); one("roll", attitude.roll_rad); one("course", attitude.course_rad);
-    one("inclination_sd", attitude.inclination_sd_rad);
-    if (attitude.course_sd_rad < Math.PI) one("course_sd", attitude.course_sd_rad);
+    one("yaw_rad", attitude.yaw_rad); one("pitch_rad", attitude.pitch_rad); one("roll_rad", attitude.roll_rad); one("course_rad", attitude.course_rad);
+    one("inclination_sd_rad", attitude.inclination_sd_rad);
+    if (attitude.course_sd_rad < Math.PI) one("course_sd_rad", attitude.course_sd_rad);
   }
   if (fused?.w) {
-    one("u", fused.w.re); one("v", fused.w.im); one("z", fused.z_rad);
+    one("u", fused.w.re); one("v", fused.w.im); one("z_rad", fused.z_rad);
     const bias = fused.bias_rad_s;
-    if (bias) { one("bias_x", bias.x); one("bias_y", bias.y); one("bias_z", bias.z); }
+    if (bias) { one("bias_x_rad_s", bias.x); one("bias_y_rad_s", bias.y); one("bias_z_rad_s", bias.z); }
   }
-  if (gyro?.w) { one("u_gyro", gyro.w.re); one("v_gyro", gyro.w.im); one("z_gyro", gyro.z_rad); }
+  if (gyro?.w) { one("u_gyro", gyro.w.re); one("v_gyro", gyro.w.im); one("z_gyro_rad", gyro.z_rad); }
   if (accel?.w) { one("u_accel", accel.w.re); one("v_accel", accel.w.im); }
-  for (const difference of picture.differences) if (difference.now_rad) one("difference", difference.now_rad.x);
+  for (const difference of picture.differences) if (difference.now_rad) one("difference_rad", difference.now_rad.x);
   return values;
 }
 
-/** An event in words. @param {Message} event */
-function say(event) {
-  const kind = event.kind.replace("EVENT_KIND_", "").toLowerCase().replaceAll("_", " ");
-  const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase() + " ";
+/** An event in words. @param {Message} event @param {string} word */
+function say(event, word) {
   const stage = event.stage ? ` ${event.stage}` : "";
   const tick = event.tick < NONE && event.tick > 0 ? ` at tick ${event.tick}` : "";
   const why = event.why ? `: ${event.why}` : "";
-  return `${service}${kind}${stage}${tick}${why}`;
+  return word + stage + tick + why;
 }
 
 /** @param {Message | null | undefined} q @returns {Quat | null} */
@@ -176,6 +255,12 @@ export function upOfPoint(message) {
 export function attitudeOfPoint(message) {
   const up = upOfPoint(message);
   return up && message ? attitudeOf(up, message.z_rad, message.chart === "CHART_INVERTED") : null;
+}
+
+/** The attitude of the shadow of a slot: that of the owner, turned by what lies between them. @param {Message} picture @returns {Quat | null} */
+export function attitudeOfShadow(picture) {
+  const [own, turn] = [quaternion(picture.attitude?.quaternion), quaternion(picture.differences?.[0]?.turn)];
+  return own && turn?.every(Number.isFinite) ? product(own, turn) : null;
 }
 
 /** The error against the reference of the same tick, rad. @param {Message} picture */

@@ -1,7 +1,7 @@
 // Fly: how the body lies, and whether to believe it.
 
 import { DEGREE, angles, rotate } from "./attitude.js";
-import { attitudeOfPoint, errorOf, quaternion } from "./data.js";
+import { attitudeOfPoint, attitudeOfShadow, errorOf, quaternion } from "./data.js";
 import { colour, element, rows, tint } from "./look.js";
 import { Scene } from "./scene.js";
 import { Strips, signed } from "./strips.js";
@@ -40,7 +40,7 @@ export class Fly {
     place.replaceChildren(grid);
     this.scene = new Scene(scene, 5);
     const legend = element("ul", "legend");
-    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"]]).map(([mark, look, name]) => {
+    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"], ["┄", "c-shadow", "shadow"]]).map(([mark, look, name]) => {
       const item = element("li", look, name);
       item.dataset.mark = mark;
       legend.append(item);
@@ -50,9 +50,9 @@ export class Fly {
     scene.append(legend, this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ of: "yaw", name: "yaw", colour: "axis-z" }, { of: "pitch", name: "pitch", colour: "axis-x" }, { of: "roll", name: "roll", colour: "axis-y" }] },
-      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ of: "rate_x", name: "x", colour: "axis-x" }, { of: "rate_y", name: "y", colour: "axis-y" }, { of: "rate_z", name: "z", colour: "axis-z" }] },
-      { title: "error, ± sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error", name: "error", colour: "fault" }, { of: "inclination_sd", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference", name: "shadow", colour: "shadow" }] },
+      { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ of: "yaw_rad", name: "yaw", colour: "axis-z" }, { of: "pitch_rad", name: "pitch", colour: "axis-x" }, { of: "roll_rad", name: "roll", colour: "axis-y" }] },
+      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ of: "rate_x_rad_s", name: "x", colour: "axis-x" }, { of: "rate_y_rad_s", name: "y", colour: "axis-y" }, { of: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
+      { title: "error, ± sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error_rad", name: "error", colour: "fault" }, { of: "inclination_sd_rad", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference_rad", name: "shadow", colour: "shadow" }] },
     ]);
     /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -63,18 +63,21 @@ export class Fly {
     const own = quaternion(picture.attitude?.quaternion);
     const truth = quaternion(picture.reference?.quaternion);
     const gyro = attitudeOfPoint(picture.gyro);
-    this.drawn = { quaternion: own, reference: truth, gyro, yaw_deg: null, error_deg: null };
-    this.ghosts[1].hidden = !truth;
-    this.ghosts[2].hidden = !gyro;
-    this.draw3d(own, truth, gyro);
+    const shadow = attitudeOfShadow(picture);
+    const apart_deg = shadow ? picture.differences[0].now_rad.x / DEGREE : null;
+    this.drawn = { quaternion: own, reference: truth, gyro, shadow, apart_deg, yaw_deg: null, error_deg: null };
+    [own, truth, gyro, shadow].forEach((ghost, at) => { this.ghosts[at].hidden = !ghost; });
+    const slot = shadow ? picture.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
+    this.ghosts[3].textContent = `shadow of ${slot}, ${apart_deg?.toFixed(2)}° apart`;
+    this.draw3d(own, truth, gyro, shadow);
     this.drawHorizon(own);
     this.drawRose(picture.attitude);
     this.drawValues(picture);
     this.strips.draw();
   }
 
-  /** @param {Quat | null} own @param {Quat | null} truth @param {Quat | null} gyro */
-  draw3d(own, truth, gyro) {
+  /** @param {Quat | null} own @param {Quat | null} truth @param {Quat | null} gyro @param {Quat | null} shadow */
+  draw3d(own, truth, gyro, shadow) {
     const { scene } = this;
     scene.begin();
     const ring = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
@@ -83,6 +86,10 @@ export class Fly {
       scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.5))], tint(`axis-${name}`), 0.7);
       const end = /** @type {Vec} */ (axis.map((part) => part * 1.62));
       scene.label(end, { x: "east x", y: "north y", z: "up z" }[name] ?? name, `c-${name}`);
+    }
+    if (shadow) {
+      for (const [, axis] of AXES) scene.line(dashes(rotate(shadow, axis), 1.4), tint("shadow"), 1.2, true);
+      for (const shape of BODY) scene.line([...shape, shape[0]].map((point) => rotate(shadow, point)), tint("shadow", 0.8), 0.6);
     }
     if (truth) for (const [, axis] of AXES) scene.line(dashes(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
     if (gyro) for (const [, axis] of AXES) scene.line([[0, 0, 0], /** @type {Vec} */ (rotate(gyro, axis).map((part) => part * 1.1))], tint("gyro"), 0.9);

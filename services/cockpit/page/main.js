@@ -7,6 +7,7 @@ import { element, theme } from "./look.js";
 import { Method } from "./method.js";
 import { Sensors } from "./sensors.js";
 import { System } from "./system.js";
+import { Timeline } from "./timeline.js";
 import { Wire } from "./wire.js";
 
 /** @typedef {import("./wire.js").Message} Message */
@@ -30,6 +31,7 @@ if (token) sessionStorage.setItem("token", token);
 /** The vehicle that is looked at, where one is chosen. */
 let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 /** @type {Wire} */ let wire;
+/** @type {Timeline} */ let timeline;
 /** @type {WebSocket | null} */ let socket = null;
 /** @type {any} */ let shown = null;
 let name = "";
@@ -57,7 +59,7 @@ function connect() {
   made.addEventListener("message", ({ data: bytes }) => {
     if (made !== socket) return;
     data.bytes += bytes.byteLength;
-    const { picture, standing, answer } = wire.decode("ToPage", new Uint8Array(bytes));
+    const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.take(picture, performance.now());
     if (standing) {
       const first = data.standing.pictures !== standing.pictures;
@@ -66,7 +68,10 @@ function connect() {
       data.standing = standing;
       if (standing.state === "STATE_RECORDING" && first) void load(standing.pictures);
     }
-    if (answer) {
+    if (calibration) data.calibration = calibration.what ? calibration : null;
+    // An answer about no slot is that to a calibration.
+    if (answer && !answer.slot) data.refusal = answer.reason;
+    else if (answer) {
       data.answer = answer;
       if (shown instanceof System) shown.answered(answer);
     }
@@ -97,6 +102,8 @@ async function load(count) {
     if (!pictures.length) break;
     all.push(...pictures);
   }
+  data.events.length = 0;
+  for (const picture of all) data.hear(picture);
   data.recording = all;
   data.paused = true;
   get("scrub").hidden = false;
@@ -108,11 +115,10 @@ async function load(count) {
 function seek(place) {
   data.place = Math.max(0, Math.min(data.recording.length - 1, Math.round(place)));
   data.frames.length = 0;
-  data.events.length = 0;
   data.newest = {};
+  data.shadows.clear();
   data.cursor = null;
   const from = Math.max(0, data.place - 1800);
-  for (const picture of data.recording.slice(0, from)) for (const event of picture.events) data.note(event);
   for (const picture of data.recording.slice(from, data.place + 1)) data.take(picture, performance.now());
   input("place").value = String(data.place);
 }
@@ -142,7 +148,7 @@ function show(wanted) {
   name = wanted;
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
   const place = get("view");
-  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data) : name === "system" ? new System(place, data, ask) : new Fleet(place, data, choose);
+  shown = name === "fly" ? new Fly(place, data) : name === "method" ? new Method(place, data) : name === "sensors" ? new Sensors(place, data, ask) : name === "system" ? new System(place, data, ask) : new Fleet(place, data, choose);
   if (shown instanceof System && data.answer) shown.answered(data.answer);
 }
 
@@ -182,15 +188,12 @@ function pause() {
   if (!data.paused && data.recording.length && data.place + 1 >= data.recording.length) seek(0);
 }
 
-/** Copies what is under the cursor. */
-function copy() {
-  const frame = data.shown();
-  if (!frame) return;
-  const names = Object.keys(frame.values);
-  const q = frame.picture.attitude?.quaternion;
-  const head = ["t_s", "qw", "qx", "qy", "qz", ...names].join(",");
-  const line = [frame.t, ...(q ? [q.w, q.x, q.y, q.z] : ["", "", "", ""]), ...names.map((one) => frame.values[one][1])].join(",");
-  void navigator.clipboard?.writeText(`${head}\n${line}\n`);
+/** Sets the cursor, in a recording the place. @param {number} t */
+function go(t) {
+  if (!data.recording.length) { data.cursor = t; return; }
+  data.paused = true;
+  const at = data.recording.findIndex((picture) => ((picture.attitude ?? picture.imu)?.header.t_end_ns ?? -Infinity) * 1e-9 >= t);
+  seek(at < 0 ? data.recording.length - 1 : at);
 }
 
 /** @param {KeyboardEvent} event */
@@ -205,7 +208,9 @@ function key(event) {
   else if (event.key === " " && at.tagName !== "BUTTON") pause();
   else if (event.key === "l") { data.paused = false; data.cursor = null; }
   else if (event.key === "r") shown?.scene?.reset();
-  else if (event.key === "c") copy();
+  else if (event.key === "c") void timeline.copyValues();
+  else if (event.key === "q") void timeline.copyQuaternion();
+  else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
   else if (event.key === "t") theme();
   else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
   else if (event.key === "s") { show("system"); get("slot").focus(); }
@@ -227,6 +232,7 @@ function frame(now) {
   before = now;
   bar(now);
   shown?.draw();
+  timeline.draw();
   costs.push(performance.now() - began);
   if (costs.length > 600) costs.shift();
 }
@@ -246,12 +252,15 @@ async function begin() {
   get("help").addEventListener("click", () => /** @type {HTMLDialogElement} */ (get("keys")).showModal());
   input("place").addEventListener("input", () => seek(Number(input("place").value)));
   document.addEventListener("keydown", key);
-  wire = new Wire(await (await fetch("/schema.json")).json());
+  const schema = await (await fetch("/schema.json")).json();
+  wire = new Wire(schema);
+  data.flags = schema.flags;
+  timeline = new Timeline(get("timeline"), data, go);
   show("fly");
   connect();
   requestAnimationFrame(frame);
 }
 
 /** What is drawn, for tests. */
-Object.assign(window, { plumb: { data, costs, state: () => data.state(performance.now()), drawn: () => shown?.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
+Object.assign(window, { plumb: { data, costs, state: () => data.state(performance.now()), drawn: () => shown?.drawn, told: () => timeline.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
 void begin();

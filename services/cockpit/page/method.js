@@ -31,9 +31,10 @@ export class Method {
     this.strips = new Strips(strips, data, [
       { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ of: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "u_gyro", name: "gyro", colour: "gyro" }, { of: "u", name: "fused", colour: "fused" }] },
       { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ of: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { of: "v_gyro", name: "gyro", colour: "gyro" }, { of: "v", name: "fused", colour: "fused" }] },
-      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ of: "z_gyro", name: "gyro", colour: "gyro" }, { of: "z", name: "fused", colour: "fused" }] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ of: "innovation", name: "accelerometer against fused", colour: "accel" }] },
-      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ of: "bias_x", name: "x", colour: "axis-x" }, { of: "bias_y", name: "y", colour: "axis-y" }, { of: "bias_z", name: "z", colour: "axis-z" }] },
+      { title: "z", unit: "°", scale: deg, digits: 1, lines: [{ of: "z_gyro_rad", name: "gyro", colour: "gyro" }, { of: "z_rad", name: "fused", colour: "fused" }] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, lines: [{ of: "innovation_rad", name: "accelerometer against fused", colour: "accel" }] },
+      { title: "deviation", unit: "° (sd)", scale: deg, digits: 2, lines: [{ of: "inclination_sd_rad", name: "inclination", colour: "fused" }, { of: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
+      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ of: "bias_x_rad_s", name: "x", colour: "axis-x" }, { of: "bias_y_rad_s", name: "y", colour: "axis-y" }, { of: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
     ]);
     /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
   }

@@ -4,7 +4,6 @@
 /** A line of a strip: the quantity, its colour, how it is drawn. @typedef {{ of: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
 /** @typedef {{ title: string, unit: string, scale: number, digits: number, lines: Line[] }} Strip */
 
-import { SHOWN_S } from "./data.js";
 import { colour } from "./look.js";
 
 export class Strips {
@@ -12,18 +11,17 @@ export class Strips {
   constructor(panel, data, strips) {
     this.data = data;
     this.strips = strips;
-    this.shown_s = SHOWN_S;
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", `Strips of ${strips.map((strip) => strip.title).join(", ")}; click sets the cursor, the wheel changes how much is shown`);
     panel.append(this.canvas);
     this.canvas.addEventListener("click", (event) => {
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      if (part >= 0 && part <= 1) data.cursor = this.from + part * this.shown_s;
+      if (part >= 0 && part <= 1) data.cursor = this.from + part * data.span_s;
     });
     this.canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.shown_s = Math.max(2, Math.min(SHOWN_S, this.shown_s * Math.exp(event.deltaY * 1e-3)));
+      data.zoom(Math.exp(event.deltaY * 1e-3));
     }, { passive: false });
     this.from = 0;
   }
@@ -41,19 +39,18 @@ export class Strips {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, height);
     context.font = "13px system-ui, sans-serif";
-    const end = data.paused && data.cursor !== null ? Math.max(data.cursor, (data.frames.at(-1)?.t ?? 0) - (SHOWN_S - this.shown_s)) : data.frames.at(-1)?.t ?? 0;
-    this.from = end - this.shown_s;
+    [this.from] = data.window();
     const each = (height - FOOT) / this.strips.length;
     this.strips.forEach((strip, place) => this.strip(context, strip, place * each, each, width));
     context.fillStyle = colour("quiet");
     context.textAlign = "center";
     for (let part = 0; part <= 4; part++) {
-      const t = this.from + (part / 4) * this.shown_s;
+      const t = this.from + (part / 4) * data.span_s;
       const x = LEFT + (part / 4) * (width - LEFT - RIGHT);
       if (t >= (data.frames[0]?.t ?? Infinity)) context.fillText(`${t.toFixed(1)} s`, Math.min(x, width - 30), height - 5);
     }
     if (data.cursor !== null) {
-      const x = LEFT + ((data.cursor - this.from) / this.shown_s) * (width - LEFT - RIGHT);
+      const x = LEFT + ((data.cursor - this.from) / data.span_s) * (width - LEFT - RIGHT);
       context.strokeStyle = colour("ink");
       context.setLineDash([2, 3]);
       context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height - FOOT); context.stroke();
@@ -120,21 +117,23 @@ export class Strips {
     const bins = new Array(count);
     let before = -1;
     for (const frame of this.data.frames) {
-      const x = Math.floor(((frame.t - this.from) / this.shown_s) * count);
+      const x = Math.floor(((frame.t - this.from) / this.data.span_s) * count);
       const value = frame.values[of];
       if (!value || x < 0 || x >= count) continue;
       const [least, most] = [value[0] * scale, value[1] * scale];
       const bin = bins[x];
       if (bin) { bin[0] = Math.min(bin[0], least); bin[1] = Math.max(bin[1], most); } else bins[x] = [least, most];
       // A gap of more than half a second stays one.
-      if (before >= 0 && x > before + 1 && ((x - before) / count) * this.shown_s < 0.5) for (let i = before + 1; i < x; i++) bins[i] = [least, least];
+      if (before >= 0 && x > before + 1 && ((x - before) / count) * this.data.span_s < 0.5) for (let i = before + 1; i < x; i++) bins[i] = [least, least];
       before = x;
     }
     return bins;
   }
 }
 
-const LEFT = 118, RIGHT = 8, FOOT = 20;
+/** What is left free of each strip for its name, and after it; the time line has the same. */
+export const LEFT = 118, RIGHT = 8;
+const FOOT = 20;
 
 /** With its sign always. @param {number} value @param {number} digits */
 export const signed = (value, digits) => (value >= 0 ? "+" : "−") + Math.abs(value).toFixed(digits);

@@ -2,6 +2,7 @@
 
 import { DEGREE } from "./attitude.js";
 import { element, rows } from "./look.js";
+import { Strips } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
@@ -38,8 +39,10 @@ export class System {
     this.confirm = /** @type {HTMLDialogElement} */ (element("dialog", ""));
     this.slot.addEventListener("change", () => this.fillStages());
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
+    const strips = element("div", "panel short");
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, lines: [{ of: "latency_s", name: "birth to attitude", colour: "fused" }] }]);
     place.replaceChildren(
-      element("h2", "", "Services"), this.boxes,
+      element("h2", "", "Services"), this.boxes, strips,
       element("div", "columns",
         element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "What happened, newest first"), this.quiet, element("table", "", this.events))),
@@ -124,6 +127,7 @@ export class System {
       this.slot.value = standing.slots?.some((/** @type {Message} */ one) => one.slot === before) ? before : "fuser";
       this.fillStages();
     }
+    this.strips.draw();
     for (const button of this.buttons) button.disabled = !standing.takes_commands;
     this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
     this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
@@ -132,7 +136,7 @@ export class System {
     if (this.told !== events.length) {
       this.told = events.length;
       this.quiet.hidden = events.length > 0;
-      rows(this.events, [...events].reverse().slice(0, 60).map((told) => [`${told.t.toFixed(2)} s`, told.text]), ["number c-quiet", ""]);
+      rows(this.events, [...events].reverse().slice(0, 60).map((told) => [told.t === null || Number.isNaN(told.t) ? "before" : `${told.t.toFixed(2)} s`, told.text]), ["number c-quiet", ""]);
       [...events].reverse().slice(0, 60).forEach((told, at) => told.fault && this.events.children[at].classList.add("fault"));
     }
   }

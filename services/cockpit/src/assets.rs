@@ -8,6 +8,7 @@ use axum::{
     response::Response,
 };
 use flate2::{Compression, write::GzEncoder};
+use messages::Flags;
 use rust_embed::RustEmbed;
 use serde_json::{Map, Value, json};
 
@@ -93,7 +94,7 @@ fn response(status: StatusCode, body: Body) -> Response {
     response
 }
 
-/// The schema as the page's reader goes by it: of each message the fields by their numbers, of each enum the names.
+/// The schema as the page's reader goes by it: of each message the fields by their numbers, of each enum and of the flags the names.
 fn schema() -> Value {
     let (fields, names) = wire::schema::rules();
     let (mut messages, mut enums) = (Map::new(), Map::new());
@@ -105,7 +106,8 @@ fn schema() -> Value {
     for (of, name, number) in names {
         enums.entry(of).or_insert_with(|| json!({}))[number.to_string()] = name.into();
     }
-    json!({ "messages": messages, "enums": enums })
+    let flags: Vec<_> = Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::USUAL.any(*flag)])).collect();
+    json!({ "messages": messages, "enums": enums, "flags": flags })
 }
 
 #[cfg(test)]

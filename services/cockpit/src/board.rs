@@ -3,12 +3,17 @@
 use std::time::{Duration, Instant};
 
 use bus::{Observer, SystemName, Tap};
+use calibrate::{Kind, Known};
 use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, ask};
 use graph::{Service, Topic};
 use launch::{Launch, Source as LaunchSource};
+use observe::readings;
 use runtime::ServiceConfig;
 
-use crate::source::{Description, Desk, Source, SourceState};
+use crate::{
+    calibration::Wish,
+    source::{Description, Desk, Source, SourceState},
+};
 
 /// What is looked at; of the path, an output before what it was made of.
 pub const TOPICS: [Topic; 11] = [
@@ -34,6 +39,8 @@ pub struct Board {
     seat: Option<Seat>,
     tried: Option<Instant>,
     state: SourceState,
+    /// Looked at beside [`TOPICS`].
+    more: Option<Topic>,
 }
 
 #[derive(Debug)]
@@ -47,7 +54,7 @@ impl Board {
     /// The system of that name, which need not run yet.
     pub fn new(system: &str) -> Self {
         let state = SourceState::Connecting(format!("the system {system:?} does not run; `plumb up` starts it"));
-        Self { system: system.into(), seat: None, tried: None, state }
+        Self { system: system.into(), seat: None, tried: None, state, more: None }
     }
 
     /// Now and then: whether the run is still the same, and topics that have come.
@@ -64,7 +71,10 @@ impl Board {
         }
         if self.seat.is_none() {
             match SystemName::new(&self.system).and_then(|name| Observer::sit(&name, "cockpit")) {
-                Ok(observer) => self.seat = Some(Seat { taps: Vec::new(), missing: TOPICS.to_vec(), observer }),
+                Ok(observer) => {
+                    let missing = TOPICS.into_iter().chain(self.more).collect();
+                    self.seat = Some(Seat { taps: Vec::new(), missing, observer });
+                }
                 Err(error) => {
                     // One that has ended is still told so.
                     if self.state == SourceState::Live {
@@ -102,6 +112,15 @@ impl Source for Board {
 
     fn has_every_tick(&self) -> bool {
         true
+    }
+
+    fn read(&mut self, topic: Option<Topic>) {
+        self.more = topic;
+        if let Some(Seat { taps, missing, .. }) = &mut self.seat {
+            taps.retain(|(tapped, _)| TOPICS.contains(tapped));
+            missing.retain(|missing| TOPICS.contains(missing));
+            missing.extend(topic);
+        }
     }
 }
 
@@ -151,6 +170,14 @@ impl Desk for SupervisorDesk {
 
     fn cancel(&self, slot: &str) -> Result<(), String> {
         self.ask(&ControlRequest::Cancel { slot: slot.into() })
+    }
+
+    fn wish(&self, kind: Kind) -> Result<Wish, String> {
+        let config: ServiceConfig = self.ask(&ControlRequest::ServiceConfig)?;
+        let topic = readings::topic(&config).map_err(|error| error.to_string())?;
+        let mut known = Known::default();
+        readings::build_on_system(&mut known, &config).map_err(|error| error.to_string())?;
+        Ok(Wish { kind, known, topic })
     }
 }
 

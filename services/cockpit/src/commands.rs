@@ -1,4 +1,4 @@
-//! What a viewer may ask for: swaps, shadows, their end. Each needs the token; few are under way at once.
+//! What a viewer may ask for: swaps, shadows, their end, calibrations. Each needs the token; few are under way at once.
 
 use std::{
     collections::BTreeMap,
@@ -14,6 +14,7 @@ use wire::{
 };
 
 use crate::{
+    hub::Hub,
     source::Desk,
     token::{Role, Tokens},
 };
@@ -31,6 +32,7 @@ pub(crate) struct Commands {
 /// A viewer's commands.
 pub(crate) struct Session<'c> {
     commands: Option<&'c Commands>,
+    hub: Arc<Hub>,
     answers: Sender<SwapAnswer>,
     /// The slots in which this viewer's shadows run.
     shadows: Arc<Mutex<Vec<String>>>,
@@ -44,8 +46,8 @@ impl Commands {
 }
 
 impl<'c> Session<'c> {
-    pub(crate) fn new(commands: Option<&'c Commands>, answers: Sender<SwapAnswer>) -> Self {
-        Self { commands, answers, shadows: Arc::default() }
+    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, answers: Sender<SwapAnswer>) -> Self {
+        Self { commands, hub, answers, shadows: Arc::default() }
     }
 
     /// Carries out what the viewer asks for; whether it may go on asking.
@@ -74,10 +76,15 @@ impl<'c> Session<'c> {
             return true;
         };
         let (desk, answers, shadows) = (commands.desk.clone(), self.answers.clone(), self.shadows.clone());
+        let hub = self.hub.clone();
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
+            let answer = match command.kind() {
+                Kind::Calibrate => calibrate(&*desk, command, &hub),
+                _ => Some(carry_out(&*desk, command, &shadows)),
+            };
             // A viewer who has gone needs no answer.
-            let _ = answers.blocking_send(carry_out(&*desk, command, &shadows));
+            let _ = answer.map(|answer| answers.blocking_send(answer));
         });
         true
     }
@@ -95,6 +102,23 @@ impl Drop for Session<'_> {
             let desk = commands.desk.clone();
             tokio::task::spawn_blocking(move || desk.cancel(&slot));
         }
+    }
+}
+
+/// Begins or ends a calibration; the answer where that cannot be.
+fn calibrate(desk: &dyn Desk, command: PageCommand, hub: &Hub) -> Option<SwapAnswer> {
+    if command.what.is_empty() {
+        hub.calibrate(None);
+        return None;
+    }
+    let kind = calibrate::Kind::NAMES.iter().find(|(name, _)| *name == command.what).map(|(_, kind)| *kind);
+    let kind = kind.ok_or_else(|| "expected gyro, accel, mag, mounting or clock".to_owned());
+    match kind.and_then(|kind| desk.wish(kind)) {
+        Ok(wish) => {
+            hub.calibrate(Some(wish));
+            None
+        }
+        Err(why) => Some(refused(command, why)),
     }
 }
 

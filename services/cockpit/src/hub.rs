@@ -9,10 +9,10 @@ use axum::body::Bytes;
 use tokio::sync::broadcast::{self, Receiver};
 use wire::{
     command::ControlMessage,
-    v1::{AttitudeOutput, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
+    v1::{AttitudeOutput, Calibration, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
 };
 
-use crate::picture::EVENTS_MAX;
+use crate::{calibration::Wish, picture::EVENTS_MAX};
 
 /// Messages that a viewer may be behind before it misses some: a quarter of a second.
 const BEHIND_MAX: usize = 8;
@@ -22,6 +22,8 @@ const BEHIND_MAX: usize = 8;
 pub struct Hub {
     told: broadcast::Sender<Bytes>,
     last: Mutex<Last>,
+    /// That a calibration begin, or that the one under way end; who makes pictures has not yet seen to it.
+    wished: Mutex<Option<Option<Wish>>>,
     /// What viewers of the Foxglove WebSocket protocol are told.
     #[cfg(feature = "foxglove")]
     pub(crate) live: std::sync::Arc<crate::foxglove::feed::Live>,
@@ -32,6 +34,7 @@ pub struct Hub {
 struct Last {
     newest: Newest,
     events: VecDeque<SystemEvent>,
+    calibration: Option<Calibration>,
 }
 
 /// The newest of what is known.
@@ -49,6 +52,7 @@ impl Default for Hub {
         Self {
             told: broadcast::Sender::new(BEHIND_MAX),
             last: Mutex::default(),
+            wished: Mutex::default(),
             #[cfg(feature = "foxglove")]
             live: std::sync::Arc::default(),
         }
@@ -85,6 +89,22 @@ impl Hub {
         self.say(Said::Standing(standing));
     }
 
+    /// Tells how a calibration does.
+    pub(crate) fn tell_calibration(&self, calibration: Calibration) {
+        self.last().calibration = Some(calibration.clone()).filter(|calibration| !calibration.what.is_empty());
+        self.say(Said::Calibration(calibration));
+    }
+
+    /// Asks that a calibration begin, or that the one under way end.
+    pub(crate) fn calibrate(&self, wish: Option<Wish>) {
+        *self.wished.lock().unwrap_or_else(PoisonError::into_inner) = Some(wish);
+    }
+
+    /// What was asked for since the last time.
+    pub(crate) fn wished(&self) -> Option<Option<Wish>> {
+        self.wished.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
     /// Somebody looks.
     pub fn is_watched(&self) -> bool {
         #[cfg(feature = "foxglove")]
@@ -100,7 +120,9 @@ impl Hub {
         let last = self.last();
         let events = last.events.iter().cloned().collect();
         let past = Picture { events, ..Picture::default() };
-        (vec![message(Said::Standing(last.newest.standing.clone())), message(Said::Picture(past))], told)
+        let first = [Said::Standing(last.newest.standing.clone()), Said::Picture(past)];
+        let calibration = last.calibration.clone().map(Said::Calibration);
+        (first.into_iter().chain(calibration).map(message).collect(), told)
     }
 
     /// What is known now.

@@ -12,6 +12,7 @@
 //! | [`board`] | a system on this machine |
 //! | [`recording`] | a recording, thinned out |
 //! | [`picture`] | messages thinned to what is seen |
+//! | [`calibration`] | how far the sensors' readings suffice for one |
 //! | `standing` | how the system is, once a second |
 //! | [`sight`] | what a page can look at |
 //! | [`hub`] | between who makes pictures and who sends them |
@@ -28,6 +29,7 @@
 
 mod assets;
 pub mod board;
+pub mod calibration;
 mod commands;
 #[cfg(feature = "foxglove")]
 mod foxglove;
@@ -57,11 +59,12 @@ use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use crate::{
     board::Board,
+    calibration::Calibration,
     hub::Hub,
     picture::Thinner,
     server::{Server, ServerError},
     sight::Look,
-    source::{Desk, Source},
+    source::{Desk, Source, SourceState},
     standing::Watch,
     token::{Role, TokenError, Tokens},
 };
@@ -131,6 +134,7 @@ pub fn present<E>(
     #[cfg(feature = "foxglove")]
     let mut feed = foxglove::feed::Feed::new(hub.live.clone());
     let mut told = None::<Instant>;
+    let mut calibration = None::<Calibration>;
     while goes_on(thinner.pictures())? {
         let began = Instant::now();
         #[cfg(feature = "foxglove")]
@@ -138,6 +142,7 @@ pub fn present<E>(
         let state = source.look(&mut |topic, bytes| {
             thinner.take(topic, bytes);
             watch.take(topic, bytes);
+            calibration.iter_mut().for_each(|calibration| calibration.take(topic, bytes));
             #[cfg(feature = "foxglove")]
             feed.take(topic, bytes, now_ns);
         });
@@ -145,12 +150,34 @@ pub fn present<E>(
         feed.source_is(&state);
         if told.is_none_or(|told| told.elapsed() >= STANDING_INTERVAL) || watch.is_another(&state) {
             told = Some(began);
-            hub.tell(watch.standing(state));
+            hub.tell(watch.standing(state.clone()));
         }
+        attend(&mut calibration, source, hub, state == SourceState::Live);
         hub.show(thinner.picture(monotonic_ns()));
         thread::sleep(PICTURE_INTERVAL.saturating_sub(began.elapsed()));
     }
     Ok(())
+}
+
+/// Begins and ends calibrations as they are asked for, and tells how the one under way does.
+fn attend(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
+    if let Some(wish) = hub.wished() {
+        source.read(wish.as_ref().map(|wish| wish.topic));
+        if wish.is_none() {
+            hub.tell_calibration(wire::v1::Calibration::default());
+        }
+        *calibration = wish.map(Calibration::new);
+    }
+    let Some(under_way) = calibration else { return };
+    let news = under_way.news();
+    let is_given_up = !is_live || under_way.is_over();
+    if is_given_up || news.as_ref().is_some_and(|news| !news.report.is_empty()) {
+        source.read(None);
+        *calibration = None;
+    }
+    if let Some(news) = if is_given_up { Some(wire::v1::Calibration::default()) } else { news } {
+        hub.tell_calibration(news);
+    }
 }
 
 /// Tells the supervisor where the page is, once it answers.

@@ -126,6 +126,7 @@ impl Thinner {
         self.range(Quantity::ForceMS2, norm(sample.force_m_s2));
         let axes = [Quantity::RateXRadS, Quantity::RateYRadS, Quantity::RateZRadS];
         axes.into_iter().zip(sample.rate_rad_s).for_each(|(axis, rate_rad_s)| self.range(axis, rate_rad_s));
+        self.picture.flags |= sample.header.flags.0;
         self.picture.imu = Some(sample.form());
     }
 
@@ -145,6 +146,7 @@ impl Thinner {
         let Some(attitude) = read::<AttitudeOutput>(bytes) else { return };
         let header = attitude.header;
         self.range(Quantity::LatencyS, header.t_sent_ns.saturating_sub(header.t_born_ns) as f64 * 1e-9);
+        self.picture.flags |= header.flags.0;
         if self.attitudes.len() < ATTITUDES_MAX {
             self.attitudes.push((header.tick, attitude.quaternion));
         }

@@ -277,7 +277,7 @@ async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocket
         let commands = desk.zip(served.site.tokens.clone());
         let commands = commands.map(|(desk, tokens)| Commands::new(desk, tokens, served.room.clone()));
         let door = served.is_secured.then_some(served.site.tokens.as_ref());
-        socket::serve(socket, &look.hub, commands.as_ref(), door).await;
+        socket::serve(socket, look.hub, commands.as_ref(), door).await;
     })
 }
 

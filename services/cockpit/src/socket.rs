@@ -1,7 +1,7 @@
 //! A viewer: pictures go out as they come, commands come in. One who does not take what is sent is dropped after a while; one who is slow
 //! misses pictures.
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use axum::{
     body::Bytes,
@@ -33,7 +33,7 @@ const TOKEN_LIMIT: Duration = Duration::from_secs(5);
 /// Serves a viewer until it goes; where there is a `door`, first one of its tokens is to be shown.
 pub(crate) async fn serve(
     mut socket: WebSocket,
-    hub: &Hub,
+    hub: Arc<Hub>,
     commands: Option<&Commands>,
     door: Option<Option<&Tokens>>,
 ) {
@@ -51,7 +51,7 @@ pub(crate) async fn serve(
         }
     }
     let (answers, mut answered) = mpsc::channel::<SwapAnswer>(ANSWERS);
-    let mut session = Session::new(commands, answers);
+    let mut session = Session::new(commands, hub.clone(), answers);
     loop {
         let step = next(&mut socket, &mut told, &mut answered).await;
         let goes_on = match step {

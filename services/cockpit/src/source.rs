@@ -1,8 +1,11 @@
 //! Where the data come from, and who answers for the system.
 
+use calibrate::Kind;
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
 use wire::v1::VehicleLine;
+
+use crate::calibration::Wish;
 
 /// How a source is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,6 +27,10 @@ pub trait Source {
 
     /// No tick is left out on the way here.
     fn has_every_tick(&self) -> bool;
+
+    /// A topic of the sensors' own readings is to be handed over, too, from now on, or none any more. Nobody asks for it whose
+    /// [`Desk::wish`] has none.
+    fn read(&mut self, _topic: Option<Topic>) {}
 }
 
 /// What a system is.
@@ -62,4 +69,9 @@ pub trait Desk: Send + Sync {
 
     /// Ends a slot's shadow.
     fn cancel(&self, slot: &str) -> Result<(), String>;
+
+    /// What a calibration goes by; the reason where there can be none.
+    fn wish(&self, _kind: Kind) -> Result<Wish, String> {
+        Err("a calibration needs every reading, which only the vehicle's own page has: `plumb view` on board, or `ssh -L`".into())
+    }
 }

@@ -16,7 +16,7 @@ use crate::{
     motion::{Seen, Windows},
     report::{Coverage, Refusal, Report, Residual, Value, array, rows},
     rest::{MeanNoise, Rest, RestFinder},
-    sphere::Sphere,
+    sphere::{PARTS, Sphere},
 };
 
 /// Rests whose forces are closer than this are one position, cosine of 15°.
@@ -44,6 +44,7 @@ pub struct Accel {
     rests: RestFinder,
     windows: Windows,
     gravity_m_s2: f64,
+    newest_m_s2: Option<Vector3<f64>>,
 }
 
 /// A mean force at rest.
@@ -76,17 +77,30 @@ enum How {
 impl Accel {
     pub(crate) fn new(known: &Known) -> Self {
         let windows = Windows::new(known.gyro);
-        Self { rests: RestFinder::default(), windows, gravity_m_s2: known.gravity_m_s2 }
+        Self { rests: RestFinder::default(), windows, gravity_m_s2: known.gravity_m_s2, newest_m_s2: None }
     }
 
     pub(crate) fn take(&mut self, sample: &Sample) {
         self.rests.take(sample);
         self.windows.take(sample);
+        self.newest_m_s2 = Some(sample.force_m_s2);
     }
 
     pub(crate) fn coverage(&self) -> Coverage {
         let (of_rests, of_motion) = (coverage(&self.rests()), coverage_in_motion(self.windows.whole()));
         if of_motion.share > of_rests.share { of_motion } else { of_rests }
+    }
+
+    /// A side is covered as a whole.
+    pub(crate) fn parts(&self) -> [bool; PARTS] {
+        let (rests, windows) = (self.rests(), self.windows.whole());
+        let is_motion = coverage_in_motion(windows).share > coverage(&rests).share;
+        let faces = if is_motion { faces_in_motion(windows) } else { Sphere::of(&distinct(&rests)).faces() };
+        std::array::from_fn(|part| faces[part / 4])
+    }
+
+    pub(crate) fn direction(&self) -> Option<Vector3<f64>> {
+        self.newest_m_s2
     }
 
     fn rests(&self) -> Vec<Rest> {
@@ -294,8 +308,13 @@ fn coverage(rests: &[Rest]) -> Coverage {
     }
 }
 
+/// Whether each side was up.
+fn faces_in_motion(windows: &[Seen]) -> [bool; 6] {
+    std::array::from_fn(|face| windows.iter().any(|seen| seen.sides_up[face]))
+}
+
 fn coverage_in_motion(windows: &[Seen]) -> Coverage {
-    let faces: [bool; 6] = std::array::from_fn(|face| windows.iter().any(|seen| seen.sides_up[face]));
+    let faces = faces_in_motion(windows);
     let there = faces.iter().filter(|is_there| **is_there).count();
     let share = (there as f64 / 6.0).min(windows.len() as f64 / WINDOWS_MIN as f64).min(1.0);
     let absent: Vec<_> = (0..6).filter(|face| !faces[*face]).map(side).collect();

@@ -38,6 +38,7 @@ use std::fmt;
 use attitude::{GRAVITY_M_S2, Vector3, calibration::Calibration, gyro::RateKind};
 
 pub use report::{Coverage, Refusal, Report};
+pub use sphere::PARTS;
 
 /// Times farther from zero than 126 years are left out, ns: differences of the others fit into 64 bits.
 const T_MAX_NS: u64 = 4_000_000_000_000_000_000;
@@ -68,6 +69,17 @@ pub enum Kind {
     Mounting,
     /// The magnetometer's delay.
     Clock,
+}
+
+impl Kind {
+    /// Every one with the name that people ask for it by.
+    pub const NAMES: [(&str, Self); 5] = [
+        ("gyro", Self::Gyro),
+        ("accel", Self::Accel),
+        ("mag", Self::Mag),
+        ("mounting", Self::Mounting),
+        ("clock", Self::Clock),
+    ];
 }
 
 impl fmt::Display for Kind {
@@ -174,6 +186,24 @@ impl Calibrator {
             Of::Mag(of) => of.coverage(),
             Of::Mounting(of) => of.coverage(),
             Of::Clock(of) => of.coverage(),
+        }
+    }
+
+    /// Whether each of the [`PARTS`] of the sphere is covered, sensor axes; `None` where directions do not count.
+    pub fn parts(&self) -> Option<[bool; PARTS]> {
+        match &self.of {
+            Of::Accel(of) => Some(of.parts()),
+            Of::Mag(of) => Some(of.parts()),
+            Of::Gyro(_) | Of::Mounting(_) | Of::Clock(_) => None,
+        }
+    }
+
+    /// Where the force or the field of the last reading points whose directions count, sensor axes.
+    pub fn direction(&self) -> Option<Vector3<f64>> {
+        match &self.of {
+            Of::Accel(of) => of.direction(),
+            Of::Mag(of) => of.direction(),
+            Of::Gyro(_) | Of::Mounting(_) | Of::Clock(_) => None,
         }
     }
 

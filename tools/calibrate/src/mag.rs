@@ -12,7 +12,7 @@ use crate::{
     ellipsoid::{Ellipsoid, deviations},
     least_squares::Normal,
     report::{Coverage, Refusal, Report, Residual, Value, array, rows},
-    sphere::Sphere,
+    sphere::{PARTS, Sphere},
 };
 
 /// Samples kept: at most so many, at first no closer than this, ns.
@@ -84,13 +84,32 @@ impl Mag {
         self.most_ut = self.most_ut.sup(&field_ut);
     }
 
-    /// About the middle of what was seen, for want of the hard iron.
     pub(crate) fn coverage(&self) -> Coverage {
-        let (middle, half) = ((self.least_ut + self.most_ut) * 0.5, (self.most_ut - self.least_ut) * 0.5);
-        let sphere = Sphere::of(&self.samples.iter().map(|(_, field_ut)| field_ut - middle).collect::<Vec<_>>());
-        // What only trembles covers nothing.
-        let is_seen = std::array::from_fn(|axis| half[axis] >= HALF_RANGE_MIN_UT);
-        self.told(&sphere, is_seen)
+        self.told(&self.directions(), self.is_seen())
+    }
+
+    pub(crate) fn parts(&self) -> [bool; PARTS] {
+        if self.is_seen() == [false; 3] { [false; PARTS] } else { self.directions().parts() }
+    }
+
+    pub(crate) fn direction(&self) -> Option<Vector3<f64>> {
+        self.samples.last().map(|(_, field_ut)| field_ut - self.middle_ut())
+    }
+
+    /// For want of the hard iron.
+    fn middle_ut(&self) -> Vector3<f64> {
+        (self.least_ut + self.most_ut) * 0.5
+    }
+
+    fn directions(&self) -> Sphere {
+        let middle_ut = self.middle_ut();
+        Sphere::of(&self.samples.iter().map(|(_, field_ut)| field_ut - middle_ut).collect::<Vec<_>>())
+    }
+
+    /// What only trembles covers nothing.
+    fn is_seen(&self) -> [bool; 3] {
+        let half_ut = (self.most_ut - self.least_ut) * 0.5;
+        std::array::from_fn(|axis| half_ut[axis] >= HALF_RANGE_MIN_UT)
     }
 
     fn told(&self, sphere: &Sphere, is_seen: [bool; 3]) -> Coverage {

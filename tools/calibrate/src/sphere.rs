@@ -2,13 +2,13 @@
 
 use attitude::Vector3;
 
-/// Cells there are.
-pub(crate) const CELLS: usize = 24;
+/// Parts of the sphere: four on each face of a cube, +x, −x, +y, −y, +z, −z, by the signs of the two axes that follow in turn: ++, +−, −+, −−.
+pub const PARTS: usize = 24;
 
 /// Directions that occurred.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Sphere {
-    counts: [u32; CELLS],
+    counts: [u32; PARTS],
 }
 
 /// The face of a direction of any length: +x, −x, +y, −y, +z, −z.
@@ -40,6 +40,11 @@ impl Sphere {
         self.counts.iter().filter(|count| **count > 0).count()
     }
 
+    /// Whether each cell has a reading.
+    pub(crate) fn parts(&self) -> [bool; PARTS] {
+        self.counts.map(|count| count > 0)
+    }
+
     /// Whether each face has a reading: +x, −x, +y, −y, +z, −z.
     pub(crate) fn faces(&self) -> [bool; 6] {
         std::array::from_fn(|face| self.counts[4 * face..4 * face + 4].iter().any(|count| *count > 0))
@@ -64,6 +69,6 @@ mod tests {
                 all.push(direction);
             }
         }
-        assert_eq!(Sphere::of(&all).cells(), CELLS);
+        assert_eq!(Sphere::of(&all).cells(), PARTS);
     }
 }

@@ -9,6 +9,7 @@
 //! | [`record`] | a message by its layout: names, units, values |
 //! | [`tables`] | messages as tables of numbers |
 //! | [`flow`], [`interval`] | rate, intervals, bytes, and what was lost where |
+//! | [`readings`] | the sensors' own readings, for a calibration |
 //! | [`topics`] | which topics there are, and who is at them |
 //! | [`hops`], [`process`], [`top`] | how long each service takes, what it costs, and both with its state |
 //! | [`doctor`] | whether the machine and the system are as they should be |
@@ -19,6 +20,7 @@ pub mod flow;
 pub mod hops;
 pub mod interval;
 pub mod process;
+pub mod readings;
 pub mod record;
 pub mod tables;
 pub mod top;

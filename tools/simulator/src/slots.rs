@@ -268,6 +268,7 @@ impl<S: Slot> Worker<S> {
                 tick: self.health.next_tick,
                 ticks: 1,
                 now_rad: [turn.random.between(0, 100) as f64 * 1e-3; 3],
+                turn: [1.0, 0.0, 0.0, 0.0],
                 service: self.health.service,
                 incarnation: self.health.incarnation,
                 ..bytemuck::Zeroable::zeroed()

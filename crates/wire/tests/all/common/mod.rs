@@ -142,7 +142,7 @@ drawn! {
     Credit { ticks: word, ends: word }
     Difference {
         tick: word, ticks: word, now_rad: numbers, mean_rad: numbers, rms_rad: numbers, max_rad: numbers, service: service,
-        incarnation: half
+        incarnation: half, turn: quaternion
     }
     Health {
         ticks: word, lost: word, duplicated: word, repeated: word, next_tick: word, refused: word, late_wakes: word,
