@@ -24,11 +24,14 @@ fn packages() -> Result<PathBuf, String> {
         run(Command::new("apt-get").args(["install", "-y", "-qq", "--no-install-recommends"]).args(packages))?;
     }
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit");
-    if !folder.join("node_modules/typescript/bin/tsc").is_file() {
+    if !["typescript/bin/tsc", "@foxglove/ws-protocol"]
+        .iter()
+        .all(|package| folder.join("node_modules").join(package).exists())
+    {
         std::fs::create_dir_all(&folder).map_err(|cause| cause.to_string())?;
-        let install =
-            ["install", "--no-audit", "--no-fund", "--prefix", ".", "playwright-core@1.64.1", "typescript@5.9.3"];
-        run(Command::new("npm").args(install).current_dir(&folder))?;
+        let install = ["install", "--no-audit", "--no-fund", "--prefix", "."];
+        let packages = ["playwright-core@1.64.1", "typescript@5.9.3", "@foxglove/ws-protocol@0.8.0", "ws@8.23.0"];
+        run(Command::new("npm").args(install).args(packages).current_dir(&folder))?;
     }
     Ok(folder)
 }

@@ -12,6 +12,7 @@ use std::{
 };
 
 use crate::{
+    browser::{PACKAGES, run},
     common::{System, beyond::free_port, data, plumb, python::python, signal, until},
     page::{View, row, with_cockpit},
     strangers::{UPGRADE, connected, get},
@@ -39,6 +40,31 @@ fn listens(port: u16) {
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]
+}
+
+#[test]
+fn the_client_that_foxglove_publishes_sees_the_attitude_that_plumb_wrote() {
+    let Some(packages) = &*PACKAGES else { return };
+    let (system, port) = with_cockpit("");
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.all_run();
+    listens(port);
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut client = Command::new("node");
+    client.arg(root.join("tests/foreign/foxglove.mjs")).arg(packages).arg(root.join("services/cockpit/page"));
+    let seen: Value = serde_json::from_str(&run(client.arg(format!("127.0.0.1:{port}")).arg("3")).unwrap()).unwrap();
+    running.interrupt();
+    running.wait().assert_whole();
+    assert_eq!(seen["errors"], Value::Array(vec![]));
+    assert_eq!(seen["info"]["name"], format!("plumbline {}", system.name));
+    for (topic, schema) in [("/tf", "foxglove.FrameTransform"), ("/attitude", "plumbline.v1.AttitudeOutput")] {
+        assert_eq!(seen["schemas"][topic], format!("protobuf {schema}"));
+        assert!(seen["messages"][topic].as_u64() > Some(20), "{seen}");
+    }
+    let attitude = &seen["attitude"];
+    let quaternion: Vec<f64> = serde_json::from_value(attitude["quaternion"].clone()).unwrap();
+    assert_eq!(quaternion, row(&out, attitude["tick"].as_u64().unwrap())[1..5]);
 }
 
 #[test]

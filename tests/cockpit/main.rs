@@ -5,6 +5,7 @@
 mod common;
 
 mod browser;
+mod cost;
 mod fleet;
 #[cfg(feature = "foxglove")]
 mod foxglove;

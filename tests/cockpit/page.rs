@@ -83,8 +83,7 @@ fn every_view_shows_what_was_sent() {
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     let Some(mut page) = Page::start() else { return };
     let mut seen = Vec::new();
-    for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark"), ((1280, 720), "dark"), ((820, 1180), "light")]
-    {
+    for (size, scheme) in [((1280, 720), "light"), ((820, 1180), "dark")] {
         let headers = page.goto(&address(&system, port), size, scheme, true);
         assert!(headers["content-security-policy"].as_str().unwrap().starts_with("default-src 'none'"), "{headers}");
         page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
@@ -203,10 +202,26 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     assert!(said.starts_with("shadow of fuser, ") && said.ends_with("° apart"), "{said}");
     page.shot("fly-shadow.png");
     page.key("4");
+    page.until("!document.getElementById('promote').disabled");
+    page.shot("system-shadow.png");
+    page.click("#promote");
+    page.click("#yes");
+    page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED' && told.service === 'fuser' && told.stage === 'vqf')");
+    page.key("1");
+    page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
+    // Another one, which is ended.
+    page.key("4");
+    page.until("document.getElementById('slot').value === 'fuser'");
+    page.eval("document.getElementById('stage').value = 'wz'");
+    page.click("#shadow");
+    page.click("#yes");
+    page.until("!document.getElementById('promote').disabled");
     page.click("#cancel");
     page.click("#yes");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
+    let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
+    assert_eq!(fuser["stage"], "vqf");
     page.assert_clean();
     running.interrupt();
     running.wait().assert_whole();
@@ -259,14 +274,12 @@ fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
     let view = View::of(&system, &format!("127.0.0.1:{}", free_port()));
     let Some(mut page) = Page::open(&view.address) else { return };
     let running = started(&system, &[]);
-    // Flags are up from their first tick to their last.
-    page.until("plumb.data.events.some(({ word, until }) => word === 'fault-injected' && until > 5.9)");
+    // Flags are up from their first picture to their last, also where some were missed.
+    page.until("plumb.data.events.some(({ word, until }) => word === 'fault-injected' && until > 5.5)");
     page.until("plumb.data.events.some(({ word }) => word === 'force-stuck')");
-    let [from_s, until_s]: [f64; 2] = serde_json::from_value(
-        page.eval("(({ t, until }) => [t, until])(plumb.data.events.find(({ word }) => word === 'fault-injected'))"),
-    )
-    .unwrap();
-    assert!((from_s - 4.0).abs() < 0.1 && (until_s - 6.0).abs() < 0.1, "{from_s} s to {until_s} s");
+    let code = "(told => [Math.min(...told.map(({ t }) => t)), Math.max(...told.map(({ until }) => until))])(plumb.data.events.filter(({ word }) => word === 'fault-injected'))";
+    let [from_s, until_s]: [f64; 2] = serde_json::from_value(page.eval(code)).unwrap();
+    assert!((3.9..5.0).contains(&from_s) && (5.5..7.0).contains(&until_s), "{from_s} s to {until_s} s");
     signal(running.service("accel"), Signal::KILL);
     page.until("['accel ended', 'accel restarted'].every((word) => plumb.told().some((told) => told.word === word))");
     page.eval("plumb.ended_s = plumb.told().find((told) => told.word === 'accel ended').t");
@@ -276,15 +289,17 @@ fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
         page.until("plumb.told().some((told) => told.word === 'accel ended' && told.t === plumb.ended_s)");
     }
     // To the event by key, in whichever view; the strips, the scene and the words are at its time.
-    page.key("[");
-    page.key("[");
-    page.until("plumb.data.cursor !== null && plumb.told().some((told) => told.t === plumb.data.cursor)");
-    page.until("document.querySelector('#timeline output').textContent.includes('accel')");
-    let said = page.text("document.querySelector('#timeline output').textContent");
+    let mut steps = 0;
+    while page.eval("plumb.data.cursor === plumb.ended_s") != true {
+        steps += 1;
+        assert!(steps < 50, "{}", page.eval("JSON.stringify(plumb.told())"));
+        page.key("[");
+    }
+    page.until("document.querySelector('#timeline output').textContent.includes('accel ended')");
     page.key("1");
     page.until("plumb.drawn()?.quaternion && document.getElementById('time').textContent === `${plumb.data.shown().t.toFixed(2)} s`");
     let off_s = page.number("Math.abs(plumb.data.shown().t - plumb.data.cursor)");
-    assert!(off_s < 0.2, "{off_s} s from {said}");
+    assert!(off_s < 0.2, "{off_s} s");
     page.shot("fly-event.png");
     page.assert_clean();
     view.end();

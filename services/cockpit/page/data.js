@@ -9,7 +9,7 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** What is kept of a picture: the quantities of the strips as [least, most].
  * @typedef {{ t: number, number: number, picture: Message, values: Record<string, [number, number]> }} Frame */
 /** Something that happened: when on the source's clock, s, null where that is not known, and until when; when it was told on the board's clock, s.
- * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, tick: number }} Told */
+ * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} Told */
 
 export const SHOWN_S = 60;
 const FRAMES_MAX = 3000;
@@ -45,6 +45,7 @@ export class Data {
     /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
     this.paused = false;
     /** How much of the last minute the strips and the time line show, s. */ this.span_s = SHOWN_S;
+    /** How much of the past is kept, s. */ this.kept_s = SHOWN_S;
     /** Where that ends, s. */ this.end = 0;
     /** The source's clock less the board's, s; null as long as no message has said both. @type {number | null} */ this.lead_s = null;
     /** The newest event of each flag. @type {Map<string, Told>} */ this.up = new Map();
@@ -91,7 +92,7 @@ export class Data {
     const frame = { t, number: picture.number, picture: { ...this.newest, differences }, values: valuesOf(picture) };
     this.frames.push(frame);
     if (!this.paused) {
-      while (this.frames.length > FRAMES_MAX || (this.frames.length > 1 && this.frames[0].t < frame.t - SHOWN_S)) this.frames.shift();
+      while (this.frames.length > FRAMES_MAX || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
     } else if (this.frames.length > 2 * FRAMES_MAX) {
       // What stood when it was paused stays.
       this.frames.splice(FRAMES_MAX, FRAMES_MAX / 2);
@@ -110,24 +111,27 @@ export class Data {
   hear(picture) {
     const header = (picture.attitude ?? picture.imu)?.header;
     if (header) {
-      const t = header.t_end_ns * 1e-9;
-      this.lead_s = t - header.t_sent_ns * 1e-9;
+      this.lead_s = (header.t_end_ns - header.t_sent_ns) * 1e-9;
       for (const told of this.events) told.t ??= told.told_s + this.lead_s;
+    }
+    // Of pictures that were missed the time is known within their own.
+    const t = header ? header.t_end_ns * 1e-9 : this.frames.at(-1)?.t;
+    if (t !== undefined) {
       this.flags.forEach(([name, usual], bit) => {
-        if (!usual && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.flagged(name, header.tick, t);
+        if (!usual && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.flagged(name, t);
       });
     }
     for (const event of picture.events) this.note(event);
   }
 
-  /** A flag is up. @param {string} name @param {number} tick @param {number} t */
-  flagged(name, tick, t) {
+  /** A flag is up. @param {string} name @param {number} t */
+  flagged(name, t) {
     const last = this.up.get(name);
     if (last?.until && t >= last.until && t - last.until < FLAG_S) {
       last.until = t;
       return;
     }
-    const told = { t, until: t, told_s: t - (this.lead_s ?? 0), number: -1, text: `flag ${name} at tick ${tick}`, word: name, fault: name !== "swapped", kind: "FLAG", service: "", tick };
+    const told = { t, until: t, told_s: t - (this.lead_s ?? 0), number: -1, text: `flag ${name}`, word: name, fault: name !== "swapped", kind: "FLAG", service: "", stage: "", tick: NONE };
     this.up.set(name, told);
     this.add(told);
   }
@@ -140,7 +144,7 @@ export class Data {
     const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind);
     const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
     const word = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
-    this.add({ t: this.lead_s === null ? null : told_s + this.lead_s, until: null, told_s, number: event.number, text: say(event, word), word, fault, kind: event.kind, service, tick: event.tick });
+    this.add({ t: this.lead_s === null ? null : told_s + this.lead_s, until: null, told_s, number: event.number, text: say(event, word), word, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });
   }
 
   /** @param {Told} told */

@@ -38,7 +38,7 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     place.replaceChildren(grid);
-    this.scene = new Scene(scene, 5);
+    this.scene = new Scene(scene, 4.3);
     const legend = element("ul", "legend");
     this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"], ["┄", "c-shadow", "shadow"]]).map(([mark, look, name]) => {
       const item = element("li", look, name);
@@ -138,7 +138,7 @@ export class Fly {
         const half = mark === 0 ? 3 * r : mark % 30 === 0 ? 0.3 * r : 0.16 * r;
         const at = -mark * DEGREE * scale;
         context.beginPath(); context.moveTo(-half, at); context.lineTo(half, at); context.stroke();
-        if (mark && mark % 30 === 0) context.fillText(`${mark}°`, -half - 5, at);
+        if (mark && mark % 30 === 0) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
       }
     }
     context.restore();

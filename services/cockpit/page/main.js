@@ -223,6 +223,7 @@ const DRAWN_MS = 30;
 let before = performance.now();
 /** Script time of the last frames, ms. @type {number[]} */
 const costs = [];
+let frames = 0;
 /** @param {number} now */
 function frame(now) {
   requestAnimationFrame(frame);
@@ -233,6 +234,7 @@ function frame(now) {
   bar(now);
   shown?.draw();
   timeline.draw();
+  frames += 1;
   costs.push(performance.now() - began);
   if (costs.length > 600) costs.shift();
 }
@@ -262,5 +264,5 @@ async function begin() {
 }
 
 /** What is drawn, for tests. */
-Object.assign(window, { plumb: { data, costs, state: () => data.state(performance.now()), drawn: () => shown?.drawn, told: () => timeline.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
+Object.assign(window, { plumb: { data, costs, frames: () => frames, state: () => data.state(performance.now()), drawn: () => shown?.drawn, told: () => timeline.drawn, view: () => name, seek, why: () => shown?.scene?.why } });
 void begin();

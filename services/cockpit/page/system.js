@@ -35,7 +35,7 @@ export class System {
       made.addEventListener("click", () => this.command(kind));
       return made;
     };
-    this.buttons = [button("swap", "Swap…", "KIND_SWAP"), button("shadow", "Shadow…", "KIND_SHADOW"), button("cancel", "End the shadow", "KIND_CANCEL")];
+    this.buttons = [button("swap", "Swap…", "KIND_SWAP"), button("shadow", "Shadow…", "KIND_SHADOW"), button("promote", "Promote the shadow", "PROMOTE"), button("cancel", "End the shadow", "KIND_CANCEL")];
     this.confirm = /** @type {HTMLDialogElement} */ (element("dialog", ""));
     this.slot.addEventListener("change", () => this.fillStages());
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
@@ -53,10 +53,13 @@ export class System {
     /** Restarts seen of each service, and when the last was seen, ms. @type {Map<string, { restarts: number, at: number }>} */ this.lives = new Map();
   }
 
-  /** Shows what would be done, and does it when that is confirmed. @param {string} kind */
-  command(kind) {
-    const [slot, stage] = [this.slot.value, this.stage.value];
-    const what = { KIND_SWAP: `Swap the stage of ${slot} to ${stage}?`, KIND_SHADOW: `Let ${stage} compute beside the owner of ${slot}?`, KIND_CANCEL: `End the shadow of ${slot}?` }[kind] ?? kind;
+  /** Shows what would be done, and does it when that is confirmed. @param {string} asked */
+  command(asked) {
+    const slot = this.slot.value;
+    // The shadow takes over where it is asked for as the stage.
+    const kind = asked === "PROMOTE" ? "KIND_SWAP" : asked;
+    const stage = asked === "PROMOTE" ? this.shadowOf(slot) : this.stage.value;
+    const what = asked === "PROMOTE" ? `Let the shadow ${stage} take over ${slot}?` : { KIND_SWAP: `Swap the stage of ${slot} to ${stage}?`, KIND_SHADOW: `Let ${stage} compute beside the owner of ${slot}?`, KIND_CANCEL: `End the shadow of ${slot}?` }[kind] ?? kind;
     const yes = /** @type {HTMLButtonElement} */ (element("button", "", "Yes"));
     const no = /** @type {HTMLButtonElement} */ (element("button", "", "No"));
     yes.id = "yes";
@@ -95,6 +98,13 @@ export class System {
     return (this.data.standing.services ?? []).map((/** @type {Message} */ one) => one.status).find((/** @type {Message} */ status) => status?.service === slot && status.state !== "candidate");
   }
 
+  /** The stage that runs as a slot's shadow; empty where there is none. @param {string} slot */
+  shadowOf(slot) {
+    const runs = (this.data.shown()?.picture.differences ?? []).some((/** @type {Message} */ one) => one.service === `SERVICE_${slot.toUpperCase()}`);
+    const asked = this.data.events.filter((told) => told.kind === "EVENT_KIND_SHADOW_ASKED" && told.service === slot);
+    return runs ? asked.at(-1)?.stage ?? "" : "";
+  }
+
   fillStages() {
     const slot = (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
     const owner = this.statusOf(this.slot.value)?.stage;
@@ -128,7 +138,8 @@ export class System {
       this.fillStages();
     }
     this.strips.draw();
-    for (const button of this.buttons) button.disabled = !standing.takes_commands;
+    const shadow = this.shadowOf(this.slot.value);
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (button.id === "promote" && !shadow);
     this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
     this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
@@ -149,8 +160,7 @@ function box(standing, hasDied) {
   const number = (/** @type {number | null} */ value, /** @type {number} */ digits, /** @type {string} */ unit) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
   const pairs = [
     ["rate", number(rate_hz, 0, "Hz")],
-    ["p50 / p99", latency_us ? `${latency_us.p50.toFixed(0)} / ${latency_us.p99.toFixed(0)} µs` : "–"],
-    ["max", latency_us ? `${latency_us.max.toFixed(0)} µs` : "–"],
+    ...["p50", "p99", "max"].map((name) => [name, latency_us ? `${latency_us[name].toFixed(0)} µs` : "–"]),
     ["lost", String(status.lost)], ["restarts", String(status.restarts)],
     ["CPU", number(cpu_percent, 1, "%")], ["memory", number(resident_mib, 1, "MiB")],
   ];

@@ -68,8 +68,10 @@ export class Timeline {
 
   /** Goes to the event before or after the cursor. @param {number} way −1 or 1 */
   step(way) {
-    const at = this.data.shown()?.t;
-    const times = this.data.events.map((told) => told.t ?? NaN).filter((t) => at !== undefined && (t - at) * way > 0.05 && t >= this.from && t <= this.to);
+    const at = this.data.cursor ?? this.data.shown()?.t;
+    // Where there is no cursor, the picture of an event is a little later than it.
+    const least = this.data.cursor === null ? 0.05 : 1e-6;
+    const times = this.data.events.map((told) => told.t ?? NaN).filter((t) => at !== undefined && (t - at) * way > least && t >= this.from && t <= this.to);
     if (times.length) this.go(way < 0 ? Math.max(...times) : Math.min(...times));
   }
 
@@ -97,9 +99,13 @@ export class Timeline {
       if (row) context.fillRect(x - 1, y + 1, Math.max(2, wide), ROW_PX - 3);
       else if (told.fault) { context.beginPath(); context.moveTo(x - 5, y + 13); context.lineTo(x, y + 2); context.lineTo(x + 5, y + 13); context.fill(); }
       else context.fillRect(x - 2, y + 2, 4, 12);
-      const from = x + Math.max(wide, 5) + 4, length = context.measureText(told.word).width;
-      if (from + length + 6 <= taken[row]) context.fillText(told.word, from, y + 12);
-      taken[row] = x - 6;
+      const from = x + Math.max(wide, 5) + 4, length = context.measureText(told.word).width, before = taken[row];
+      taken[row] = Math.min(taken[row], x - 6);
+      if (from + length + 6 <= before) context.fillText(told.word, from, y + 12);
+      else if (x - length - 9 > LEFT) {
+        context.fillText(told.word, x - length - 9, y + 12);
+        taken[row] = x - length - 15;
+      }
       this.drawn.push({ word: told.word, kind: told.kind, t: told.t ?? 0, x });
     }
     const at = data.shown()?.t;

@@ -14,6 +14,8 @@ use wire::{
 
 use crate::{calibration::Wish, picture::EVENTS_MAX};
 
+/// Pictures whose flags are kept for viewers who missed them: two seconds.
+const FLAGS_KEPT: usize = 64;
 /// Messages that a viewer may be behind before it misses some: a quarter of a second.
 const BEHIND_MAX: usize = 8;
 
@@ -34,6 +36,8 @@ pub struct Hub {
 struct Last {
     newest: Newest,
     events: VecDeque<SystemEvent>,
+    /// Of the newest pictures.
+    flags: VecDeque<u64>,
     calibration: Option<Calibration>,
 }
 
@@ -66,6 +70,10 @@ impl Hub {
         last.events.extend(picture.events.iter().cloned());
         let more = last.events.len().saturating_sub(EVENTS_MAX);
         last.events.drain(..more);
+        if last.flags.len() == FLAGS_KEPT {
+            last.flags.pop_front();
+        }
+        last.flags.push_back(picture.flags);
         if picture.attitude.is_some() {
             last.newest.attitude = picture.attitude;
         }
@@ -118,11 +126,15 @@ impl Hub {
     pub(crate) fn join(&self) -> (Vec<Bytes>, Receiver<Bytes>) {
         let told = self.told.subscribe();
         let last = self.last();
-        let events = last.events.iter().cloned().collect();
-        let past = Picture { events, ..Picture::default() };
-        let first = [Said::Standing(last.newest.standing.clone()), Said::Picture(past)];
+        let first = [Said::Standing(last.newest.standing.clone()), Said::Picture(last.past(0))];
         let calibration = last.calibration.clone().map(Said::Calibration);
         (first.into_iter().chain(calibration).map(message).collect(), told)
+    }
+
+    /// What a viewer who missed so many messages is told in their place: events and flags are not thinned.
+    pub(crate) fn missed(&self, messages: u64) -> Bytes {
+        // Those that still wait for it may have gone by the time it is told.
+        message(Said::Picture(self.last().past(messages as usize + BEHIND_MAX)))
     }
 
     /// What is known now.
@@ -137,6 +149,14 @@ impl Hub {
 
     fn last(&self) -> MutexGuard<'_, Last> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Last {
+    /// All events, and the flags of the newest pictures.
+    fn past(&self, pictures: usize) -> Picture {
+        let flags = self.flags.iter().rev().take(pictures).fold(0, |all, flags| all | flags);
+        Picture { events: self.events.iter().cloned().collect(), flags, ..Picture::default() }
     }
 }
 
@@ -160,6 +180,20 @@ mod tests {
         assert!(matches!(told.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - BEHIND_MAX as u64));
         let left: Vec<_> = std::iter::from_fn(|| told.try_recv().ok()).collect();
         assert_eq!(left.len(), BEHIND_MAX, "and has the newest");
+    }
+
+    #[test]
+    fn who_missed_pictures_is_told_of_what_happened_in_them() {
+        let hub = Hub::default();
+        let events = vec![SystemEvent { number: 7, ..SystemEvent::default() }];
+        hub.show(Picture { events, flags: 0b100, ..Picture::default() });
+        (0..20).for_each(|_| hub.show(Picture { flags: 0b1, ..Picture::default() }));
+        let told = |missed| match ToPage::decoded(&hub.missed(missed)).unwrap().said {
+            Some(Said::Picture(past)) => (past.events.iter().map(|event| event.number).collect::<Vec<_>>(), past.flags),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(told(13), (vec![7], 0b101));
+        assert_eq!(told(1), (vec![7], 0b1), "what it has seen is no news");
     }
 
     #[test]

@@ -57,7 +57,8 @@ pub(crate) async fn serve(
         let goes_on = match step {
             Step::Told(message) => send(&mut socket, message).await,
             Step::Answered(answer) => send(&mut socket, hub::message(Said::Answer(answer))).await,
-            Step::Missed => true,
+            Step::Missed(messages) => send(&mut socket, hub.missed(messages)).await,
+            Step::Nothing => true,
             Step::Asked(bytes) => session.ask(&bytes),
             Step::Gone => false,
         };
@@ -78,8 +79,9 @@ enum Step {
     Told(Bytes),
     Answered(SwapAnswer),
     Asked(Bytes),
-    /// Pictures were made that this viewer was too slow for.
-    Missed,
+    /// So many messages were made that this viewer was too slow for.
+    Missed(u64),
+    Nothing,
     Gone,
 }
 
@@ -98,13 +100,13 @@ async fn next(
         if let Poll::Ready(message) = asked.as_mut().poll(context) {
             return Poll::Ready(match message {
                 Some(Ok(Message::Binary(bytes))) => Step::Asked(bytes),
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Step::Missed,
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Step::Nothing,
                 Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Step::Gone,
             });
         }
         match said.as_mut().poll(context) {
             Poll::Ready(Ok(message)) => Poll::Ready(Step::Told(message)),
-            Poll::Ready(Err(RecvError::Lagged(_))) => Poll::Ready(Step::Missed),
+            Poll::Ready(Err(RecvError::Lagged(messages))) => Poll::Ready(Step::Missed(messages)),
             Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Step::Gone),
             Poll::Pending => Poll::Pending,
         }

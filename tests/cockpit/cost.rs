@@ -1,0 +1,164 @@
+//! What the page costs the browser and the board; that a session does not grow. Figures are printed, and kept in docs/cockpit.md.
+use std::{
+    fs,
+    io::{Read as _, Write as _},
+    net::TcpStream,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::SeqCst},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use crate::{
+    browser::Page,
+    common::until,
+    page::{address, with_cockpit},
+    strangers::{UPGRADE, get},
+};
+
+const SECOND: Duration = Duration::from_secs(1);
+/// How long the figures are looked at.
+const LOOKED: u32 = 10;
+
+/// Processor time of a process, s.
+fn processor_s(pid: u32) -> f64 {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<_> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+}
+
+fn resident_kib(pid: u32) -> f64 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+fn median(mut figures: Vec<f64>) -> f64 {
+    figures.sort_by(f64::total_cmp);
+    figures[figures.len() / 2]
+}
+
+/// Processor time of a process in `LOOKED` seconds, share of one core, %.
+fn core_percent(pid: u32) -> f64 {
+    let (before_s, began) = (processor_s(pid), Instant::now());
+    thread::sleep(LOOKED * SECOND);
+    100.0 * (processor_s(pid) - before_s) / began.elapsed().as_secs_f64()
+}
+
+#[test]
+fn a_viewer_is_sent_little() {
+    let (system, port) = with_cockpit("");
+    let running = system.start(&[]);
+    system.all_run();
+    let cockpit = running.service("cockpit");
+    let without = core_percent(cockpit);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
+    for (key, view) in [("2", "method"), ("3", "sensors"), ("4", "system"), ("1", "fly")] {
+        page.key(key);
+        page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
+        let costs_ms = (0..LOOKED).map(|_| {
+            let (script_s, frames) = (page.metric("ScriptDuration"), page.number("plumb.frames()"));
+            thread::sleep(SECOND);
+            1e3 * (page.metric("ScriptDuration") - script_s) / (page.number("plumb.frames()") - frames)
+        });
+        println!("{view}: {:.1} ms of script for a frame, median of {LOOKED} s", median(costs_ms.collect()));
+    }
+    let (bytes, t_s) = (page.number("plumb.data.bytes"), page.number("plumb.data.frames.at(-1).t"));
+    let with = core_percent(cockpit);
+    page.until(&format!("plumb.data.frames.at(-1).t > {t_s} + 5"));
+    let bytes_s = (page.number("plumb.data.bytes") - bytes) / (page.number("plumb.data.frames.at(-1).t") - t_s);
+    println!("{bytes_s:.0} bytes/s; {without:.2} % of a core without a viewer, {with:.2} % with one");
+    assert!(bytes_s < 100_000.0, "{bytes_s} bytes/s");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
+    let (system, port) = with_cockpit("");
+    let running = system.start(&[]);
+    system.all_run();
+    until("the page", || TcpStream::connect(("127.0.0.1", port)).is_ok());
+    let host = format!("Host: 127.0.0.1:{port}\r\n");
+    let p99_us = || {
+        let figure = || {
+            thread::sleep(SECOND);
+            let text = get(port, "/metrics", &host);
+            let line =
+                text.lines().find(|line| line.starts_with("plumbline_attitude_latency_seconds{quantile=\"0.99\"}"));
+            line.and_then(|line| line.rsplit_once(' ')?.1.parse::<f64>().ok()).map(|seconds| 1e6 * seconds)
+        };
+        median((0..LOOKED).filter_map(|_| figure()).collect())
+    };
+    until("the figures", || get(port, "/metrics", &host).contains("plumbline_attitude_latency_seconds"));
+    let without_us = p99_us();
+    let viewers: Vec<_> = (0..10)
+        .map(|_| {
+            let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+            stream.write_all(format!("GET /socket HTTP/1.1\r\n{host}{UPGRADE}\r\n").as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    let over = Arc::new(AtomicBool::new(false));
+    // The tenth takes nothing.
+    let readers: Vec<_> = viewers[..9]
+        .iter()
+        .map(|viewer| {
+            let (mut viewer, over) = (viewer.try_clone().unwrap(), over.clone());
+            thread::spawn(move || {
+                let (mut bytes, mut taken) = (vec![0; 65_536], 0);
+                while !over.load(SeqCst) {
+                    taken += viewer.read(&mut bytes).unwrap();
+                }
+                taken
+            })
+        })
+        .collect();
+    let with_us = p99_us();
+    over.store(true, SeqCst);
+    let taken: Vec<_> = readers.into_iter().map(|reader| reader.join().unwrap()).collect();
+    println!(
+        "p99 from birth to attitude, median of {LOOKED} s: {without_us:.0} µs without a viewer, {with_us:.0} µs with ten; taken {taken:?} bytes"
+    );
+    assert!(taken.iter().all(|bytes| *bytes > 10_000), "{taken:?}");
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
+fn a_session_does_not_grow_in_the_browser_or_on_board() {
+    let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(20.0, |text| text.parse().unwrap());
+    let (system, port) = with_cockpit("");
+    let running = system.start(&[]);
+    system.all_run();
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live'");
+    // A short session keeps less of the past, so that it, too, begins with as much as it ends with.
+    let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
+    page.eval(&format!("plumb.data.kept_s = {kept_s}"));
+    let t_s = |page: &mut Page| page.number("plumb.data.frames.at(-1).t");
+    let begun_s = t_s(&mut page);
+    let cockpit = running.service("cockpit");
+    let mut look = |at_s: f64| {
+        while t_s(&mut page) < begun_s + at_s {
+            thread::sleep(SECOND);
+        }
+        let (heap, resident) = (page.heap() / 1024.0, resident_kib(cockpit));
+        println!("after {at_s:.0} s: {heap:.0} KiB of script in the browser, {resident:.0} KiB on board");
+        (heap, resident)
+    };
+    let first = look(kept_s + 5.0);
+    look((kept_s + 5.0 + session_s) / 2.0);
+    let last = look(session_s);
+    // A page that kept what it was sent would have grown by 3 KiB 30 times a second.
+    let sent = 90.0 * (session_s - kept_s - 5.0);
+    assert!(last.0 - first.0 < 0.3 * sent.max(1000.0), "{first:?} → {last:?} KiB");
+    assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
