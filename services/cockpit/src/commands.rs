@@ -84,7 +84,9 @@ impl<'c> Session<'c> {
                 _ => Some(carry_out(&*desk, command, &shadows)),
             };
             // A viewer who has gone needs no answer.
-            let _ = answer.map(|answer| answers.blocking_send(answer));
+            if let Some(answer) = answer {
+                let _ = answers.blocking_send(answer);
+            }
         });
         true
     }
