@@ -8,11 +8,14 @@ const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", arg
 /** What must not be: errors, and requests to others. */
 const troubles = [];
 let page;
+/** The session that counts: each begins at 0. */
+let counting;
 
 const verbs = {
   async open({ url, width, height, scheme, webgl }) {
     const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
     page = await context.newPage();
+    counting = undefined;
     page.on("console", (said) => ["error", "warning"].includes(said.type()) && troubles.push(said.text()));
     page.on("pageerror", (error) => troubles.push(String(error)));
     page.on("request", (request) => {
@@ -52,11 +55,13 @@ const verbs = {
   },
   /** Texts that stand out too little from what is behind them: below a contrast ratio of 4.5 (WCAG 2.2, 1.4.3). */
   async contrast() { return page.evaluate(tooPale); },
-  /** Script time and tasks since the page began, s, and frames drawn, as Chromium counts them. */
+  /** Script time since this was first asked, s, and what else Chromium counts; of the page's thread, not of the clock. */
   async metrics() {
-    const session = await page.context().newCDPSession(page);
-    await session.send("Performance.enable", { timeDomain: "threadTicks" });
-    const { metrics } = await session.send("Performance.getMetrics");
+    if (!counting) {
+      counting = await page.context().newCDPSession(page);
+      await counting.send("Performance.enable", { timeDomain: "threadTicks" });
+    }
+    const { metrics } = await counting.send("Performance.getMetrics");
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   },
   async troubles() { return troubles; },

@@ -38,7 +38,7 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     place.replaceChildren(grid);
-    this.scene = new Scene(scene, 4.3);
+    this.scene = new Scene(scene, 4.7);
     const legend = element("ul", "legend");
     this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro alone"], ["┄", "c-shadow", "shadow"]]).map(([mark, look, name]) => {
       const item = element("li", look, name);
