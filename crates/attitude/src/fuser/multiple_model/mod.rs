@@ -2,7 +2,7 @@
 //!
 //! `wz` holds that the mean acceleration of some seconds is zero: what a hand, a robot's arm or a hovering vehicle moves. `aided` holds
 //! that a velocity lasts, which a receiver tells or, without one, the turns reveal: what flies or drives. Both run all the time. The
-//! level is that of `aided` as long as the body was seen to be carried over ground within [`CARRIED_S`]: a velocity was used in a
+//! level is that of `aided` as long as the body was seen to be carried over ground within five minutes: a velocity was used in a
 //! heading that counts from north, or a coordinated turn lasted (`turns`); else that of `wz`. The heading is that of `aided` where it
 //! counts from true north, of `wz` where it knows magnetic north and nothing is carried, and of `wz` where nobody knows north.
 //!
