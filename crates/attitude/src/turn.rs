@@ -58,6 +58,15 @@ impl Turn {
         }
     }
 
+    /// This turn less a small part of it about each body axis. Its length is not 1.
+    #[inline]
+    pub(crate) fn scaled_less(self, part: Vector3<f64>) -> Self {
+        Self {
+            p: Complex::new(self.p.re, self.p.im * (1.0 - part.z)),
+            s: Complex::new(self.s.re * (1.0 - part.x), self.s.im * (1.0 - part.y)),
+        }
+    }
+
     /// What stands still, in body axes before the turn, as the body sees it after it: δ* v δ.
     #[inline]
     pub(crate) fn seen_after(self, body: Vector3<f64>) -> Vector3<f64> {

@@ -9,11 +9,12 @@
 //! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
 //! second order, with its "+" replaced by a Möbius map and its low-pass moved to the horizontal frame.
 
-mod bias;
 mod ease;
+mod gyro_errors;
 mod heading;
 mod initial_velocity;
 mod level;
+mod noise;
 mod tilt_fault;
 mod time_constants;
 
@@ -32,7 +33,7 @@ use crate::{
     turn::Turn,
 };
 use {
-    bias::BiasFilter,
+    gyro_errors::GyroErrorFilter,
     heading::{Heading, HeadingInput, Settings},
     level::Level,
 };
@@ -46,7 +47,7 @@ const FORCE_MAX_M_S2: f64 = 3000.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     level: Level,
-    bias: BiasFilter,
+    gyro_errors: GyroErrorFilter,
     rest: Rest,
     heading: Heading,
     /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
@@ -59,7 +60,7 @@ impl Default for Wz {
     fn default() -> Self {
         Self {
             level: Level::new(),
-            bias: BiasFilter::default(),
+            gyro_errors: GyroErrorFilter::default(),
             rest: Rest::default(),
             heading: Heading::default(),
             interval_s: 0.0,
@@ -84,7 +85,7 @@ impl Wz {
 
     pub(super) fn realign(&mut self) {
         self.level.restart();
-        self.bias.restart();
+        self.gyro_errors.restart();
         self.rest = Rest::default();
         self.heading.realign();
     }
@@ -95,7 +96,7 @@ impl Wz {
         if gyro_outage_s > 0.0 {
             self.gyro_outage_s = (self.gyro_outage_s + gyro_outage_s).min(1.0);
         } else if core::mem::take(&mut self.gyro_outage_s) > TOLD_BY_RATE_S {
-            self.bias.restart();
+            self.gyro_errors.restart();
             self.level.forget_velocity();
         }
     }
@@ -113,10 +114,10 @@ impl Wz {
     /// What is done once in a while: the bias, and what it takes back. The level jumps.
     #[inline(never)]
     fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
-        let (interval_s, force_dt_m_s) = self.bias.seen();
+        let (interval_s, force_dt_m_s) = self.gyro_errors.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
-        let error = self.bias.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
+        let error = self.gyro_errors.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
         self.level.take_back(error)
     }
 }
@@ -152,8 +153,8 @@ impl Stage for Wz {
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
-        let axes = self.level.turn(turn.less(self.bias.bias_rad_s() * (0.5 * dt_s)), dt_s, lean_s);
-        self.bias.drift(&axes, dt_s);
+        let axes = self.level.turn(self.gyro_errors.corrected_turn(turn, dt_s), dt_s, lean_s);
+        self.gyro_errors.drift(&axes, turn, dt_s);
 
         let (mut innovation_rad, mut force_m_s2) = (0.0, Complex::new(0.0, 0.0));
         if let Some(inclination) = inclination {
@@ -164,7 +165,7 @@ impl Stage for Wz {
                 force_m_s2 = self.level.corrected(horizontal_m_s2, up_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
                 self.level.follow(force_dt_m_s, dt_s);
-                self.bias.observe(force_dt_m_s, inclination.norm_m_s2, dt_s);
+                self.gyro_errors.observe(force_dt_m_s, inclination.norm_m_s2, dt_s);
                 self.rest.observe(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
@@ -175,18 +176,20 @@ impl Stage for Wz {
         if !(levelling && input.motion.is_some() && input.rest_credible) {
             self.rest.interrupt();
         }
-        if let (Some(inclination), true) = (inclination, self.bias.is_due()) {
+        if let (Some(inclination), true) = (inclination, self.gyro_errors.is_due()) {
             corrections.aligned |= self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
         corrections.rest = self.rest.is_found();
-        let bias_rad_s = self.bias.bias_rad_s();
-        let rate_rad_s = if input.motion.is_some() { rate_rad_s - bias_rad_s } else { Vector3::zeros() };
+        let moved = input.motion.is_some();
+        let rate_rad_s = if moved { self.gyro_errors.corrected_rad_s(rate_rad_s) } else { Vector3::zeros() };
         let input = HeadingInput {
             attitude: self.level.attitude(),
             azimuth: self.level.azimuth(),
             rate_rad_s,
             force_m_s2,
+            norm_m_s2: inclination.map(|inclination| inclination.norm_m_s2),
+            scale_variance: self.gyro_errors.scale_variance(),
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
@@ -199,9 +202,9 @@ impl Stage for Wz {
         Fused {
             attitude: self.heading.with_heading(self.level.attitude()),
             rate_rad_s,
-            bias_rad_s,
+            bias_rad_s: self.gyro_errors.bias_rad_s(),
             innovation_rad,
-            inclination_sd_rad: self.bias.tilt_sd_rad(),
+            inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             reference: self.heading.reference(),
             corrections,
@@ -210,7 +213,7 @@ impl Stage for Wz {
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.level.visit(visit);
-        self.bias.visit(visit);
+        self.gyro_errors.visit(visit);
         self.rest.visit(visit);
         self.heading.visit(visit);
         self.interval_s.visit(visit);
@@ -219,7 +222,7 @@ impl Stage for Wz {
 
     fn flaw(&self) -> Option<&'static str> {
         let interval = (self.interval_s < 0.0 || self.gyro_outage_s < 0.0).then_some("an interval below zero");
-        let parts = self.level.flaw().or_else(|| self.bias.flaw()).or_else(|| self.rest.flaw());
+        let parts = self.level.flaw().or_else(|| self.gyro_errors.flaw()).or_else(|| self.rest.flaw());
         parts.or_else(|| self.heading.flaw()).or(interval)
     }
 
@@ -227,10 +230,10 @@ impl Stage for Wz {
         Estimate {
             attitude: self.heading.with_heading(self.level.attitude()),
             reference: self.heading.reference(),
-            bias_rad_s: self.bias.bias_rad_s(),
-            inclination_sd_rad: self.bias.tilt_sd_rad(),
+            bias_rad_s: self.gyro_errors.bias_rad_s(),
+            inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
-            bias_sd_rad_s: self.bias.sd_rad_s(),
+            bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
             hard_iron: self.heading.hard_iron(),
         }
     }
@@ -239,7 +242,7 @@ impl Stage for Wz {
         common.checked()?;
         self.heading = Heading::of(self.heading.settings, common);
         self.level = Level::of(common.attitude);
-        self.bias = BiasFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
+        self.gyro_errors = GyroErrorFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
         self.rest = Rest::default();
         Ok(())
     }

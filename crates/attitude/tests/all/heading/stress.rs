@@ -1,6 +1,9 @@
 //! Disturbances put on the trials of BROAD that have none of their own.
 
-use super::trial::{DT_S, Trial};
+use super::{
+    dice::Dice,
+    trial::{DT_S, Trial, into_body, truth},
+};
 use attitude::{Quaternion, Vector3};
 use recording::Row;
 
@@ -24,35 +27,9 @@ impl Kind {
     pub(crate) const ALL: [Self; 5] = [Self::BodyStep, Self::BodyBefore, Self::BodyAlways, Self::Passes, Self::Place];
 }
 
-/// Steele's splitmix64: the same numbers on every machine.
-struct Dice(u64);
-
-impl Dice {
-    /// In 0..1.
-    fn roll(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Between two bounds.
-    fn between(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * self.roll()
-    }
-
-    /// A direction, even over the sphere.
-    fn direction(&mut self) -> Vector3<f64> {
-        let (z, angle) = (self.between(-1.0, 1.0), self.between(0.0, core::f64::consts::TAU));
-        let r = (1.0 - z * z).sqrt();
-        Vector3::new(r * angle.cos(), r * angle.sin(), z)
-    }
-}
-
 /// The trial's rows with a disturbance of this kind.
 pub(crate) fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
-    let mut dice = Dice(seed.wrapping_mul(0x1000) + trial.number().parse::<u64>().unwrap());
+    let mut dice = Dice::of(seed.wrapping_mul(0x1000) + trial.number().parse::<u64>().unwrap());
     let (from, to) = trial.movement();
     let length = (to - from) as f64;
     let at = |share: f64| from + (length * share) as usize;
@@ -95,17 +72,6 @@ pub(crate) fn disturbed(trial: &Trial, kind: Kind, seed: u64) -> Vec<Row> {
         }
     }
     rows
-}
-
-fn truth(row: &Row) -> Option<Quaternion<f64>> {
-    row.reference.map(|reference| {
-        let [w, x, y, z] = reference.quaternion;
-        Quaternion::new(w, x, y, z)
-    })
-}
-
-fn into_body(q: Quaternion<f64>, earth: Vector3<f64>) -> Vector3<f64> {
-    (q.conjugate() * Quaternion::from_imag(earth) * q).imag()
 }
 
 fn add(row: &mut Row, field_ut: Vector3<f64>) {

@@ -54,6 +54,24 @@ impl Trial {
     }
 }
 
+/// The attitude of a row as the cameras saw it.
+pub(crate) fn truth(row: &Row) -> Option<Quaternion<f64>> {
+    row.reference.map(|reference| {
+        let [w, x, y, z] = reference.quaternion;
+        Quaternion::new(w, x, y, z)
+    })
+}
+
+/// A vector of the earth in body axes.
+pub(crate) fn into_body(q: Quaternion<f64>, earth: Vector3<f64>) -> Vector3<f64> {
+    into_earth(q.conjugate(), earth)
+}
+
+/// A vector of the body in axes of the earth.
+pub(crate) fn into_earth(q: Quaternion<f64>, body: Vector3<f64>) -> Vector3<f64> {
+    (q * Quaternion::from_imag(body) * q.conjugate()).imag()
+}
+
 /// Root mean squares, degrees.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Errors {

@@ -1,8 +1,8 @@
-//! One hypothesis about the field: a Kalman filter of fourteen states.
+//! One hypothesis about the field: a Kalman filter of sixteen states.
 //!
 //! x = [e(3) field of the place, β drift rate of the gyro's heading, τ delay of the magnetometer, b(3) hard iron, d(3) what the
-//! place adds where the body is, κ(3) error of the gyro's scale, each axis], all but b and κ in the reference frame. Of an
-//! interval's means y, R', Ω:
+//! place adds where the body is, κ(3) error of the gyro's scale, each axis, p(2) horizontal field where the body rested before], all but
+//! b and κ in the reference frame. Of an interval's means y, R', Ω:
 //!
 //! y = e + (τ − τ') Ω × e + R' b + d + v,
 //!
@@ -10,7 +10,9 @@
 //! being the turn about the vertical that body axis i made (u: up in body axes), with a random walk along ζ0 × e, for the gyro turns
 //! it and stretches nothing. Without κ a body that keeps turning one way has a drift that is none when it stops or turns back: half a
 //! per cent of a turn is 2°, and β, which stands for what does not depend on the motion, follows it for a minute. d fades with the
-//! way the body has gone and little while it stays: a sensor that does not move learns nothing about the field beyond its place.
+//! way the body has gone and little while it stays: a sensor that does not move learns nothing about the field beyond its place. Where
+//! a movement or a rest begins it is another. κ is what the level left of the scale, which it finds as well: as unknown as there, no
+//! more. p turns as e does; where the body rests again as it did there, 0 = e + d − p + v tells how far the gyro has drifted.
 //!
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
 
@@ -18,38 +20,47 @@ use super::{levelled::Interval, settings::Settings};
 use crate::{Vector3, fuser::hard_iron::HardIron, numbers::Numbers};
 
 /// Numbers in the state, and where its parts begin.
-pub(super) const STATES: usize = 14;
+pub(super) const STATES: usize = 16;
 pub(super) const E: usize = 0;
 pub(super) const BETA: usize = 3;
 pub(super) const TAU: usize = 4;
 pub(super) const B: usize = 5;
 const D: usize = 8;
 pub(super) const KAPPA: usize = 11;
-/// Columns of the covariance, filled up to whole vector registers.
-const COLUMNS: usize = 16;
+const PLACE: usize = 14;
 
 /// Standard deviation of the field of a place that is not known, µT: the strongest on earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s: a rest's bias ages by its own size in ten seconds of motion.
-const DRIFT_WALK_RAD_S: f64 = 1e-4;
+/// Random walk of the drift rate while the body moves, rad/s/√s; what it adds for each rad/s of the rate, 1/√s; and what a body that
+/// vibrates adds: its bias is not that of its rest.
+const DRIFT_WALK_RAD_S: f64 = 6e-5;
+const DRIFT_WALK_BY_RATE: f64 = 2e-5;
+const DRIFT_WALK_SHAKEN_RAD_S: f64 = 2e-4;
+/// Most that κ is less known than the scale from the level, as its multiple and beside it.
+const SCALE_SD_OF_LEVEL: f64 = 1.5;
+const SCALE_SD_BESIDE: f64 = 3e-4;
 /// Error of the gyro's scale, each axis: data sheets of MEMS gyros allow 0.5 to 1 % at most.
 const SCALE_SD: f64 = 0.003;
 /// Its random walk, 1/√s: what a few degrees of warming make of it in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
 const TURN_WALK_RAD: f64 = 3e-4;
-const TURN_WALK_BY_RATE: f64 = 3e-4;
+const TURN_WALK_BY_RATE: f64 = 1e-3;
 /// Random walk of the field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
 /// What the place adds: iron in a building, and the sensor's own soft iron.
 const PLACE_SD_UT: f64 = 1.0;
 /// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
 const FADE_AT_REST: f64 = 0.05;
-const FADE_BY_TURN: f64 = 0.3;
-const FADE_BY_ACCELERATION: f64 = 0.175;
+const FADE_BY_TURN: f64 = 0.2;
+const FADE_BY_ACCELERATION: f64 = 0.12;
 const ACCELERATION_OF_REST_M_S2: f64 = 0.3;
+/// Noise of the field of a place where the body rests again, each axis, µT, and the largest normalised square of an innovation that is
+/// believed there: the field of another place may be alike.
+const AGAIN_SD_UT: f64 = 0.2;
+const AGAIN_GATE: f64 = 4.0;
 /// The delays of magnetometers there are, s.
 const DELAY_MIN_S: f64 = -0.01;
 const DELAY_MAX_S: f64 = 0.04;
@@ -62,6 +73,11 @@ pub(super) struct Propagation {
     turned_rad: [f64; 3],
     /// The body moved, so that the gyro's heading drifted.
     moved: bool,
+    /// A movement or a rest began: d is another.
+    elsewhere: bool,
+    /// Variances that come: of the drift rate, rad²/s², and the most there is of the scale.
+    drift_variance_rad2_s2: f64,
+    scale_variance_max: [f64; 3],
     /// What is left of d, and the variance that comes for it, µT².
     kept: f64,
     place_variance_ut2: f64,
@@ -70,17 +86,26 @@ pub(super) struct Propagation {
 }
 
 impl Propagation {
-    /// The interval's.
-    pub(super) fn of(interval: &Interval) -> Self {
+    /// The interval's; `elsewhere` where it begins a movement or a rest.
+    pub(super) fn of(interval: &Interval, elsewhere: bool) -> Self {
         let (t_s, turning) = (interval.duration_s, interval.turning_rad_s);
         let acceleration = (interval.acceleration_m_s2 - ACCELERATION_OF_REST_M_S2).max(0.0);
         let fade = FADE_AT_REST + FADE_BY_TURN * turning + FADE_BY_ACCELERATION * acceleration;
         let kept = libm::exp(-fade * t_s);
+        let square = |x: f64| x * x;
+        let drift_walk2 = square(DRIFT_WALK_RAD_S)
+            + square(DRIFT_WALK_BY_RATE * turning)
+            + if interval.shaken { square(DRIFT_WALK_SHAKEN_RAD_S) } else { 0.0 };
         let walk_rad = TURN_WALK_RAD + TURN_WALK_BY_RATE * turning;
         Self {
             duration_s: t_s,
             turned_rad: interval.turned_rad,
             moved: !interval.at_rest,
+            elsewhere,
+            drift_variance_rad2_s2: drift_walk2 * t_s,
+            scale_variance_max: interval
+                .scale_variance
+                .map(|variance| square(SCALE_SD_OF_LEVEL) * variance + square(SCALE_SD_BESIDE)),
             kept,
             place_variance_ut2: PLACE_SD_UT * PLACE_SD_UT * (1.0 - kept * kept),
             turn_variance_rad2: walk_rad * walk_rad * t_s,
@@ -105,13 +130,13 @@ pub(super) struct Verdict {
 pub(super) struct Filter {
     pub(super) x: [f64; STATES],
     /// Symmetric, both halves kept.
-    p: [[f64; COLUMNS]; STATES],
+    p: [[f64; STATES]; STATES],
 }
 
 impl Filter {
     /// Nothing is known but what the settings say.
     pub(super) fn begun(settings: &Settings) -> Self {
-        let mut filter = Self { x: [0.0; STATES], p: [[0.0; COLUMNS]; STATES] };
+        let mut filter = Self { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         filter.x[TAU] = settings.magnetometer_delay_s;
         filter.open(E, FIELD_SD_UT);
         filter.open(B, settings.hard_iron_sd_ut);
@@ -152,6 +177,17 @@ impl Filter {
         HardIron { field_ut, sd_ut: libm::sqrt(variance_ut2) }
     }
 
+    /// How far the hard iron is from another hypothesis's, µT, squared.
+    pub(super) fn hard_iron_apart2(&self, other: &Self) -> f64 {
+        (B..B + 3).map(|i| (self.x[i] - other.x[i]) * (self.x[i] - other.x[i])).sum()
+    }
+
+    /// The field less the hard iron, µT, reference axes.
+    pub(super) fn without_hard_iron(&self, interval: &Interval) -> [f64; 3] {
+        let of = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
+        core::array::from_fn(|i| interval.field_ut[i] - of(interval.axes[i]))
+    }
+
     /// Three states from `first` on may be off by `sd` more.
     pub(super) fn open(&mut self, first: usize, sd: f64) {
         for i in first..first + 3 {
@@ -162,7 +198,7 @@ impl Filter {
     /// A state is zero within `sd`, whatever was believed of it.
     pub(super) fn reset(&mut self, i: usize, sd: f64) {
         self.x[i] = 0.0;
-        self.p[i] = [0.0; COLUMNS];
+        self.p[i] = [0.0; STATES];
         self.p.iter_mut().for_each(|row| row[i] = 0.0);
         self.p[i][i] = sd * sd;
     }
@@ -177,11 +213,53 @@ impl Filter {
 
     /// The gyro's heading may have turned by `variance_rad2` more.
     pub(super) fn turn_walk(&mut self, variance_rad2: f64) {
-        let (x, y) = (self.x[E], self.x[E + 1]);
-        self.p[0][0] += variance_rad2 * y * y;
-        self.p[0][1] -= variance_rad2 * x * y;
-        self.p[1][0] -= variance_rad2 * x * y;
-        self.p[1][1] += variance_rad2 * x * x;
+        let turn = [(E, -self.x[E + 1]), (E + 1, self.x[E]), (PLACE, -self.x[PLACE + 1]), (PLACE + 1, self.x[PLACE])];
+        for (i, by_i) in turn {
+            for (j, by_j) in turn {
+                self.p[i][j] += variance_rad2 * (by_i * by_j);
+            }
+        }
+    }
+
+    /// The body rests where it rested before: what e and d add up to is p. It is used if the innovation passes the gate.
+    pub(super) fn is_place(&mut self) -> bool {
+        const VARIANCE_UT2: f64 = AGAIN_SD_UT * AGAIN_SD_UT;
+        let [across, along] = [0, 1].map(|i| self.at_place(i));
+        let s = |of: &[f64; STATES], i: usize| of[E + i] + of[D + i] - of[PLACE + i];
+        let r0 = libm::sqrt(s(&across, 0).max(0.0) + VARIANCE_UT2).recip();
+        let l10 = s(&across, 1) * r0;
+        let r1 = libm::sqrt((s(&along, 1) - l10 * l10).max(0.0) + VARIANCE_UT2).recip();
+        let z0 = -s(&self.x, 0) * r0;
+        let z1 = (-s(&self.x, 1) - l10 * z0) * r1;
+        if z0 * z0 + z1 * z1 >= AGAIN_GATE {
+            return false;
+        }
+        let w0 = across.map(|part| part * r0);
+        let w1: [f64; STATES] = core::array::from_fn(|i| (along[i] - l10 * w0[i]) * r1);
+        for i in 0..STATES {
+            self.x[i] += w0[i] * z0 + w1[i] * z1;
+            for j in 0..STATES {
+                self.p[i][j] -= w0[i] * w0[j] + w1[i] * w1[j];
+            }
+            self.p[i][i] = self.p[i][i].max(0.0);
+        }
+        true
+    }
+
+    /// Column of the covariance of component `i` of e + d − p with the state.
+    fn at_place(&self, i: usize) -> [f64; STATES] {
+        core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[PLACE + i][j])
+    }
+
+    /// The place where the body rests is the one to know again: p is what e and d add up to.
+    pub(super) fn know_place(&mut self) {
+        for i in 0..2 {
+            self.x[PLACE + i] = self.x[E + i] + self.x[D + i];
+            self.p[PLACE + i] = core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j]);
+            for row in &mut self.p {
+                row[PLACE + i] = row[E + i] + row[D + i];
+            }
+        }
     }
 
     /// The horizontal field may point anywhere: open by its own strength in both components, it passes the gate from every side.
@@ -201,8 +279,14 @@ impl Filter {
 
     /// Time passes.
     pub(super) fn predict(&mut self, propagation: &Propagation) {
+        if propagation.elsewhere {
+            (D..D + 3).for_each(|i| self.reset(i, PLACE_SD_UT));
+        }
+        for (i, most) in (KAPPA..).zip(propagation.scale_variance_max) {
+            self.bound(i, most);
+        }
         if propagation.moved {
-            self.drift(propagation.duration_s, propagation.turned_rad);
+            self.drift(propagation);
         }
         for i in D..D + 3 {
             self.x[i] *= propagation.kept;
@@ -215,37 +299,57 @@ impl Filter {
             self.p[D + i][D + i] += propagation.place_variance_ut2;
             self.p[E + i][E + i] += propagation.field_variance_ut2;
         }
+        for i in [PLACE, PLACE + 1] {
+            self.p[i][i] += propagation.field_variance_ut2;
+        }
         self.turn_walk(propagation.turn_variance_rad2);
     }
 
-    /// e turns by βT + Σ κψ.
-    fn drift(&mut self, t_s: f64, [psi_x, psi_y, psi_z]: [f64; 3]) {
+    /// A state is known at least within this variance.
+    fn bound(&mut self, i: usize, most: f64) {
+        if self.p[i][i] > most {
+            let scale = libm::sqrt(most / self.p[i][i]);
+            self.p[i].iter_mut().for_each(|part| *part *= scale);
+            self.p.iter_mut().for_each(|row| row[i] *= scale);
+        }
+    }
+
+    /// e and p turn by βT + Σ κψ.
+    fn drift(&mut self, propagation: &Propagation) {
+        let Propagation { duration_s: t_s, turned_rad: [psi_x, psi_y, psi_z], .. } = *propagation;
         let drift = |of: &[f64]| t_s * of[BETA] + psi_x * of[KAPPA] + psi_y * of[KAPPA + 1] + psi_z * of[KAPPA + 2];
-        let (x, y) = (self.x[E], self.x[E + 1]);
         let sin = drift(&self.x).clamp(-0.1, 0.1);
         let cos = 1.0 - 0.5 * sin * sin;
-        (self.x[E], self.x[E + 1]) = (cos * x - sin * y, cos * y + sin * x);
         // F P Fᵀ: the rows, then the columns.
-        let (p0, p1) = (self.p[0], self.p[1]);
         let (by_beta, [by_x, by_y, by_z]) = (self.p[BETA], [self.p[KAPPA], self.p[KAPPA + 1], self.p[KAPPA + 2]]);
-        for j in 0..COLUMNS {
-            let turn = t_s * by_beta[j] + psi_x * by_x[j] + psi_y * by_y[j] + psi_z * by_z[j];
-            self.p[0][j] = cos * p0[j] - sin * p1[j] - y * turn;
-            self.p[1][j] = cos * p1[j] + sin * p0[j] + x * turn;
+        let turn: [f64; STATES] =
+            core::array::from_fn(|j| t_s * by_beta[j] + psi_x * by_x[j] + psi_y * by_y[j] + psi_z * by_z[j]);
+        let turned = [E, PLACE].map(|i| (i, self.x[i], self.x[i + 1]));
+        for (i, x, y) in turned {
+            (self.x[i], self.x[i + 1]) = (cos * x - sin * y, cos * y + sin * x);
+            let (p0, p1) = (self.p[i], self.p[i + 1]);
+            self.p[i] = core::array::from_fn(|j| cos * p0[j] - sin * p1[j] - y * turn[j]);
+            self.p[i + 1] = core::array::from_fn(|j| cos * p1[j] + sin * p0[j] + x * turn[j]);
         }
         for row in &mut self.p {
-            let (a, b, c) = (row[0], row[1], drift(row));
-            row[0] = cos * a - sin * b - y * c;
-            row[1] = cos * b + sin * a + x * c;
+            let c = drift(row);
+            for (i, x, y) in turned {
+                let (a, b) = (row[i], row[i + 1]);
+                row[i] = cos * a - sin * b - y * c;
+                row[i + 1] = cos * b + sin * a + x * c;
+            }
         }
         for i in KAPPA..KAPPA + 3 {
             self.p[i][i] += SCALE_WALK * SCALE_WALK * t_s;
         }
         // Both halves alike to the last bit: a snapshot holds one.
-        self.p[1][0] = self.p[0][1];
+        let summed = [E, E + 1, PLACE, PLACE + 1];
+        for (k, i) in summed.into_iter().enumerate() {
+            summed[k + 1..].iter().for_each(|j| self.p[*j][i] = self.p[i][*j]);
+        }
         let drift = &mut self.p[BETA][BETA];
         if *drift < DRIFT_SD_RAD_S * DRIFT_SD_RAD_S {
-            *drift += DRIFT_WALK_RAD_S * DRIFT_WALK_RAD_S * t_s;
+            *drift += propagation.drift_variance_rad2_s2;
         }
     }
 
@@ -255,7 +359,7 @@ impl Filter {
         let swept = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
         let late_s = self.x[TAU] - delay_s;
         let mut innovation = [0.0; 3];
-        let mut w = [[0.0; COLUMNS]; 3];
+        let mut w = [[0.0; STATES]; 3];
         for i in 0..3 {
             let [a, b, c] = interval.axes[i];
             let hard_iron = a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
@@ -296,7 +400,7 @@ impl Filter {
             }
             for i in 0..STATES {
                 self.x[i] += w0[i] * z0 + w1[i] * z1 + w2[i] * z2;
-                for j in 0..COLUMNS {
+                for j in 0..STATES {
                     self.p[i][j] -= w0[i] * w0[j] + w1[i] * w1[j] + w2[i] * w2[j];
                 }
                 self.p[i][i] = self.p[i][i].max(0.0);

@@ -10,7 +10,7 @@
 //! new field fits E as well, and magnets that pass by fit nobody. Evidence is a sum of log-likelihood ratios while the body turns, for at
 //! rest nothing tells the three apart. Each update gives away an allowance, since no hypothesis knows the soft iron and the
 //! slope of the field, and B with more freedom explains a little of both; the sum does not fall below zero.
-//! When B leads both by the margin it becomes M. What fails is begun anew from M, and so is what has not won in a minute.
+//! When B leads both by the margin, with a hard iron of its own and after a turn, it becomes M. What fails is begun anew from M, and so is what has not won in a minute.
 
 use super::{
     filter::{B, BETA, E, Filter, Propagation, TAU},
@@ -26,7 +26,10 @@ const GATE: f64 = 16.0;
 /// The same, where a likelihood is counted: more would be one disturbance deciding all.
 const NIS_MAX: f64 = 30.0;
 /// Twice the log-likelihood ratio at which B wins.
-const MARGIN: f64 = 100.0;
+const MARGIN: f64 = 120.0;
+/// How far its hard iron is from that of M when it wins, at least, µT, and how far the body has turned since the challenge, rad.
+const APART_UT: f64 = 3.0;
+const TURNED_RAD: f64 = 2.0;
 /// What each update gives away of it, 1/s.
 const ALLOWANCE_PER_S: f64 = 10.0;
 /// From this rate on the body turns, rad/s.
@@ -41,7 +44,7 @@ const REJECTED_S: f64 = 60.0;
 const BEGINNER_S: f64 = 10.0;
 const BEGINNER_REJECTED_S: f64 = 2.0;
 /// The drift rate of the gyro's heading, once its bias was seen at rest, rad/s.
-const DRIFT_SD_AT_REST_RAD_S: f64 = 3e-4;
+const DRIFT_SD_AT_REST_RAD_S: f64 = 2e-4;
 
 /// What became of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,6 +66,7 @@ pub(super) struct HypothesisTest {
     over_place: f64,
     failing_s: f64,
     age_s: f64,
+    turned_rad: f64,
     accepted_s: f64,
     rejected_s: f64,
     /// North was lost, and what was found since has not been outside the gate for long.
@@ -80,6 +84,7 @@ impl HypothesisTest {
             over_place: 0.0,
             failing_s: 0.0,
             age_s: 0.0,
+            turned_rad: 0.0,
             accepted_s: 0.0,
             rejected_s: 0.0,
             lost: false,
@@ -133,6 +138,7 @@ impl HypothesisTest {
         }
         self.failing_s = if body.accepted { 0.0 } else { self.failing_s + t_s };
         self.age_s += t_s;
+        self.turned_rad += interval.turning_rad_s * t_s;
         let beginner = self.accepted_s < BEGINNER_S;
         if main.accepted {
             self.accepted_s = (self.accepted_s + t_s).min(BEGINNER_S);
@@ -142,7 +148,7 @@ impl HypothesisTest {
         }
         let patience_s = if beginner { self.accepted_s.max(BEGINNER_REJECTED_S) } else { REJECTED_S };
         let mut replaced = false;
-        if self.over_main > MARGIN && self.over_place > MARGIN {
+        if self.over_main > MARGIN && self.over_place > MARGIN && self.is_another() {
             self.main = self.body;
             self.rejected_s = 0.0;
             self.challenge();
@@ -171,7 +177,29 @@ impl HypothesisTest {
         (self.body, self.place) = (self.main, self.main);
         self.body.open(B, CHALLENGE_UT);
         self.place.open(E, CHALLENGE_UT);
-        (self.over_main, self.over_place, self.failing_s, self.age_s) = (0.0, 0.0, 0.0, 0.0);
+        (self.over_main, self.over_place) = (0.0, 0.0);
+        (self.failing_s, self.age_s, self.turned_rad) = (0.0, 0.0, 0.0);
+    }
+
+    /// B has another hard iron than M, and the body turned enough to tell.
+    fn is_another(&self) -> bool {
+        let apart2 = self.body.hard_iron_apart2(&self.main);
+        apart2 > APART_UT * APART_UT && self.turned_rad > TURNED_RAD
+    }
+
+    /// The body rests where it rested before; false where M does not believe it.
+    pub(super) fn is_place(&mut self) -> bool {
+        let believed = self.main.is_place();
+        if believed {
+            self.body.is_place();
+            self.place.is_place();
+        }
+        believed
+    }
+
+    /// The place where the body rests is the one to know again.
+    pub(super) fn know_place(&mut self) {
+        self.each(Filter::know_place);
     }
 
     fn each(&mut self, mut act: impl FnMut(&mut Filter)) {
@@ -187,8 +215,8 @@ impl HypothesisTest {
 impl Numbers for HypothesisTest {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.each(|filter| filter.visit(visit));
-        let Self { over_main, over_place, failing_s, age_s, accepted_s, rejected_s, .. } = self;
-        [over_main, over_place, failing_s, age_s, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
+        let Self { over_main, over_place, failing_s, age_s, turned_rad, accepted_s, rejected_s, .. } = self;
+        [over_main, over_place, failing_s, age_s, turned_rad, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
         self.lost.visit(visit);
     }
 }

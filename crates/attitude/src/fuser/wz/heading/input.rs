@@ -13,6 +13,10 @@ pub(in crate::fuser::wz) struct HeadingInput {
     pub(in crate::fuser::wz) rate_rad_s: Vector3<f64>,
     /// Horizontal part of the specific force, m/s².
     pub(in crate::fuser::wz) force_m_s2: Complex<f64>,
+    /// Length of the specific force, m/s².
+    pub(in crate::fuser::wz) norm_m_s2: Option<f64>,
+    /// Variance of what is left of the gyro's scale, each axis.
+    pub(in crate::fuser::wz) scale_variance: [f64; 3],
     /// Magnetic field, µT, body axes.
     pub(in crate::fuser::wz) field_ut: Option<Vector3<f64>>,
     /// The body rests.

@@ -6,7 +6,7 @@
 
 use crate::{Complex, Vector3, numbers::Numbers, state::Axes, turn::Turn};
 
-use super::input::HeadingInput;
+use super::{input::HeadingInput, vibration::Vibration};
 
 /// Length of a window, s; less a little, for sums of intervals that are rounded. So the others.
 const WINDOW_S: f64 = 0.0185;
@@ -41,6 +41,10 @@ pub(super) struct Interval {
     pub(super) acceleration_m_s2: f64,
     /// The body rested at its end.
     pub(super) at_rest: bool,
+    /// The body vibrated.
+    pub(super) shaken: bool,
+    /// Variance of what is left of the gyro's scale at its end, each axis.
+    pub(super) scale_variance: [f64; 3],
 }
 
 /// Gathers samples into intervals.
@@ -54,6 +58,7 @@ pub(super) struct Levelled {
     window_s: f64,
     /// Mean rate of the window before, rad/s.
     rate_before_rad_s: Vector3<f64>,
+    vibration: Vibration,
     /// Sums of the interval.
     sums: Interval,
 }
@@ -67,6 +72,7 @@ impl Default for Levelled {
             rotation_rad: Vector3::zeros(),
             window_s: 0.0,
             rate_before_rad_s: Vector3::zeros(),
+            vibration: Vibration::default(),
             sums: Interval::default(),
         }
     }
@@ -97,6 +103,9 @@ impl Levelled {
         self.rotation_rad += rate_rad_s * dt_s;
         self.sums.turning_rad_s += rate_rad_s.norm_squared() * dt_s;
         self.sums.acceleration_m_s2 += input.force_m_s2.norm_sqr().min(FORCE_MAX_M_S2 * FORCE_MAX_M_S2) * dt_s;
+        if let Some(norm_m_s2) = input.norm_m_s2 {
+            self.vibration.observe(norm_m_s2);
+        }
         if let Some(field_ut) = field_ut {
             self.field_sum_ut += field_ut;
             self.samples += 1.0;
@@ -161,14 +170,15 @@ impl Levelled {
         let Self { age_sum_s, samples, window_s, sums, .. } = self;
         let sums = [sums.duration_s, sums.gyro_outage_s, sums.windows, sums.turning_rad_s, sums.acceleration_m_s2];
         let negative = [*age_sum_s, *samples, *window_s].iter().chain(&sums).any(|sum| *sum < 0.0);
-        negative.then_some("sums of the levelled field that nothing adds up to")
+        negative.then_some("sums of the levelled field that nothing adds up to").or_else(|| self.vibration.flaw())
     }
 
     fn end_interval(&mut self, input: &HeadingInput) -> Interval {
         let mut means = core::mem::take(&mut self.sums);
         means.turning_rad_s = libm::sqrt(means.turning_rad_s / means.duration_s);
         means.acceleration_m_s2 = libm::sqrt(means.acceleration_m_s2 / means.duration_s);
-        means.at_rest = input.at_rest;
+        (means.at_rest, means.shaken) = (input.at_rest, self.vibration.take());
+        means.scale_variance = input.scale_variance;
         if means.windows > 0.0 {
             let share = means.windows.recip();
             let Interval { field_ut, axes, rate_rad_s, .. } = &mut means;
@@ -186,6 +196,7 @@ impl Numbers for Levelled {
         self.rotation_rad.visit(visit);
         self.window_s.visit(visit);
         self.rate_before_rad_s.visit(visit);
+        self.vibration.visit(visit);
         let Interval {
             duration_s,
             gyro_outage_s,
@@ -197,6 +208,8 @@ impl Numbers for Levelled {
             turning_rad_s,
             acceleration_m_s2,
             at_rest: _,
+            shaken: _,
+            scale_variance: _,
         } = &mut self.sums;
         let vectors = field_ut.iter_mut().chain(axes.as_flattened_mut()).chain(rate_rad_s).chain(turned_rad);
         vectors.for_each(&mut *visit);

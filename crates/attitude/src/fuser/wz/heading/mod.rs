@@ -6,12 +6,14 @@
 //!
 //! In the frame of the gyro's heading north stands still, up to a slow drift, so that the field is a linear measurement of what is
 //! unknown: the field of the place e, the drift β, the delay of the magnetometer τ, the hard iron b, what the place adds d, the error
-//! of the gyro's scale κ (see `filter`). a = atan2(e_ξ, e_η).
+//! of the gyro's scale κ, the field p where it rested before (see `filter`). a = atan2(e_ξ, e_η).
 //!
 //! | file | what it does |
 //! | --- | --- |
 //! | `levelled` | means of the field in the reference frame, with the attitude of a delay ago |
 //! | `filter` | one Kalman filter: the equations |
+//! | `vibration` | whether the body vibrates |
+//! | `place` | whether it rests where it rested before |
 //! | `hypothesis_test` | three of them, for the same field: nothing new, a magnet on the body, a new field |
 //!
 //! Why so. The delay matters: 13 ms at 7 rad/s are 5° of a field. A gate alone, by strength and dip or by the innovation, keeps
@@ -23,7 +25,9 @@ mod filter;
 mod hypothesis_test;
 mod input;
 mod levelled;
+mod place;
 mod settings;
+mod vibration;
 
 pub(super) use {input::HeadingInput, settings::Settings};
 
@@ -40,6 +44,7 @@ use {
     filter::{BETA, DRIFT_SD_RAD_S, Filter, Propagation, TAU},
     hypothesis_test::HypothesisTest,
     levelled::{Interval, Levelled},
+    place::{KnownPlace, Seen},
 };
 
 /// Fields that a magnetometer on earth may read, µT; others are no sample.
@@ -80,6 +85,9 @@ pub(super) struct Heading {
     pub(super) settings: Settings,
     levelled: Levelled,
     hypothesis_test: HypothesisTest,
+    known_place: KnownPlace,
+    /// In the last interval.
+    was_at_rest: bool,
     /// A field was seen.
     begun: bool,
     rested: bool,
@@ -113,6 +121,8 @@ impl Heading {
             settings,
             levelled: Levelled::default(),
             hypothesis_test: HypothesisTest::of(main),
+            known_place: KnownPlace::default(),
+            was_at_rest: false,
             begun: false,
             rested: false,
             disturbed: false,
@@ -177,6 +187,7 @@ impl Heading {
     /// The body may face anywhere, on a level that has to settle.
     fn lose(&mut self) {
         self.hypothesis_test.lose_direction();
+        self.known_place = KnownPlace::default();
         self.settling_rad = SETTLING_RAD;
     }
 
@@ -218,12 +229,16 @@ impl Heading {
             self.rested = true;
             self.hypothesis_test.rested();
         }
+        let elsewhere = core::mem::replace(&mut self.was_at_rest, interval.at_rest) != interval.at_rest;
+        if elsewhere {
+            self.known_place.leave();
+        }
         let usable = interval.gyro_outage_s == 0.0 || self.turned_unseen(interval);
         if interval.windows == 0.0 || !usable {
             if !self.begun {
                 return News::default();
             }
-            self.hypothesis_test.pass(&Propagation::of(interval));
+            self.hypothesis_test.pass(&Propagation::of(interval, elsewhere));
             return News { magnetic: false, aligned: self.publish() };
         }
         let [x, y, z] = interval.field_ut;
@@ -243,10 +258,25 @@ impl Heading {
         if first {
             return self.begin(interval, variance_ut2);
         }
-        self.hypothesis_test.pass(&Propagation::of(interval));
+        self.hypothesis_test.pass(&Propagation::of(interval, elsewhere));
         let outcome = self.hypothesis_test.judge(interval, &self.settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
+        if outcome.replaced {
+            self.known_place = KnownPlace::default();
+        } else if outcome.accepted && interval.at_rest {
+            self.rests(interval);
+        }
         News { magnetic: !self.disturbed, aligned: self.publish() }
+    }
+
+    /// An interval at rest: where the body rested before, that tells how far the gyro has drifted.
+    fn rests(&mut self, interval: &Interval) {
+        let field_ut = self.hypothesis_test.main.without_hard_iron(interval);
+        match self.known_place.observe(field_ut, interval.axes[2]) {
+            Seen::Nothing => {}
+            Seen::Again if self.hypothesis_test.is_place() => {}
+            Seen::Again | Seen::Place => self.hypothesis_test.know_place(),
+        }
     }
 
     /// The first field: from a heading that is known to be magnetic it need not jump.
@@ -289,6 +319,7 @@ impl Heading {
         let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
         self.levelled
             .flaw()
+            .or_else(|| self.known_place.flaw())
             .or((!bounds).then_some("a heading that is no angle"))
             .or_else(|| self.hypothesis_test.flaw())
     }
@@ -298,8 +329,9 @@ impl Numbers for Heading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.levelled.visit(visit);
         self.hypothesis_test.visit(visit);
-        let Self { begun, rested, disturbed, magnetic, by_track, .. } = self;
-        [begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
+        self.known_place.visit(visit);
+        let Self { was_at_rest, begun, rested, disturbed, magnetic, by_track, .. } = self;
+        [was_at_rest, begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
