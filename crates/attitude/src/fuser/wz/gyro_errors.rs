@@ -42,8 +42,9 @@ const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the tilt, rad/√s, noise and coning of a consumer MEMS gyro, and what it adds for each rad/s of the rate, 1/√s.
 const TILT_WALK_RAD: f64 = 5e-4;
 const TILT_WALK_BY_RATE: f64 = 3e-4;
-/// More is no rate of a body, rad/s.
+/// More is no rate of a body, rad/s; what a body may turn by while nobody measures it: a hand that turns it over.
 const RATE_MAX_RAD_S: f64 = 100.0;
+const UNSEEN_RAD_S: f64 = 3.0;
 /// Standard deviation of the first level, rad: a hand that swings the body, by 3 m/s² at that moment.
 const SD_FIRST_RAD: f64 = 0.3;
 /// Standard deviation of a level that was found, rad: a vehicle that accelerates by 1 m/s² at that moment.
@@ -96,6 +97,8 @@ pub(super) struct GyroErrorFilter {
     tilt_share: [f64; 2],
     /// Since the last update: what a unit of bias and of scale did to the tilt.
     drift: [Complex<f64>; ERRORS],
+    /// For how long of it nobody saw the body turn, s.
+    unseen_s: f64,
     force_dt_m_s: Complex<f64>,
     length_dt_m_s: f64,
     since_update_s: f64,
@@ -133,6 +136,7 @@ impl GyroErrorFilter {
             share: [Error::default(); ERRORS],
             tilt_share: [1.0, 0.0],
             drift: [zero; ERRORS],
+            unseen_s: 0.0,
             force_dt_m_s: zero,
             length_dt_m_s: 0.0,
             since_update_s: 0.0,
@@ -209,6 +213,12 @@ impl GyroErrorFilter {
         }
     }
 
+    /// Nobody saw the body turn for `unseen_s`: what the force shows then tells nothing of the gyro.
+    #[inline]
+    pub(super) fn overlook(&mut self, unseen_s: f64) {
+        self.unseen_s += unseen_s;
+    }
+
     /// The integral of the levelled force over `dt_s`, and the length of the force.
     #[inline]
     pub(super) fn observe(&mut self, force_dt_m_s: Complex<f64>, length_m_s2: f64, dt_s: f64) {
@@ -247,6 +257,7 @@ impl GyroErrorFilter {
         self.since_update_s = 0.0;
         let rate2 = rate_rad_s.norm_squared().min(RATE_MAX_RAD_S * RATE_MAX_RAD_S);
         self.propagate(&drift, rate2, interval_s);
+        self.loosen();
         self.follow(&drift, interval_s);
 
         // The force is that of the middle of the interval.
@@ -395,6 +406,14 @@ impl GyroErrorFilter {
         }
     }
 
+    /// The tilt is as unknown as the turn that nobody saw.
+    fn loosen(&mut self) {
+        let unseen_rad = (UNSEEN_RAD_S * core::mem::take(&mut self.unseen_s)).min(1.0);
+        for i in [TILT, TILT + 1] {
+            self.covariance[(i, i)] += unseen_rad * unseen_rad;
+        }
+    }
+
     /// The shares follow the loop over an interval, half of the drift before and half after.
     fn follow(&mut self, drift: &[Complex<f64>; ERRORS], interval_s: f64) {
         let response = Response::over(interval_s);
@@ -445,7 +464,7 @@ impl GyroErrorFilter {
             .or_else(|| self.velocity_noise.flaw())
             .or_else(|| self.tilt_fault.flaw())
             .or_else(|| self.initial_velocity.flaw())
-            .or((self.since_update_s < 0.0 || self.tilt_sd_rad < 0.0)
+            .or((self.since_update_s < 0.0 || self.unseen_s < 0.0 || self.tilt_sd_rad < 0.0)
                 .then_some("a time or standard deviation below zero"))
     }
 }
@@ -469,6 +488,7 @@ impl Numbers for GyroErrorFilter {
         }
         self.tilt_share.iter_mut().for_each(&mut *visit);
         self.drift.iter_mut().for_each(|drift| drift.visit(visit));
+        self.unseen_s.visit(visit);
         self.force_dt_m_s.visit(visit);
         self.length_dt_m_s.visit(visit);
         self.since_update_s.visit(visit);

@@ -150,6 +150,7 @@ impl Stage for Wz {
         };
         let gyro_outage_s = self.gyro_outage_s(input);
         self.see_again(gyro_outage_s);
+        self.gyro_errors.overlook(gyro_outage_s);
         let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
         let levelling = self.level.started() && inclination.is_some();
         let lean_s = if levelling { dt_s } else { 0.0 };
