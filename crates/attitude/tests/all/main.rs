@@ -7,6 +7,7 @@ mod calibration;
 mod common;
 mod contracts;
 mod course;
+mod deviations;
 mod field;
 mod filters;
 mod flight;

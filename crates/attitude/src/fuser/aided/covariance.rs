@@ -104,10 +104,10 @@ impl Covariance {
         }
     }
 
-    /// δ += K (e − h δ); an innovation beyond `limit` standard deviations keeps the pull it has there.
+    /// δ += K (e − h δ); the innovation over its standard deviation. An innovation beyond `limit` standard deviations keeps the pull it has there.
     ///
     /// P ← (1 − K h) P (1 − K h)ᵀ + K R Kᵀ, which holds for every gain, also for one that leaves out what is only considered.
-    pub(super) fn update(&mut self, error: &mut Error, limit: f64, measurement: &Measurement<'_>) {
+    pub(super) fn update(&mut self, error: &mut Error, limit: f64, measurement: &Measurement<'_>) -> f64 {
         let Measurement { residual, row, variance, considered } = *measurement;
         let mut spread = Error::zeros();
         for (index, weight) in row {
@@ -115,12 +115,13 @@ impl Covariance {
         }
         let innovation = row.iter().fold(residual, |rest, (index, weight)| rest - weight * error[*index]);
         let mut total = row.iter().fold(variance, |sum, (index, weight)| sum + weight * spread[*index]);
-        let beyond = innovation * innovation / (limit * limit * total);
+        let normalised = innovation / libm::sqrt(total);
+        let beyond = normalised * normalised / (limit * limit);
         if beyond > 1.0 {
             total *= beyond;
         }
         if !(total > 0.0 && total.is_finite()) {
-            return;
+            return 0.0;
         }
         let mut gain = spread / total;
         for index in considered {
@@ -134,6 +135,7 @@ impl Covariance {
                 self.0[(j, i)] = self.0[(i, j)];
             }
         }
+        normalised
     }
 
     /// This variance, uncorrelated with everything else.

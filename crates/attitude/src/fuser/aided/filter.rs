@@ -4,6 +4,7 @@ use core::f64::consts::PI;
 
 use super::{
     aiding::Aiding,
+    consistency::Consistency,
     covariance::{ACCEL, Covariance, Error, GYRO, HEADING, LATENCY, ROTATION, VELOCITY},
     past::Past,
     settings::Settings,
@@ -40,6 +41,7 @@ pub struct Aided {
     /// Level rate of turn, rad/s, clockwise, of the last second.
     pub(super) turn_rate_rad_s: f64,
     pub(super) aiding: Aiding,
+    pub(super) consistency: Consistency,
     pub(super) standstill: Standstill,
     pub(super) carried: Carried,
     pub(super) since_field_s: f64,
@@ -71,6 +73,7 @@ impl Aided {
             sums: Sums::default(),
             turn_rate_rad_s: 0.0,
             aiding: Aiding::default(),
+            consistency: Consistency::default(),
             standstill: Standstill::default(),
             carried: Carried::default(),
             since_field_s: 0.0,
@@ -138,6 +141,16 @@ impl Aided {
         let level = libm::hypot(forward.x, forward.y);
         let direction = Vector3::new(forward.x / level, forward.y / level, 0.0);
         (level > FORWARD_MIN).then(|| (direction, libm::atan2(forward.x, forward.y)))
+    }
+
+    /// About each horizontal axis, as it is told.
+    pub(super) fn told_inclination_sd_rad(&self) -> f64 {
+        self.inclination_sd_rad() * core::f64::consts::FRAC_1_SQRT_2 * self.consistency.scale()
+    }
+
+    /// As it is told.
+    pub(super) fn told_heading_sd_rad(&self) -> f64 {
+        (self.heading_sd_rad() * self.consistency.scale()).min(PI)
     }
 
     pub(super) fn inclination_sd_rad(&self) -> f64 {

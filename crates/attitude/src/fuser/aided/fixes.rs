@@ -65,7 +65,7 @@ impl Aided {
         let tilting = force_m_s2.cross_matrix() * late_s;
         let biasing = self.attitude.matrix().transpose() * late_s;
         let (heading, slope) = (f64::from(u8::from(self.course_known)), if age_s.is_some() { 0.0 } else { 1.0 });
-        for axis in 0..3 {
+        let innovations = [0, 1, 2].map(|axis| {
             let (tilt, bias) = (tilting.row(axis), biasing.row(axis));
             let row = [
                 (VELOCITY + axis, 1.0),
@@ -78,8 +78,9 @@ impl Aided {
                 (LATENCY, slope_m_s2[axis] * slope),
             ];
             let residual = velocity_m_s[axis] - fix.velocity_m_s[axis];
-            self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] });
-        }
+            self.covariance.update(&mut error, limit, &Measurement { residual, row: &row, variance, considered: &[] })
+        });
+        self.consistency.see(innovations, interval_s);
         let speed_m_s = fix.speed_m_s();
         if let Some((_, course_rad)) =
             self.forward().filter(|_| self.course_known && speed_m_s > self.settings.track_speed_m_s)

@@ -23,6 +23,7 @@
 //! | `fixes` | a velocity that was told; the first course |
 //! | `aiding` | what is known of the receiver |
 //! | `assumed` | a velocity that is assumed |
+//! | `consistency` | whether the filter's own standard deviations are true |
 //! | `standstill` | the gyro bias at rest |
 //! | `magnetic` | the heading of the magnetic field |
 //! | `past` | velocities of the last second |
@@ -31,6 +32,7 @@
 
 mod aiding;
 mod assumed;
+mod consistency;
 mod covariance;
 mod filter;
 mod fixes;

@@ -77,8 +77,8 @@ impl Stage for Aided {
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - self.gyro_bias_rad_s),
             bias_rad_s: self.gyro_bias_rad_s,
             innovation_rad: input.inclination.map_or(0.0, |inclination| innovation_rad(&inclination, self.attitude)),
-            inclination_sd_rad: self.inclination_sd_rad(),
-            heading_sd_rad: self.heading_sd_rad(),
+            inclination_sd_rad: self.told_inclination_sd_rad(),
+            heading_sd_rad: self.told_heading_sd_rad(),
             reference: self.reference,
             corrections,
         }
@@ -108,6 +108,7 @@ impl Stage for Aided {
         self.sums.visit(visit);
         self.turn_rate_rad_s.visit(visit);
         self.aiding.visit(visit);
+        self.consistency.visit(visit);
         self.standstill.visit(visit);
         self.carried.visit(visit);
         self.since_field_s.visit(visit);
@@ -122,6 +123,7 @@ impl Stage for Aided {
             .or(pending)
             .or(latency)
             .or_else(|| self.covariance.flaw())
+            .or_else(|| self.consistency.flaw())
             .or_else(|| self.sums.flaw())
             .or_else(|| self.carried.flaw())
     }

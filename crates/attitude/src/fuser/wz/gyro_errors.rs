@@ -286,7 +286,7 @@ impl GyroErrorFilter {
         let variance = self.tilt_variance_rad2();
         let under_way = self.initial_velocity.observe(self.tilt_rad, variance, interval_s);
         self.tilt_rad -= under_way.tilt;
-        self.tilt_sd_rad = libm::sqrt(self.tilt_rad.norm_sqr() + variance);
+        self.tilt_sd_rad = libm::sqrt(0.5 * self.tilt_rad.norm_sqr() + variance);
         Error { tilt: error.tilt + under_way.tilt, velocity: error.velocity + under_way.velocity }
     }
 

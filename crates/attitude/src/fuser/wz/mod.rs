@@ -17,6 +17,7 @@ mod level;
 mod noise;
 mod tilt_fault;
 mod time_constants;
+mod told;
 
 use super::{
     estimate::Estimate,
@@ -205,8 +206,8 @@ impl Stage for Wz {
             rate_rad_s,
             bias_rad_s: self.gyro_errors.bias_rad_s(),
             innovation_rad,
-            inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
-            heading_sd_rad: self.heading.sd_rad(),
+            inclination_sd_rad: told::inclination_rad(self.gyro_errors.tilt_sd_rad(), rate_rad_s.norm_squared()),
+            heading_sd_rad: told::heading_rad(self.heading.sd_rad()),
             reference: self.heading.reference(),
             corrections,
         }

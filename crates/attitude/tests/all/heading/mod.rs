@@ -1,14 +1,14 @@
 //! `wz` with nine axes on the trials of BROAD, beside VQF: `cargo test --release -p attitude heading:: -- --nocapture`.
-mod crossed;
+pub(crate) mod crossed;
 mod dice;
 mod stress;
-mod trial;
+pub(crate) mod trial;
 
 use stress::Kind;
 use trial::{Errors, Trial, of_vqf, of_wz, trials};
 
 /// Trials without a magnetic disturbance of their own.
-const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
+pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
 
 /// Kinds of trials: what is in all their names. A rotation with breaks is of its own kind.
 const KINDS: [&[&str]; 7] = [
