@@ -43,7 +43,7 @@ pub(crate) struct Score {
     /// Stage of the slot `accel`.
     #[arg(long, value_name = "STAGE")]
     accel: Option<String>,
-    /// Stage of the slot `fuser` [default: wz]; again for another one beside it.
+    /// Stage of the slot `fuser` [default: multiple-model]; again for another one beside it.
     #[arg(long = "fuser", value_name = "STAGE")]
     fusers: Vec<String>,
     /// Stage of the slot `course`.

@@ -167,7 +167,7 @@ fn a_stage_that_is_not_there_is_underlined_with_the_one_meant() {
         "launch.toml:3:9",
         "3 | stage = \"wz-close\"\n  |         ^^^^^^^^^^",
         "did you mean \"wz-closed\"?",
-        "allowed: \"wz\", \"wz-closed\", \"wz-open\"",
+        "allowed: \"multiple-model\", \"wz\", \"wz-closed\", \"wz-open\"",
     ];
     assert_launch_refused("[fuser]\nstage = \"wz-close\"\n", &said);
 }

@@ -103,7 +103,7 @@ fn the_errors_are_those_of_the_reference_where_it_counts() {
         );
     }
     assert_eq!(number(&scores, "/stages/0/trials/0/scored"), 280.0);
-    assert_eq!(scores.pointer("/stages/0/fuser").unwrap(), "wz");
+    assert_eq!(scores.pointer("/stages/0/fuser").unwrap(), "multiple-model");
     assert_eq!(scores.pointer("/stages/0/trials/0/name").unwrap(), "turned");
     assert!(number(&scores, "/stages/0/ns_per_update") > 0.0);
 }
@@ -210,7 +210,11 @@ fn what_there_is_not_is_said_with_what_there_is() {
 fn the_stages_are_listed_for_people_and_for_scripts() {
     let listed = |arguments: &[&str]| String::from_utf8(plumb(arguments).output().unwrap().stdout).unwrap();
     let people = listed(&["stage", "list"]);
-    assert!(people.contains("  wz (default)\n") && people.contains("-180 to 180 °, default 0"), "{people}");
+    assert!(
+        people.contains("  multiple-model (default)\n    parts: wz + aided\n")
+            && people.contains("-180 to 180 °, default 0"),
+        "{people}"
+    );
     let json: Value = serde_json::from_str(&listed(&["stage", "list", "--json"])).unwrap();
     let names: Vec<_> = (0..4).map(|slot| json.pointer(&format!("/slots/{slot}/slot")).unwrap().clone()).collect();
     assert_eq!(names, ["gyro", "accel", "fuser", "course"]);

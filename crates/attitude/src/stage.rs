@@ -36,6 +36,11 @@ pub trait Stage {
     /// The name by which it is chosen.
     fn name(&self) -> &'static str;
 
+    /// The stages it consists of, where it runs others.
+    fn parts(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// The numbers by which it can be set.
     fn parameters(&self) -> &'static [Parameter] {
         &[]

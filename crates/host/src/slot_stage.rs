@@ -38,6 +38,10 @@ impl<B: HostedBy + Clone> Stage for AnyStage<B> {
         each!(self, stage => stage.name())
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        each!(self, stage => stage.parts())
+    }
+
     fn parameters(&self) -> &'static [Parameter] {
         each!(self, stage => stage.parameters())
     }

@@ -335,7 +335,7 @@ impl Default for Launch {
             watch: Vec::new(),
             gyro: stage("mobius"),
             accel: stage("projector"),
-            fuser: stage("wz"),
+            fuser: stage("multiple-model"),
             course: stage("angles"),
             north: North::default(),
         }

@@ -425,7 +425,7 @@ error: fuser.stage: unknown value "wz-opn"
   |         ^^^^^^^^ not known here
   |
   = help: did you mean "wz-open"?
-  = note: allowed: "wz", "wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "multiple-model", "vqf"
+  = note: allowed: "multiple-model", "wz", "wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "vqf"
 
 launch.toml: 2 problems"#;
         assert_eq!(shown, expected);

@@ -25,6 +25,8 @@ struct Entry {
     name: &'static str,
     /// It runs where nothing is said.
     is_default: bool,
+    /// The stages it consists of; none for one that stands by itself.
+    parts: &'static [&'static str],
     #[serde(serialize_with = "parameters")]
     parameters: &'static [Parameter],
 }
@@ -61,7 +63,7 @@ fn slot<B: HostedBy + Clone>(
             *filling = launch::Stage { stage: name.into(), set: BTreeMap::new() };
         }
         let stage = chosen(slot, &launch, named)?;
-        Ok(Entry { name: stage.name(), is_default: index == 0, parameters: stage.parameters() })
+        Ok(Entry { name: stage.name(), is_default: index == 0, parts: stage.parts(), parameters: stage.parameters() })
     };
     let stages = names.iter().copied().chain(programs).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
     Ok(Slot { slot: slot.name(), stages })
@@ -80,8 +82,11 @@ impl fmt::Display for Catalogue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (index, Slot { slot, stages }) in self.slots.iter().enumerate() {
             write!(f, "{}{slot}", if index == 0 { "" } else { "\n" })?;
-            for Entry { name, is_default, parameters } in stages {
+            for Entry { name, is_default, parts, parameters } in stages {
                 write!(f, "\n  {name}{}", if *is_default { " (default)" } else { "" })?;
+                if !parts.is_empty() {
+                    write!(f, "\n    parts: {}", parts.join(" + "))?;
+                }
                 parameters
                     .iter()
                     .try_for_each(|parameter| write!(f, "\n    {}: {}", parameter.name, Told(parameter)))?;
@@ -114,7 +119,11 @@ mod tests {
         assert_eq!(course.pointer("/stages/0/parameters/0/unit").unwrap(), "°");
         let fusers = json.pointer("/slots/2/stages").unwrap().as_array().unwrap();
         assert_eq!(fusers.len(), Fuser::NAMES.len());
+        assert_eq!(fusers[0].pointer("/name").unwrap(), Launch::default().fuser.stage.as_str());
+        assert_eq!(fusers[0].pointer("/parts").unwrap(), &serde_json::json!(["wz", "aided"]));
+        assert_eq!(fusers[1].pointer("/parts").unwrap(), &serde_json::json!([]));
         let people = Catalogue::new(&Launch::default()).unwrap().to_string();
+        assert!(people.contains("  multiple-model (default)\n    parts: wz + aided\n"), "{people}");
         assert!(people.contains("    declination_deg: -180 to 180 °, default 0. Magnetic declination"), "{people}");
     }
 }

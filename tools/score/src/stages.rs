@@ -219,7 +219,10 @@ mod tests {
     #[test]
     fn a_stage_misspelt_is_refused_with_the_one_meant() {
         let said = launches(&choice(&["wz-clsed"], &[])).unwrap_err().to_string();
-        assert!(said.contains("no `wz-clsed`, did you mean `wz-closed`?; there are wz, wz-closed"), "{said}");
+        assert!(
+            said.contains("no `wz-clsed`, did you mean `wz-closed`?; there are multiple-model, wz, wz-closed"),
+            "{said}"
+        );
         let twice = launches(&choice(&["wz", "wz"], &[])).unwrap_err();
         assert_eq!(twice.exit_code(), 2);
     }

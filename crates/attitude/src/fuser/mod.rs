@@ -6,6 +6,7 @@
 //!
 //! | stage | what it is |
 //! | --- | --- |
+//! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, and a choice between them |
 //! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias; heading by the magnetic field |
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
@@ -14,7 +15,6 @@
 //! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with a receiver's velocity and without, and a choice between them |
 //! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
-//! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, and a choice between them |
 //! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
 
 pub mod aided;
@@ -75,6 +75,7 @@ macro_rules! fusers {
 }
 
 fusers! {
+    "multiple-model" => MultipleModel(MultipleModel) = MultipleModel::default(),
     "wz" => Wz(Wz) = Wz::default(),
     "wz-closed" => WzClosed(WzClosed) = WzClosed::default(),
     "wz-open" => WzOpen(WzOpen) = WzOpen::default(),
@@ -84,7 +85,6 @@ fusers! {
     "levelling-unified" => LevellingUnified(LevellingUnified) = LevellingUnified::default(),
     "levelling-pi" => LevellingPi(LevellingPi) = LevellingPi::default(),
     "aided" => Aided(Aided) = Aided::default(),
-    "multiple-model" => MultipleModel(MultipleModel) = MultipleModel::default(),
     "vqf" => Vqf(Vqf) = Vqf::default(),
 }
 
@@ -92,10 +92,10 @@ fusers! {
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one value per process, held by value because the crate has no allocator")]
 pub enum Fuser {
-    /// `wz`
-    Wz(Wz),
     /// `multiple-model`
     MultipleModel(MultipleModel),
+    /// `wz`
+    Wz(Wz),
     /// `wz-closed`
     WzClosed(WzClosed),
     /// `wz-open`
@@ -117,8 +117,8 @@ pub enum Fuser {
 macro_rules! each {
     ($fuser:expr, $stage:ident => $do:expr) => {
         match $fuser {
-            Fuser::Wz($stage) => $do,
             Fuser::MultipleModel($stage) => $do,
+            Fuser::Wz($stage) => $do,
             Fuser::WzClosed($stage) => $do,
             Fuser::WzOpen($stage) => $do,
             Fuser::Madgwick($stage) => $do,
@@ -160,6 +160,10 @@ impl Stage for Fuser {
 
     fn name(&self) -> &'static str {
         each!(self, stage => stage.name())
+    }
+
+    fn parts(&self) -> &'static [&'static str] {
+        each!(self, stage => stage.parts())
     }
 
     fn parameters(&self) -> &'static [Parameter] {

@@ -45,4 +45,5 @@ mod strapdown;
 mod sums;
 mod variance;
 
+pub(super) use settings::OF_THE_MAGNETOMETER;
 pub use {filter::Aided, settings::Settings};

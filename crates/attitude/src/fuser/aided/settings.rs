@@ -2,6 +2,9 @@
 
 use crate::{Vector3, parameters::settings};
 
+/// How many of the settings, at the end of the table, are those of the magnetometer.
+pub(in crate::fuser) const OF_THE_MAGNETOMETER: usize = 4;
+
 settings! {
     /// Settings of the fuser stage `aided`.
     pub struct Settings {

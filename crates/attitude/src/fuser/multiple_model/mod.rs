@@ -34,9 +34,10 @@ use {transition::Transition, turns::Turns};
 
 /// How long a body that was carried over ground is taken to be carried on, s.
 const CARRIED_S: f64 = 300.0;
-/// Those of `wz`, then those of `aided`.
-const PARAMETERS: &[Parameter] =
-    &joined::<{ Wz::PARAMETERS.len() + aided::Settings::TABLE.len() }>(Wz::PARAMETERS, aided::Settings::TABLE);
+/// Those of `wz`, then those of `aided` but for its magnetometer's: the magnetic heading is that of `wz`.
+const PARAMETERS: &[Parameter] = &joined::<{ Wz::PARAMETERS.len() + OF_AIDED.len() }>(Wz::PARAMETERS, OF_AIDED);
+const OF_AIDED: &[Parameter] =
+    aided::Settings::TABLE.split_at(aided::Settings::TABLE.len() - aided::OF_THE_MAGNETOMETER).0;
 
 const fn joined<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -> [Parameter; COUNT] {
     let mut all = [first[0]; COUNT];
@@ -139,16 +140,20 @@ impl Stage for MultipleModel {
         "multiple-model"
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &["wz", "aided"]
+    }
+
     fn parameters(&self) -> &'static [Parameter] {
         PARAMETERS
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        if PARAMETERS.iter().all(|parameter| parameter.name != name) {
+            return Err(ParameterError::Unknown { known: PARAMETERS });
+        }
         match self.wz.set(name, value) {
-            Err(ParameterError::Unknown { .. }) => match self.aided.set(name, value) {
-                Err(ParameterError::Unknown { .. }) => Err(ParameterError::Unknown { known: PARAMETERS }),
-                other => other,
-            },
+            Err(ParameterError::Unknown { .. }) => self.aided.set(name, value),
             other => other,
         }
     }
