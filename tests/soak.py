@@ -24,7 +24,7 @@ from pathlib import Path
 STAGES = {
     "gyro": ["mobius", "mobius-coning", "rk4", "euler"],
     "accel": ["projector", "inclinometer-matrix", "inclinometer-quaternion"],
-    "fuser": ["wz", "multiple-model", "wz-open", "wz-closed", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "vqf"],
+    "fuser": ["multiple-model", "wz", "wz-open", "wz-closed", "madgwick", "madgwick-improved", "levelling", "levelling-unified", "levelling-pi", "aided", "vqf"],
     "course": ["angles", "track"],
 }
 # What is looked at of every process.

@@ -32,7 +32,7 @@ fn every_vehicle_in_sight_has_a_line_and_the_one_that_is_chosen_is_shown_in_our_
     let view = view(&boat, &["--connect", &ends[0], "--connect", &ends[1]]);
     let Some(mut page) = Page::open(&view.address) else { return };
     page.until("plumb.view() === 'fleet' && plumb.drawn()?.vehicles?.length === 2");
-    page.until("plumb.drawn().vehicles.every(({ old, quaternion, stage, lost_ticks }) => !old && quaternion && stage === 'wz' && lost_ticks === 0)");
+    page.until("plumb.drawn().vehicles.every(({ old, quaternion, stage, lost_ticks }) => !old && quaternion && stage === 'multiple-model' && lost_ticks === 0)");
     page.shot("fleet-1280.png");
     page.click("[data-vehicle=drone]");
     page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && document.getElementById('system').textContent === 'drone'");
@@ -98,7 +98,7 @@ fn an_operator_swaps_a_stage_of_a_vehicle_elsewhere_by_a_click() {
     page.click("#yes");
     page.until("/^(committed|aborted|refused)/.test(document.getElementById('outcome').textContent)");
     let outcome = page.text("document.getElementById('outcome').textContent");
-    assert!(outcome.starts_with("committed: fuser: wz → vqf from tick"), "{outcome}");
+    assert!(outcome.starts_with("committed: fuser: multiple-model → vqf from tick"), "{outcome}");
     page.assert_clean();
     view.end();
     running.interrupt();

@@ -157,7 +157,7 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
     page.click("#yes");
     page.until("/^(committed|aborted|refused)/.test(document.getElementById('outcome').textContent)");
     let outcome = page.text("document.getElementById('outcome').textContent");
-    assert!(outcome.starts_with("committed: fuser: wz → vqf from tick"), "{outcome}");
+    assert!(outcome.starts_with("committed: fuser: multiple-model → vqf from tick"), "{outcome}");
     assert!(outcome.contains("lost 0, duplicated 0"), "{outcome}");
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
     assert_eq!(fuser["stage"], "vqf");

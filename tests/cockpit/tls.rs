@@ -78,7 +78,7 @@ fn by_tls_nothing_is_seen_without_a_token_a_viewer_looks_and_an_operator_command
     commands.until("document.getElementById('slot').value === 'fuser'");
     swap(&mut commands);
     let said = commands.text("document.getElementById('outcome').textContent");
-    assert!(said.starts_with("committed: fuser: wz → vqf from tick"), "{said}");
+    assert!(said.starts_with("committed: fuser: multiple-model → vqf from tick"), "{said}");
     looks.assert_clean();
     commands.assert_clean();
     running.interrupt();

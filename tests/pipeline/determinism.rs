@@ -115,7 +115,8 @@ fn fields_and_fixes_give_the_same_bytes_from_one_process_and_five() {
     let flight =
         "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200\n[fuser]\nstage = \"aided\"\n[course]\nstage = \"track\"";
     let field = "[ingest.sim]\nscenario = \"s3\"\n[fuser]\nstage = \"wz\"\nset.magnetometer_delay_s = 0.01";
-    for (seeds, source, length) in [(300..303, flight, "120s"), (310..313, field, "15s")] {
+    let usual = "[ingest.sim]\nscenario = \"cruise\"\nrate_hz = 200";
+    for (seeds, source, length) in [(300..303, flight, "120s"), (310..313, field, "15s"), (315..317, usual, "120s")] {
         let arguments = ["--for", length, "--speed", "max"];
         let expected = in_one_process(source, &arguments[..2]);
         for seed in seeds {

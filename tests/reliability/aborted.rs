@@ -101,12 +101,12 @@ fn an_active_stage_that_freezes_anywhere_near_its_last_tick_costs_no_tick() {
     // The decision falls some 130 ms after the request, and the tick 50 ms after the decision; where exactly is chance.
     for (slot, stage, delay_ms) in [
         ("course", "angles", 135),
-        ("fuser", "wz", 150),
+        ("fuser", "multiple-model", 150),
         ("course", "angles", 165),
         ("gyro", "mobius", 165),
         ("accel", "projector", 165),
         ("course", "angles", 180),
-        ("fuser", "wz", 195),
+        ("fuser", "multiple-model", 195),
     ] {
         let frozen = active(slot);
         let asking = plumb(&["swap", slot, stage, "--json", "--system", &system.name]);

@@ -113,7 +113,11 @@ fn a_flight_has_every_tick_though_services_are_killed_and_a_stage_is_swapped() {
     let launch = fs::read_to_string(system.path("launch.toml")).unwrap();
     assert_eq!(found["attachments"]["launch.toml"].as_str(), Some(&*launch));
     let config: Value = serde_json::from_str(found["attachments"]["config.json"].as_str().unwrap()).unwrap();
-    assert_eq!((&config["launch"]["fuser"]["stage"], &config["rate_hz"]), (&"wz".into(), &1000.0.into()), "{config}");
+    assert_eq!(
+        (&config["launch"]["fuser"]["stage"], &config["rate_hz"]),
+        (&"multiple-model".into(), &1000.0.into()),
+        "{config}"
+    );
     let report: Value = serde_json::from_str(found["attachments"]["report.json"].as_str().unwrap()).unwrap();
     assert_eq!(report["ticks_out"], run.json["ticks_out"]);
 

@@ -11,7 +11,8 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 const SIM: &str = "[ingest.sim]\nrate_hz = 200\n";
-const SLOTS: [(&str, &str); 4] = [("gyro", "mobius"), ("accel", "projector"), ("fuser", "wz"), ("course", "angles")];
+const SLOTS: [(&str, &str); 4] =
+    [("gyro", "mobius"), ("accel", "projector"), ("fuser", "multiple-model"), ("course", "angles")];
 
 fn written(name: &str, language: &str, folder: &Path, arguments: &[&str]) {
     let mut command = plumb(&["stage", "new", name, "--lang", language, "--dir"]);
@@ -101,7 +102,9 @@ fn a_stage_of_any_language_is_swapped_in_and_out_and_nothing_is_lost() {
         let system = system_with_stage(compiler, SIM);
         let out = system.path("out.csv");
         let running = started(&system, &["--out", out.to_str().unwrap()]);
-        for (from, to) in [("wz", "my-fuser"), ("my-fuser", "vqf"), ("vqf", "my-fuser"), ("my-fuser", "wz")] {
+        for (from, to) in
+            [("multiple-model", "my-fuser"), ("my-fuser", "vqf"), ("vqf", "my-fuser"), ("my-fuser", "multiple-model")]
+        {
             let report = swapped(&system, "fuser", to);
             assert_eq!(report["from"], from, "{report}");
             assert!((0.0..5.0).contains(&report["jump_deg"].as_f64().unwrap()), "{report}");

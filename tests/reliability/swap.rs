@@ -44,7 +44,6 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
             "fuser",
             &[
                 "aided",
-                "multiple-model",
                 "levelling-pi",
                 "levelling-unified",
                 "levelling",
@@ -54,6 +53,7 @@ fn every_stage_of_every_slot_is_swapped_in_and_nothing_is_lost() {
                 "wz-open",
                 "vqf",
                 "wz",
+                "multiple-model",
             ],
         ),
         ("course", &["track", "angles"]),
@@ -81,7 +81,8 @@ fn a_swap_to_the_same_stage_changes_no_byte_even_when_the_new_one_is_killed() {
     let system = System::new("");
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
-    for (slot, stage) in [("fuser", "wz"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")] {
+    for (slot, stage) in [("fuser", "multiple-model"), ("gyro", "mobius"), ("accel", "projector"), ("course", "angles")]
+    {
         let report = system.swap(&[slot, stage]);
         assert_committed(&report);
         assert_eq!(report["jump_deg"], 0.0, "{report}");
@@ -150,9 +151,9 @@ fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() 
         let victim = lives(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
         signal(victim, Signal::KILL);
         let said = String::from_utf8(asking.wait_with_output().unwrap().stderr).unwrap();
-        assert!(said.contains("wz stays"), "{said}");
+        assert!(said.contains("multiple-model stays"), "{said}");
         until("one fuser", || lives(&running, "fuser").len() == 1);
-        assert_eq!(stage_in(&system, "fuser"), "wz");
+        assert_eq!(stage_in(&system, "fuser"), "multiple-model");
     }
     running.interrupt();
     let run = running.wait();

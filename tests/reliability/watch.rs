@@ -9,7 +9,7 @@ fn stage_in(system: &System, slot: &str) -> Option<String> {
     Some(one["stage"].as_str()?.to_owned())
 }
 
-/// The simulated bias is not known to `wz-open`, which the body's motion takes away from `wz` by and by.
+/// The simulated bias is not known to `wz-open`, which the body's motion takes away from the default by and by.
 fn watch(bounds: &str) -> String {
     format!("[[watch]]\nslot = \"fuser\"\nstage = \"wz-open\"\nmeasure = \"inclination\"\n{bounds}\n")
 }

@@ -158,7 +158,7 @@ impl Clock {
             notes: vec!["positive: the magnetometer is later than the gyro".into()],
             replaces: "[fuser]; its other settings stay in `set`",
             block: format!(
-                "[fuser]\nstage = \"wz\"\nset = {{ magnetometer_delay_s = {:.4}, magnetometer_delay_sd_s = {:.4} }}\n",
+                "[fuser]\nstage = \"multiple-model\"\nset = {{ magnetometer_delay_s = {:.4}, magnetometer_delay_sd_s = {:.4} }}\n",
                 delay_s + 0.0,
                 sd_s.clamp(least, most)
             ),

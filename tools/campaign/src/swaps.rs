@@ -156,15 +156,15 @@ impl fmt::Display for SwapsReport {
 
 /// A stage for a slot.
 fn any(random: &mut ChaCha8Rng, same: bool) -> SwapRequest {
-    let of: [(Service, &[&str], &str); 4] = [
-        (Service::Gyro, &Gyro::NAMES, "mobius"),
-        (Service::Accel, &Accelerometer::NAMES, "projector"),
-        (Service::Fuser, &Fuser::NAMES, "wz"),
-        (Service::Course, &Course::NAMES, "angles"),
+    let of: [(Service, &[&str]); 4] = [
+        (Service::Gyro, &Gyro::NAMES),
+        (Service::Accel, &Accelerometer::NAMES),
+        (Service::Fuser, &Fuser::NAMES),
+        (Service::Course, &Course::NAMES),
     ];
-    let (slot, names, first) = of[within(random, 0..of.len() as u64) as usize];
+    let (slot, names) = of[within(random, 0..of.len() as u64) as usize];
     let name = names[within(random, 0..names.len() as u64) as usize];
-    let stage = Stage { stage: if same { first } else { name }.into(), set: BTreeMap::new() };
+    let stage = Stage { stage: if same { names[0] } else { name }.into(), set: BTreeMap::new() };
     let limit_ms = Some(SwapRequest::LIMIT_MS);
     SwapRequest { slot: slot.name().into(), stage, shadow: false, expected_epoch: None, limit_ms }
 }

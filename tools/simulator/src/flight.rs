@@ -14,7 +14,7 @@ pub(crate) const RATE_HZ: f64 = 100.0;
 pub(crate) const FLIGHTS: usize = 4;
 /// What fills the slots at first: gyro, accel, fuser, course.
 const FILLINGS: [[&str; 4]; FLIGHTS] = [
-    ["mobius", "projector", "wz", "angles"],
+    ["mobius", "projector", "multiple-model", "angles"],
     ["euler", "inclinometer-matrix", "madgwick", "track"],
     ["mobius", "projector", "aided", "track"],
     ["rk4", "inclinometer-quaternion", "vqf", "angles"],

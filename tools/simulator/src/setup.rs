@@ -66,7 +66,7 @@ const SHORT_MS: u64 = 300;
 const STAGES: [(Service, &[&str]); 4] = [
     (Service::Gyro, &["mobius", "mobius-coning", "rk4", "euler"]),
     (Service::Accel, &["projector", "inclinometer-matrix", "inclinometer-quaternion"]),
-    (Service::Fuser, &["wz", "madgwick", "madgwick-improved", "levelling", "vqf", "aided"]),
+    (Service::Fuser, &["multiple-model", "wz", "madgwick", "madgwick-improved", "levelling", "vqf", "aided"]),
     (Service::Course, &["angles", "track"]),
 ];
 

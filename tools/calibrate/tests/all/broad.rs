@@ -67,7 +67,7 @@ fn spoilt(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
     readings.iter().map(spoil).collect()
 }
 
-/// Total error of `wz` with the field, root mean square, degrees, in a system whose launch file has this piece.
+/// Total error of the default fuser with the field, root mean square, degrees, in a system whose launch file has this piece.
 fn score_deg(trial: &Trial, readings: &[Reading], piece: &str) -> f64 {
     let mut launch = Launch::parse("launch.toml", piece).unwrap_or_else(|error| panic!("{piece}\n{error}"));
     launch.ingest.source = Source::Replay;

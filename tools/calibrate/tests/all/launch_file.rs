@@ -64,7 +64,7 @@ fn all_pieces_together_are_a_launch_file_that_undoes_the_errors() {
     let off = matrix - Mounting::of_quaternion(mounting).unwrap().matrix();
     assert!(off.amax() < 0.01, "{off}");
     assert!((launch.fuser.set["magnetometer_delay_s"] - 0.02).abs() < 2e-3);
-    assert!(launch.fuser.set["magnetometer_delay_sd_s"] < 1e-3 && launch.fuser.stage == "wz");
+    assert!(launch.fuser.set["magnetometer_delay_sd_s"] < 1e-3 && launch.fuser.stage == "multiple-model");
 }
 
 #[test]

@@ -105,13 +105,15 @@ fn whatever_is_read_every_tick_comes_out_finite_and_of_unit_length() {
 }
 
 #[test]
-fn wz_is_level_again_at_the_end_of_every_fault() {
-    for fault in &FAULTS {
-        let (output, truth) = last_attitude("wz", Motion::S1, fault);
+fn the_default_and_wz_are_level_again_at_the_end_of_every_fault() {
+    for (fuser, fault) in
+        ["multiple-model", "wz"].into_iter().flat_map(|fuser| FAULTS.iter().map(move |of| (fuser, of)))
+    {
+        let (output, truth) = last_attitude(fuser, Motion::S1, fault);
         let [w, x, y, z] = output.quaternion;
         let e = Quaternion::new(w, x, y, z) * truth.conjugate();
         let error_deg = (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).to_degrees();
-        println!("{}: {error_deg:.3}°", fault.0);
-        assert!(error_deg < 0.35, "{}: {error_deg}°", fault.0);
+        println!("{fuser}, {}: {error_deg:.3}°", fault.0);
+        assert!(error_deg < 0.35, "{fuser}, {}: {error_deg}°", fault.0);
     }
 }
