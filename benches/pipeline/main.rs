@@ -7,7 +7,7 @@
 //! | --- | --- | --- | --- |
 //! | `raw` | 5 processes, one fan-out, one join; each topic a ring in shared memory and a futex word: the limit | to the receipt by the last | 5 processes |
 //! | `bus` | the same over `crates/bus`, headers passed on | to the receipt by the last | 5 processes |
-//! | `real` | `plumb up` with the default stages | to the publication by the last | 5 services, supervisor |
+//! | `real` | `plumb up` with the fuser `wz` | to the publication by the last | 5 services, supervisor |
 //! | `other` | the same of another executable, with `--other` | the same | the same |
 //!
 //! Latency is from the stamp before a sample's first send. `raw` and `bus` leave out their first [`WARM_S`]; `real` leaves out

@@ -19,7 +19,10 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
     let folder = tempfile::tempdir()?;
     let launch = folder.path().join("launch.toml");
     let name = format!("bench-real-{}", std::process::id());
-    fs::write(&launch, format!("name = \"{name}\"\n[ingest.sim]\nscenario = \"s1\"\nrate_hz = {rate_hz}\n"))?;
+    fs::write(
+        &launch,
+        format!("name = \"{name}\"\n[ingest.sim]\nscenario = \"s1\"\nrate_hz = {rate_hz}\n[fuser]\nstage = \"wz\"\n"),
+    )?;
     let launch = launch.to_str().ok_or("the name of the folder for temporary files is not text")?;
     let deadline = Instant::now() + Duration::from_secs_f64(seconds) + LIMIT;
     let mut plumb = Process::start(plumb, ["up", launch, "--for", &format!("{seconds}s"), "--json"])?;
