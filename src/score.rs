@@ -73,7 +73,7 @@ pub(crate) struct Score {
     /// Write `t_s,qw,qx,qy,qz` of each tick to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write what was said at each tick, and the truth beside it, to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv. What is not known is `nan`.
+    /// Write what was said at each tick, by gyro and accelerometer alone, too, and the truth beside it, to DIR/TRIAL.csv; of several fusers to DIR/FUSER/TRIAL.csv. What is not known is `nan`.
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
     /// Write figures to DIR/TRIAL.*.svg; of several fusers those of each to DIR/FUSER/TRIAL.*.svg, and all over one another to DIR/TRIAL.*.svg.

@@ -18,6 +18,7 @@
 //! | [`tune`], [`verdict`] | errors over the range of a setting, the best value; which stage and setting to choose |
 //! | [`overlay`], `report` | the attitudes of all stages one over the other; the page |
 //! | [`plot`] | figures of a run |
+//! | `sensors` | what gyro and accelerometer say on their own |
 //! | `csv` | what was said at each tick, and the truth beside it |
 #![forbid(unsafe_code)]
 
@@ -31,6 +32,7 @@ pub mod plot;
 mod report;
 pub mod run;
 pub mod seeds;
+mod sensors;
 pub mod stages;
 pub mod table;
 pub mod tally;

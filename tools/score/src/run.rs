@@ -395,7 +395,7 @@ fn files(request: &Request, trial: &Trial, config: &ServiceConfig, is_first: boo
     let record = |plots: &Plots| Record::new(plots, config, trial.rows).map(Box::new);
     Ok(Files {
         out: table(&request.out)?,
-        csv: table(&request.csv)?.map(Csv::create).transpose()?,
+        csv: table(&request.csv)?.map(|path| Csv::create(path, config)).transpose()?,
         record: request.plot.as_ref().filter(|_| is_first).map(record).transpose()?,
     })
 }
@@ -464,7 +464,7 @@ impl Lane {
                 record.take(&sample.imu, moment.as_ref().map(|(truth, moment)| (*truth, moment)), output, fused);
             }
             if let Some(csv) = &mut files.csv {
-                csv.take(output, fused, truth)?;
+                csv.take(&sample.imu, output, fused, truth)?;
             }
         }
         Ok(())

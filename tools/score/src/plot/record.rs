@@ -1,20 +1,21 @@
 //! What a run shows, tick by tick, thinned.
 
-use accel::AccelWork;
 use attitude::{
     Quaternion, Vector3,
     point::{Chart, Point},
     state::{Attitude, wrapped_rad},
 };
-use gyro::GyroWork;
 use messages::{AttitudeOutput, FusedState, ImuSample};
-use runtime::{EachTick, RuntimeError, ServiceConfig, Slot, quantities};
+use runtime::{RuntimeError, ServiceConfig};
 
 use super::{
     Plots,
     curve::{BINS, Curve},
 };
-use crate::tally::{Moment, Truth};
+use crate::{
+    sensors::Sensors,
+    tally::{Moment, Truth},
+};
 
 /// |w| beyond which it is not drawn: the body is all but upside down.
 const W_LIMIT: f64 = 3.0;
@@ -76,8 +77,7 @@ pub(crate) struct Curves([Curve; QUANTITIES]);
 /// Every source over time.
 pub(crate) struct Record {
     plots: Plots,
-    gyro: EachTick<GyroWork>,
-    accel: EachTick<AccelWork>,
+    sensors: Sensors,
     first_ns: Option<i64>,
     /// Where a heading that is counted from nowhere was first.
     first_turn_deg: Option<f64>,
@@ -96,8 +96,7 @@ impl Record {
         let curves = || Curves(std::array::from_fn(|_| Curve::new(shown)));
         Ok(Self {
             plots: plots.clone(),
-            gyro: gyro::slot(config)?,
-            accel: accel::slot(config)?,
+            sensors: Sensors::new(config)?,
             first_ns: None,
             first_turn_deg: None,
             ticks: 0,
@@ -121,9 +120,7 @@ impl Record {
     ) {
         let t_ns = sample.header.t_end_ns;
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
-        let (mut open_loop, mut seen) = (None, None);
-        self.gyro.offer(*sample, &mut |step| open_loop = quantities::motion(&step, 0.0).map(|motion| motion.attitude));
-        self.accel.offer(*sample, &mut |point| seen = quantities::up(&point));
+        let (open_loop, seen) = self.sensors.take(sample);
         if !self.plots.shows(t_s) {
             return;
         }
