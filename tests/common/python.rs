@@ -1,12 +1,13 @@
 //! A Python with packages of others, in an environment of its own.
 
 use std::{
+    env,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
 
 /// A Python that imports `modules`, from the environment `name`, which is made with `packages` where it is not there; says why where it
-/// cannot be.
+/// cannot be, which under `CI` is a failure.
 pub(crate) fn python(name: &str, modules: &str, packages: &[&str]) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let python = folder.join("bin/python");
@@ -23,6 +24,7 @@ pub(crate) fn python(name: &str, modules: &str, packages: &[&str]) -> Option<Pat
     match made {
         Ok(()) => Some(python),
         Err(cause) => {
+            assert!(env::var_os("CI").is_none(), "no Python with {}: {cause}", packages.join(" and "));
             eprintln!("skipped: no Python with {}: {cause}", packages.join(" and "));
             None
         }

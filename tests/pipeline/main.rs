@@ -10,6 +10,7 @@ mod determinism;
 mod drivers;
 mod fault_script;
 mod import;
+mod notebook;
 mod orchestrated;
 mod output;
 mod python_sensor;

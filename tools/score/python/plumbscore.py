@@ -25,8 +25,7 @@ BIAS = ("bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s")
 SENSORS = ("gyro_chart", "gyro_u", "gyro_v", "gyro_z_rad", "accel_chart", "accel_u", "accel_v")
 COLUMNS = ("t_s", *ATTITUDE, "course_reference", *BIAS, "inclination_sd_rad", "course_sd_rad", *SENSORS)
 COLUMNS += (*("true_" + name for name in ATTITUDE + BIAS), "scored")
-# Nearer to the vertical than 1° a nose has no roll, yaw and course.
-STEEPEST_RAD = math.radians(89.0)
+STEEPEST_RAD = math.radians(89.0)  # Nearer to the vertical a nose has no roll, yaw and course.
 
 
 class ScoreError(ValueError):
@@ -116,8 +115,7 @@ def read_table(path: str | Path) -> Table:
     head = lines[0].split(",") if lines else []
     missing = [name for name in COLUMNS if name not in head]
     if missing:
-        said = "name a file that `plumb score --csv DIR` of this version wrote"
-        raise ScoreError(f"{path}:1: no column {', '.join(missing)}; {said}")
+        raise ScoreError(f"{path}:1: no column {', '.join(missing)}; write the table again by this version")
     rows = [line.split(",") for line in lines[1:]]
     for number, row in enumerate(rows, 2):
         if len(row) != len(head):
@@ -185,14 +183,8 @@ class Run:
         raise ScoreError(f"no range of {setting} for {fuser}; give `run` one, as settings={{'{setting}': 'a..b'}}")
 
 
-def run(
-    plumb: str | Path,
-    files: Sequence[str],
-    fusers: Sequence[str] = ("wz",),
-    settings: Mapping[str, float | str] | None = None,
-    folder: str | Path | None = None,
-    options: Sequence[str] = (),
-) -> Run:
+def run(plumb: str | Path, files: Sequence[str], fusers: Sequence[str] = ("wz",), folder: str | Path | None = None,
+        settings: Mapping[str, float | str] | None = None, options: Sequence[str] = ()) -> Run:
     """Runs `plumb score` over recordings or simulations; the tables go to an empty folder, where one is given."""
     chosen = [f"--fuser={fuser}" for fuser in fusers] + [f"--set={key}={value}" for key, value in (settings or {}).items()]
     tables = [] if folder is None else [f"--csv={folder}"]

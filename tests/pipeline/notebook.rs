@@ -1,0 +1,133 @@
+//! The scores in Python: the notebook shows what `plumb score` tells, and the module refuses what it did not write.
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    sync::LazyLock,
+};
+
+use super::score::{folder_with, scores};
+use crate::common::python::python;
+use serde_json::Value;
+
+static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("numpy-venv", "numpy", &["numpy==2.4.6"]));
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Runs Python in a folder with the module to be found, and `PLUMB` for the notebook.
+fn run(python: &Path, folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(python);
+    command.arg("-B").args(arguments).current_dir(folder).env("PYTHONPATH", root().join("tools/score/python"));
+    command.env("PLUMB", env!("CARGO_BIN_EXE_plumb")).env("PYTHONUTF8", "1").output().unwrap()
+}
+
+/// The last line that it printed, of a run that ended well.
+fn last_line(output: &Output) -> &str {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    std::str::from_utf8(&output.stdout).unwrap().lines().last().unwrap()
+}
+
+#[test]
+fn the_notebook_shows_what_the_scores_say() {
+    let Some(python) = &*PYTHON else { return };
+    let output = run(python, root(), &["tests/foreign/notebook.py", "docs/s1.ipynb"]);
+    let said: Value = serde_json::from_str(last_line(&output)).unwrap();
+    assert_eq!(said["pictures"], serde_json::json!(["errors-over-time", "plane-of-w", "sweep", "yaw-over-time"]));
+}
+
+#[test]
+fn the_example_in_the_chapter_prints_the_same_error_twice() {
+    let Some(python) = &*PYTHON else { return };
+    let chapter = fs::read_to_string(root().join("docs/scoring.md")).unwrap();
+    let lines = chapter.lines().skip_while(|line| !line.starts_with("    from plumbscore"));
+    let example: String = lines.map_while(|line| line.strip_prefix("    ")).map(|line| format!("{line}\n")).collect();
+    let folder = folder_with(&[("example.py", example.replace("target/release/plumb", env!("CARGO_BIN_EXE_plumb")))]);
+    let output = run(python, folder.path(), &["example.py"]);
+    let errors: Vec<f64> = last_line(&output).split_whitespace().map(|word| word.parse().unwrap()).collect();
+    assert!(matches!(errors[..], [a, b] if (a - b).abs() < 1e-9 && a > 0.01), "{errors:?}");
+}
+
+/// What the module says as it refuses what an expression reads.
+fn refusal(python: &Path, folder: &Path, read: &str) -> String {
+    let program = format!(
+        "import plumbscore as p\ntry:\n    {read}\nexcept p.ScoreError as cause:\n    print(str(cause).replace(chr(10), ' '))"
+    );
+    let output = run(python, folder, &["-c", &program]);
+    assert!(!output.stdout.is_empty(), "{read} is taken: {}", String::from_utf8_lossy(&output.stderr));
+    last_line(&output).to_owned()
+}
+
+#[test]
+fn a_damaged_table_is_refused_with_its_place_and_the_remedy() {
+    let Some(python) = &*PYTHON else { return };
+    let folder = folder_with(&[]);
+    scores(folder.path(), &["sim:s1?duration_s=0.05", "--csv", "."]);
+    let whole = fs::read_to_string(folder.path().join("sim_s1_duration_s_0.05.csv")).unwrap();
+    let read = |text: &str| {
+        fs::write(folder.path().join("table.csv"), text).unwrap();
+        refusal(python, folder.path(), "p.read_table('table.csv')")
+    };
+    let third = whole.lines().nth(2).unwrap();
+    for (damaged, said) in [
+        (whole.replace(",true_u,", ",true_x,"), "table.csv:1: no column true_u; write the table again by this version"),
+        (whole.replace(third, &third.replace("upright", "upright,0")), "table.csv:3: 44 values under 43 names"),
+        (whole[..whole.len() - 30].to_owned(), "names; was the file cut? Write it again"),
+        (whole.replacen("\n0.02", "\n0,02", 1), "table.csv:4: "),
+        (whole.replacen("\n0.02", "\n0.o2", 1), "table.csv:4: t_s is '0.o20000000', which is no number"),
+        (String::new(), "table.csv:1: no column t_s, qw,"),
+    ] {
+        assert!(read(&damaged).contains(said), "no {said:?} in {}", read(&damaged));
+    }
+    let said = refusal(python, folder.path(), "p.read_table('none.csv')");
+    assert!(said.contains("none.csv") && said.contains("name a file that `plumb score --csv DIR` wrote"), "{said}");
+}
+
+#[test]
+fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
+    let Some(python) = &*PYTHON else { return };
+    let folder = folder_with(&[]);
+    let plumb = format!("{:?}", env!("CARGO_BIN_EXE_plumb"));
+    for (read, said) in [
+        ("p.read_scores('')", "no scores on the last line, but ''"),
+        ("p.read_scores('RMSE, degrees  fuser')", "read the standard output of `plumb score … --json`"),
+        ("p.read_scores('{\"error\": \"no such file\"}')", "no such file"),
+        ("p.run('no-plumb', ['sim:s1'])", "build it with `cargo build --release`"),
+        (&format!("p.run({plumb}, ['none.csv'])"), "ended with 3: opening the recording none.csv"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).table('wz')"), "give `run` a folder"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).stage('vqf')"), "no fuser vqf; this run has wz"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).curve('wz', 'fuser.x')"), "settings={'fuser.x': 'a..b'}"),
+        (
+            &format!("p.run({plumb}, ['sim:s1?seed=1..2&duration_s=1'], folder='two').table('wz')"),
+            "2 tables of wz, not one; name one of these: sim_s1_seed_1_duration_s_1, ",
+        ),
+    ] {
+        let refused = refusal(python, folder.path(), read);
+        assert!(refused.contains(said), "no {said:?} in {refused}");
+    }
+}
+
+#[test]
+fn angles_go_the_short_way_round_and_a_point_is_seen_from_either_chart() {
+    let Some(python) = &*PYTHON else { return };
+    let program = "
+import numpy as np
+import plumbscore as p
+turn = np.radians([0.0, 179.0, 180.0, 181.0, -180.0, 359.0, -359.0, 720.0])
+assert np.allclose(p.wrapped_deg(turn), [0, 179, 180, -179, 180, -1, 1, 0], atol=1e-9), p.wrapped_deg(turn)
+columns = {name: np.zeros(3) for name in p.COLUMNS} | {'qw': np.ones(3), 'true_qw': np.array([1.0, -1.0, np.nan])}
+columns |= {'u': np.array([0.3, 0.3, 0.0]), 'v': np.full(3, 0.4), 'chart': np.array(['upright', 'inverted', ''])}
+columns |= {'course_reference': np.array(['true', 'arbitrary', 'true']), 'course_rad': np.full(3, 6.2), 'true_course_rad': np.full(3, 0.1)}
+table = p.Table(columns | {'course_sd_rad': np.array([0.1, 0.1, 0.0]), 'pitch_rad': np.array([0.0, 0.0, 1.56])})
+# 1/w of 0.3 + 0.4j is its conjugate over a quarter.
+assert np.allclose(table.w(), [0.3 + 0.4j, 1.2 - 1.6j, 0.4j]), table.w()
+errors = table.errors_deg()
+assert errors['total'][:2].tolist() == [0.0, 0.0] and np.isnan(errors['total'][2]), 'q and -q are one attitude'
+assert np.allclose(errors['course'][0], np.degrees(6.1) - 360.0) and np.isnan(errors['course'][1:]).all(), errors['course']
+assert np.allclose(table.normalised()['course'][0], (6.1 - 2.0 * np.pi) / 0.1)
+print('held')
+";
+    let folder = folder_with(&[]);
+    assert_eq!(last_line(&run(python, folder.path(), &["-c", program])), "held");
+}
