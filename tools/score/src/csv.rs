@@ -1,7 +1,7 @@
 //! A line for each tick: what a chain of stages says, and the truth beside it.
 //!
-//! Input: sample, attitude, fused state and truth of a tick. Output: a CSV file whose columns have their units in their names. Time: the samples' own. Failure: a
-//! file that cannot be written; what is not known is `nan`, and its chart or reference empty.
+//! Input: sample, attitude, fused state and truth of a tick. Output: a CSV file whose columns have their units in their names. Time: the samples' own.
+//! Failure: a file that cannot be written; what is not known is `nan`, and its chart or reference empty.
 //!
 //! The columns of the estimate are those of `plumb up --out FILE --columns uvz,angles,course,bias,sd`; those of the truth have the same names after
 //! `true_`, those of gyro and accelerometer alone after `gyro_` and `accel_`. Each has a chart of its own, as it may be on the other side of the sphere.
