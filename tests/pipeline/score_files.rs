@@ -41,7 +41,7 @@ fn the_errors_can_be_computed_again_from_the_table() {
         assert!((length - told("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
         assert!(columns["true_u"].iter().chain(&columns["inclination_sd_rad"]).all(|value| value.is_finite()));
         assert_eq!(columns["course_rad"].len(), columns["true_course_rad"].len());
-        // The gyro begins where up is seen first and goes on by itself; the accelerometer is as good at any time.
+        // The gyro begins where the accelerometer sees up, and drifts; the accelerometer is as good at any time.
         let away = |of: &str, row: usize| {
             let off = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
             off("u").hypot(off("v"))
@@ -49,7 +49,7 @@ fn the_errors_can_be_computed_again_from_the_table() {
         assert_eq!(away("gyro", 0), away("accel", 0));
         let mean =
             |of: &str, rows: Range<usize>| rows.clone().map(|row| away(of, row)).sum::<f64>() / rows.len() as f64;
-        assert!(mean("gyro", 1800..2000) > 5.0 * mean("gyro", 1..200), "{fuser}");
+        assert!(mean("gyro", 1800..2000) > 2.0 * mean("gyro", 1..200), "{fuser}");
         let accel = mean("accel", 1800..2000) / mean("accel", 1..200);
         assert!((0.5..2.0).contains(&accel), "{fuser}: {accel}");
     }
