@@ -15,6 +15,9 @@
 //! more. p turns as e does; where the body rests again as it did there, 0 = e + d − p + v tells how far the gyro has drifted.
 //!
 //! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
+//!
+//! Arrays, and a factor of three rows written out, where nalgebra's `SMatrix` and `Cholesky` read better: with those the update of the whole
+//! chain costs 0.42 of VQF's in the same chain, with these 0.39 (`plumb score --fuser wz --fuser vqf`, four runs of each in turn), 8 % more.
 
 use super::{levelled::Interval, settings::Settings};
 use crate::{Vector3, fuser::hard_iron::HardIron, numbers::Numbers};
