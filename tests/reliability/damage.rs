@@ -80,14 +80,14 @@ fn a_system_whose_files_are_removed_is_not_taken_for_dead_and_starts_anew_when_a
     let said = String::from_utf8(look.stderr).unwrap();
     assert!(said.contains("somebody removed its files while it runs"), "{said}");
 
-    let refused = system.ask_swap(&["fuser", "wz"]);
+    let refused = system.ask_swap(&["fuser", "multiple-model"]);
     let reason = refused["reason"].as_str().unwrap();
     assert!(reason.contains("somebody removed its files") || reason.contains("every service starts anew"), "{reason}");
     until("everybody to start anew", || {
         running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
     });
     system.all_run();
-    assert_eq!(system.swap(&["fuser", "wz"])["outcome"], "committed");
+    assert_eq!(system.swap(&["fuser", "multiple-model"])["outcome"], "committed");
     let run = system.assert_ends_undisturbed(running, &out, "");
     assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 1, "{}", run.people);
 }
