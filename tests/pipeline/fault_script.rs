@@ -43,7 +43,7 @@ fn every_kind_shows_in_the_flags_and_the_attitude_is_level_again_within_a_stated
         ("accel", "\"garbage\"", 1.0, "force-invalid", 20.0),
         ("all", "\"garbage\"\nseed = 3", 1.0, "rate-invalid force-invalid", 15.0),
         ("gyro", "\"wrong\"\nfactor = 1000", 1.0, "rate-clipped", 7.0),
-        ("accel", "\"wrong\"\noffset = [0, 2, 0]", 3.0, "", 30.0),
+        ("accel", "\"wrong\"\noffset = [0, 2, 0]", 3.0, "", 40.0),
         ("gyro", "\"slow\"\nevery = 200", 3.0, "rate-stuck", 30.0),
         ("all", "\"slow\"\nevery = 50", 3.0, "gap", 5.0),
         ("gyro", "\"delayed\"\ndelay_s = 0.2", 3.0, "", 30.0),
