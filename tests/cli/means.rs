@@ -86,7 +86,7 @@ fn too_little_shared_memory_is_refused_before_anything_starts() {
 #[test]
 fn shared_memory_that_runs_out_is_named_and_what_failed_comes_back_once_there_is_some() {
     let system = System::new("[restart]\non_limit = \"hold\"\nbackoff_max_s = 0.1");
-    let Some(command) = in_memory_of("24M", &system.command(&[])) else { return };
+    let Some(command) = in_memory_of("32M", &system.command(&[])) else { return };
     let log = system.path("log");
     let running = Running::of(after(&format!("exec 2> {}", log.display()), &command));
     running.all_services();
@@ -95,7 +95,7 @@ fn shared_memory_that_runs_out_is_named_and_what_failed_comes_back_once_there_is
     let filler = PathBuf::from(format!("/proc/{}/root/dev/shm/filler", running.pid()));
     fill(&filler);
     signal(running.service("gyro"), Signal::KILL);
-    until("the cause and the remedy", || heard("of 24.0 MiB are free in /dev/shm; make room"));
+    until("the cause and the remedy", || heard("of 32.0 MiB are free in /dev/shm; make room"));
     fs::remove_file(filler).unwrap();
     until("everybody to run", || running.services().len() == 5);
     running.interrupt();
