@@ -239,8 +239,8 @@ fn a_state_that_cannot_be_is_refused() {
         }
     }
     println!("{refused} of {} numbers", sound.len);
-    // Attitude and azimuth, bias, the 25 of the covariance, times and variances.
-    assert!(refused >= 35, "{refused}");
+    // Attitude and azimuth, bias and scale, the 100 of the covariance, times and variances.
+    assert!(refused >= 110, "{refused}");
     chain.fuser.restore(&sound).unwrap();
 }
 

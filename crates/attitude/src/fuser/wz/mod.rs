@@ -1,9 +1,9 @@
-//! The fuser `wz`: a levelled low-pass of second order with Möbius correction and an estimate of the gyro bias.
+//! The fuser `wz`: a levelled low-pass of second order with Möbius correction and an estimate of the gyro's bias and scale.
 //!
 //! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in a
 //! horizontal frame, where gravity stands still. Per tick:
 //!
-//! 1. w ← the exact step less the bias, while the level leans by κ dt (`Level`);
+//! 1. w ← the exact step less what bias and scale add, while the level leans by κ dt (`Level`);
 //! 2. h, the horizontal part of the force; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate.
 //!
 //! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
@@ -91,7 +91,7 @@ impl Wz {
         self.heading.realign();
     }
 
-    /// After a time in which nobody saw the body turn its level is as unknown as a first one; the bias stays.
+    /// After a time in which nobody saw the body turn its level is as unknown as a first one; bias and scale stay.
     #[inline]
     fn see_again(&mut self, gyro_outage_s: f64) {
         if gyro_outage_s > 0.0 {
@@ -112,7 +112,7 @@ impl Wz {
         if input.rate_credible && motion.dt_s <= TOLD_BY_RATE_S { 0.0 } else { motion.dt_s }
     }
 
-    /// What is done once in a while: the bias, and what it takes back. The level jumps.
+    /// What is done once in a while: the errors of the gyro, and what they take back. The level jumps.
     #[inline(never)]
     fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
         let (interval_s, force_dt_m_s) = self.gyro_errors.seen();
