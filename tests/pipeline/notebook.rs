@@ -97,10 +97,10 @@ fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
         ("p.run('no-plumb', ['sim:s1'])", "build it with `cargo build --release`"),
         (&format!("p.run({plumb}, ['none.csv'])"), "ended with 3: opening the recording none.csv"),
         (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).table('wz')"), "give `run` a folder"),
-        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).stage('vqf')"), "no fuser vqf; this run has wz"),
+        (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).stage('vqf')"), "no fuser vqf; this run has multiple-model"),
         (&format!("p.run({plumb}, ['sim:s1?duration_s=1']).curve('wz', 'fuser.x')"), "settings={'fuser.x': 'a..b'}"),
         (
-            &format!("p.run({plumb}, ['sim:s1?seed=1..2&duration_s=1'], folder='two').table('wz')"),
+            &format!("p.run({plumb}, ['sim:s1?seed=1..2&duration_s=1'], ['wz'], folder='two').table('wz')"),
             "2 tables of wz, not one; name one of these: sim_s1_seed_1_duration_s_1, ",
         ),
     ] {

@@ -183,7 +183,7 @@ class Run:
         raise ScoreError(f"no range of {setting} for {fuser}; give `run` one, as settings={{'{setting}': 'a..b'}}")
 
 
-def run(plumb: str | Path, files: Sequence[str], fusers: Sequence[str] = ("wz",), folder: str | Path | None = None,
+def run(plumb: str | Path, files: Sequence[str], fusers: Sequence[str] = (), folder: str | Path | None = None,
         settings: Mapping[str, float | str] | None = None, options: Sequence[str] = ()) -> Run:
     """Runs `plumb score` over recordings or simulations; the tables go to an empty folder, where one is given."""
     chosen = [f"--fuser={fuser}" for fuser in fusers] + [f"--set={key}={value}" for key, value in (settings or {}).items()]

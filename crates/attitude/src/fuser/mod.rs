@@ -7,7 +7,7 @@
 //! | stage | what it is |
 //! | --- | --- |
 //! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, and a choice between them |
-//! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias; heading by the magnetic field |
+//! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias and scale; heading by the magnetic field |
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
 //! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
 //! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
