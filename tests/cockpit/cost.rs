@@ -65,7 +65,8 @@ fn a_viewer_is_sent_little() {
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 60");
+    // The strips are as full as they get.
+    page.until("plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > 55");
     for (key, view) in [("2", "method"), ("3", "sensors"), ("4", "system"), ("1", "fly")] {
         page.key(key);
         page.until(&format!("plumb.view() === '{view}' && plumb.drawn()"));
@@ -141,7 +142,7 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
 
 #[test]
 fn a_session_does_not_grow_in_the_browser_or_on_board() {
-    let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(20.0, |text| text.parse().unwrap());
+    let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(60.0, |text| text.parse().unwrap());
     let (system, port) = with_cockpit("");
     let running = system.start(&[]);
     system.all_run();
@@ -157,7 +158,12 @@ fn a_session_does_not_grow_in_the_browser_or_on_board() {
         while t_s(&mut page) < begun_s + at_s {
             thread::sleep(SECOND);
         }
-        let (heap, resident) = (page.heap() / 1024.0, resident_kib(cockpit));
+        // A picture that is just being read is in use, too: the least of a few looks is what is kept.
+        let heaps = (0..5).map(|_| {
+            thread::sleep(SECOND / 5);
+            page.heap() / 1024.0
+        });
+        let (heap, resident) = (heaps.fold(f64::INFINITY, f64::min), resident_kib(cockpit));
         println!("after {at_s:.0} s: {heap:.0} KiB of script in the browser, {resident:.0} KiB on board");
         (heap, resident)
     };

@@ -12,6 +12,7 @@ use crate::{
 };
 use attitude::frames::Frame;
 use rustix::process::Signal;
+use serde_json::Value;
 
 const PAGE: &str = "services/cockpit/page";
 
@@ -161,6 +162,8 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
     assert!(outcome.contains("lost 0, duplicated 0"), "{outcome}");
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
     assert_eq!(fuser["stage"], "vqf");
+    // Who was asked to go has not failed.
+    assert_eq!(page.text("JSON.stringify(plumb.data.events.filter((told) => told.fault))"), "[]");
     page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED')");
     page.until("plumb.drawn().services.some(([service, , stage]) => service === 'fuser' && stage === 'vqf')");
     page.shot("system-swapped.png");
@@ -185,7 +188,7 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
-    assert_eq!(page.eval("plumb.drawn().shadow"), serde_json::Value::Null);
+    assert_eq!(page.eval("plumb.drawn().shadow"), Value::Null);
     page.key("4");
     page.until("document.getElementById('slot').value === 'fuser'");
     page.eval("document.getElementById('stage').value = 'vqf'");
@@ -209,9 +212,9 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     page.until("plumb.data.events.some((told) => told.kind === 'EVENT_KIND_SWAPPED' && told.service === 'fuser' && told.stage === 'vqf')");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
-    // Another one, which is ended.
+    // Another one, which is ended; asked for by who has seen what fills the slot.
     page.key("4");
-    page.until("document.getElementById('slot').value === 'fuser'");
+    page.until("plumb.drawn()?.services.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");
     page.click("#shadow");
     page.click("#yes");
@@ -367,6 +370,36 @@ fn a_page_that_stays_open_does_not_grow() {
 }
 
 #[test]
+fn what_stood_when_it_was_paused_stays_however_long_and_the_page_does_not_grow() {
+    let (system, port) = with_cockpit("");
+    let running = started(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.data.frames.length > 100");
+    page.key(" ");
+    page.until("document.getElementById('state').textContent === 'paused'");
+    // Ten minutes of pictures, as the board would have sent them, before the board's own come in between.
+    let seen = page.eval(
+        "(() => {
+            const { data } = plumb, { number, picture } = data.frames.at(-1);
+            const tick = () => data.shown().picture.attitude.header.tick;
+            const [cursor, before] = [data.cursor, tick()];
+            for (let i = 1; i <= 18000; i++) {
+                const header = { ...picture.attitude.header, t_end_ns: picture.attitude.header.t_end_ns + i * 33e6 };
+                data.take({ ...picture, number: number + i, attitude: { ...picture.attitude, header }, flags: 0, events: [], extremes: [] }, performance.now());
+            }
+            const stays = data.cursor === cursor && tick() === before;
+            data.step(-1, 0);
+            return { stays, goes_back: data.cursor < cursor && tick() < before, kept: data.frames.length };
+        })()",
+    );
+    assert_eq!((&seen["stays"], &seen["goes_back"]), (&Value::Bool(true), &Value::Bool(true)), "{seen}");
+    assert!((3000..=6000).contains(&seen["kept"].as_u64().unwrap()), "{seen}");
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_whole();
+}
+
+#[test]
 fn plumb_view_shows_a_system_that_has_no_cockpit() {
     let system = System::new("");
     let running = started(&system, &[]);
@@ -390,7 +423,7 @@ fn the_mathematics_of_the_page_is_that_of_the_conventions() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/conventions.mjs");
     let said = run(Command::new("node").arg(script).args([PAGE, "docs/conventions.json"])).unwrap();
     println!("{said}");
-    let most: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let most: Value = serde_json::from_str(&said).unwrap();
     assert_eq!(most["cases"], 14);
     assert_eq!(most["names"], serde_json::json!(Frame::NAMES.map(|(name, _)| name)));
     for name in ["angles", "up", "attitude", "point", "frames"] {

@@ -27,7 +27,7 @@ pub struct System {
     pub name: String,
     pub folder: TempDir,
     /// `plumb`, or the executable whose services have faults.
-    executable: PathBuf,
+    pub executable: PathBuf,
 }
 
 /// How a run ended.

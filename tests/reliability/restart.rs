@@ -1,5 +1,8 @@
 //! Services that die, freeze or cannot live: every tick comes out once, in order, with the bytes of an undisturbed run.
-use std::time::{Duration, Instant};
+use std::{
+    fs,
+    time::{Duration, Instant},
+};
 
 use crate::common::{Run, Running, System, signal, until};
 use rustix::process::Signal;
@@ -76,6 +79,32 @@ fn a_service_that_somebody_else_asks_to_end_goes_on_and_that_is_said() {
         // On a machine with too much to do one may be silent for so long that the supervisor kills it.
         assert_eq!(restarts(&run, service), 1 + told("was ended by signal 9"), "{service}: {}", run.people);
     }
+}
+
+#[test]
+fn an_upgrade_of_the_program_under_a_running_system_changes_nothing_until_its_next_start() {
+    let mut system = System::new("");
+    let (installed, another) = (system.path("plumb"), system.path("another"));
+    fs::copy(&system.executable, &installed).unwrap();
+    // Whatever is installed there now, it is no service.
+    fs::copy("/bin/false", &another).unwrap();
+    system.executable = installed.clone();
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    running.all_services();
+    system.all_run();
+    fs::rename(&another, &installed).unwrap();
+    kill_lives(&running, "gyro", 1, 300);
+    let report = system.swap(&["fuser", "vqf"]);
+    assert_eq!(report["outcome"], "committed", "{report}");
+    fs::remove_file(&installed).unwrap();
+    kill_lives(&running, "course", 1, 300);
+    pause(300);
+    system.all_run();
+    running.interrupt();
+    let run = running.wait();
+    run.assert_whole();
+    assert_eq!((restarts(&run, "gyro"), restarts(&run, "course")), (1, 1));
 }
 
 #[test]

@@ -207,6 +207,11 @@ impl ProcessEntry {
         self.process.iter_mut().chain(&mut self.candidate).chain(&mut self.retired)
     }
 
+    /// A process that was told to end.
+    pub(crate) fn was_asked(&self, incarnation: u32) -> bool {
+        self.processes().any(|process| process.incarnation == incarnation && process.asked)
+    }
+
     /// What the owner of the slot said last.
     pub fn health(&self) -> Option<&Health> {
         self.process.as_ref()?.health.as_ref()

@@ -60,7 +60,10 @@ impl Supervision {
 
     pub(crate) fn on_exit(&mut self, incarnation: u32, how: String, stderr: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
-        self.tell_of(service, incarnation, SystemEvent::new(EventKind::ENDED).with_why(&how));
+        // Of one that was asked to go, what it made room for has been told.
+        if !self.table.entry(service).was_asked(incarnation) {
+            self.tell_of(service, incarnation, SystemEvent::new(EventKind::ENDED).with_why(&how));
+        }
         match self.table.entry_mut(service).take_ended(incarnation) {
             Some(Ended::Owner(process)) => {
                 self.swaps.note_last_words(service, &stderr);

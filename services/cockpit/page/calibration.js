@@ -1,6 +1,6 @@
 // Calibration of the sensors: what there is and what is still missing, while the unit is turned; and what was found.
 
-import { element, tint } from "./look.js";
+import { element, tint, write } from "./look.js";
 import { Scene } from "./scene.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -78,8 +78,8 @@ export class Calibration {
     if (said !== this.said) {
       this.said = said;
       this.words.className = refused ? "c-fault" : "";
-      this.share.textContent = calibration ? `${KINDS[calibration.what]?.[0] ?? calibration.what}: ${Math.floor(100 * calibration.share)} %` : "";
-      this.report.textContent = calibration?.report ?? "";
+      write(this.share, calibration ? `${KINDS[calibration.what]?.[0] ?? calibration.what}: ${Math.floor(100 * calibration.share)} %` : "");
+      write(this.report, calibration?.report ?? "");
       this.words.replaceChildren(...(refused ? [refused]
         : !calibration ? [`${KINDS[this.what.value][1]} The order is gyro, accelerometer, magnetometer, mounting, clock.`]
         : calibration.report ? ["Found; put the piece into launch.toml, and start the system again."]

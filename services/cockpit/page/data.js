@@ -6,8 +6,8 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** What is kept of a picture: the quantities of the strips as [least, most].
- * @typedef {{ t: number, number: number, picture: Message, values: Record<string, [number, number]> }} Frame */
+/** What is kept of a picture; of each of the `QUANTITIES` the least and the most, one after the other, NaN where nothing came.
+ * @typedef {{ t: number, number: number, picture: Message, values: Float64Array }} Frame */
 /** Something that happened: when on the source's clock, s, null where that is not known, and until when; when it was told on the board's clock, s.
  * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} Told */
 
@@ -31,6 +31,20 @@ const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "ref
 
 /** The quantities that have a range within a picture. */
 export const RANGES = new Set(Object.values(EXTREMES));
+
+/** What the strips can show. */
+export const QUANTITIES = [
+  ...RANGES, "yaw_rad", "pitch_rad", "roll_rad", "course_rad", "inclination_sd_rad", "course_sd_rad", "u", "v", "z_rad", "bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s",
+  "u_gyro", "v_gyro", "z_gyro_rad", "u_accel", "v_accel", "difference_rad",
+];
+const PLACES = new Map(QUANTITIES.map((name, at) => [name, 2 * at]));
+
+/** Where the least of a quantity stands in the values of a frame; the most follows it. @param {string} name */
+export function placeOf(name) {
+  const place = PLACES.get(name);
+  if (place === undefined) throw new Error(`${name} is no quantity`);
+  return place;
+}
 
 export class Data {
   constructor() {
@@ -210,14 +224,16 @@ export class Data {
   }
 }
 
-/** The quantities of the strips. @param {Message} picture @returns {Record<string, [number, number]>} */
+/** @param {Message} picture @returns {Float64Array} */
 function valuesOf(picture) {
-  /** @type {Record<string, [number, number]>} */
-  const values = {};
-  const one = (/** @type {string} */ name, /** @type {number} */ value) => { if (Number.isFinite(value)) values[name] = [value, value]; };
+  const values = new Float64Array(2 * QUANTITIES.length).fill(NaN);
+  const put = (/** @type {string} */ name, /** @type {number} */ least, /** @type {number} */ most) => {
+    if (Number.isFinite(least) && Number.isFinite(most)) values.set([least, most], placeOf(name));
+  };
+  const one = (/** @type {string} */ name, /** @type {number} */ value) => put(name, value, value);
   for (const { quantity, least, most } of picture.extremes) {
     const name = EXTREMES[/** @type {keyof typeof EXTREMES} */ (quantity)];
-    if (name) values[name] = [least, most];
+    if (name) put(name, least, most);
   }
   const { attitude, fused, accel, gyro } = picture;
   if (attitude) {

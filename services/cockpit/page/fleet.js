@@ -3,7 +3,7 @@
 import { DEGREE, angles } from "./attitude.js";
 import { quaternion } from "./data.js";
 import { begin, countedFrom, degrees } from "./fly.js";
-import { colour, element } from "./look.js";
+import { colour, element, write } from "./look.js";
 import { signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -34,7 +34,7 @@ export class Fleet {
       this.names = names;
       this.lines.replaceChildren(...vehicles.map((/** @type {Message} */ one) => this.row(one.vehicle)));
     }
-    this.note.textContent = standing.vehicles?.length ? "" : "This page shows one system. `plumb view --remote --connect ENDPOINT` shows every vehicle that is reached over the network.";
+    write(this.note, standing.vehicles?.length ? "" : "This page shows one system. `plumb view --remote --connect ENDPOINT` shows every vehicle that is reached over the network.");
     this.drawn = { vehicles: [] };
     vehicles.forEach((/** @type {Message} */ line, /** @type {number} */ at) => this.fill(this.lines.children[at], line));
   }
@@ -75,7 +75,7 @@ export class Fleet {
       age_s === null ? "–" : `${age_s.toFixed(1)} s`, lost_ticks === null ? "–" : String(lost_ticks), String(lost_messages),
       stage || "–", lives ? services.join(" ") : "out of reach",
     ];
-    cells.forEach((text, at) => { const cell = row.children[at + 2]; if (cell.textContent !== text) cell.textContent = text; });
+    cells.forEach((text, at) => write(row.children[at + 2], text));
     row.children[6].classList.toggle("c-fault", lost_ticks > 0);
     row.children[7].classList.toggle("c-fault", lost_messages > 0);
     this.drawn.vehicles.push({ vehicle: line.vehicle, quaternion: q, old, lost_ticks, lost_messages, stage });

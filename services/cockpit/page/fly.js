@@ -2,7 +2,7 @@
 
 import { DEGREE, angles, rotate } from "./attitude.js";
 import { attitudeOfPoint, attitudeOfShadow, errorOf, quaternion } from "./data.js";
-import { colour, element, rows, tint } from "./look.js";
+import { colour, element, rows, tint, write } from "./look.js";
 import { Scene } from "./scene.js";
 import { Strips, signed } from "./strips.js";
 
@@ -11,6 +11,7 @@ import { Strips, signed } from "./strips.js";
 /** @typedef {import("./attitude.js").Quat} Quat */
 
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
+const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
 /** A body with a nose, wings and a fin: right x, forward y, up z. @type {Vec[][]} */
 const BODY = [
   [[0, 1.15, 0], [0.16, 0.35, -0.06], [-0.16, 0.35, -0.06]], [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [-0.16, 0.35, -0.06], [-0.16, 0.35, 0.1]],
@@ -68,7 +69,7 @@ export class Fly {
     this.drawn = { quaternion: own, reference: truth, gyro, shadow, apart_deg, yaw_deg: null, error_deg: null };
     [own, truth, gyro, shadow].forEach((ghost, at) => { this.ghosts[at].hidden = !ghost; });
     const slot = shadow ? picture.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
-    this.ghosts[3].textContent = `shadow of ${slot}, ${apart_deg?.toFixed(2)}° apart`;
+    write(this.ghosts[3], `shadow of ${slot}, ${apart_deg?.toFixed(2)}° apart`);
     this.draw3d(own, truth, gyro, shadow);
     this.drawHorizon(own);
     this.drawRose(picture.attitude);
@@ -80,8 +81,7 @@ export class Fly {
   draw3d(own, truth, gyro, shadow) {
     const { scene } = this;
     scene.begin();
-    const ring = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
-    scene.line(ring, tint("line"), 0.8);
+    scene.line(RING, tint("line"), 0.8);
     for (const [name, axis] of AXES) {
       scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.5))], tint(`axis-${name}`), 0.7);
       const end = /** @type {Vec} */ (axis.map((part) => part * 1.62));
@@ -109,7 +109,7 @@ export class Fly {
       }
     }
     scene.end();
-    this.note.textContent = own ? scene.why : "no attitude yet: `plumb up` starts a system";
+    write(this.note, own ? scene.why : "no attitude yet: `plumb up` starts a system");
   }
 
   /** @param {Quat | null} q */

@@ -35,7 +35,14 @@ export function element(tag, look, ...children) {
   return made;
 }
 
-/** Puts rows in the place of those of a table. @param {HTMLElement} body @param {(string | Node)[][]} rows @param {string[]} looks */
+/** Writes a text where it is another one: a page that writes what stands there is laid out anew for nothing. @param {Element} at @param {string} text */
+export function write(at, text) {
+  if (at.textContent !== text) at.textContent = text;
+}
+
+/** Writes a table; what has not changed is not touched. @param {HTMLElement} body @param {string[][]} rows @param {string[]} looks Of each column. */
 export function rows(body, rows, looks) {
-  body.replaceChildren(...rows.map((row) => element("tr", "", ...row.map((cell, place) => element("td", looks[place] ?? "", cell)))));
+  while (body.children.length > rows.length) body.lastElementChild?.remove();
+  while (body.children.length < rows.length) body.append(element("tr", "", ...looks.map((look) => element("td", look))));
+  rows.forEach((row, at) => row.forEach((text, column) => write(body.children[at].children[column], text)));
 }

@@ -3,7 +3,7 @@
 import { Data } from "./data.js";
 import { Fleet } from "./fleet.js";
 import { Fly } from "./fly.js";
-import { element, theme } from "./look.js";
+import { element, theme, write } from "./look.js";
 import { Method } from "./method.js";
 import { Sensors } from "./sensors.js";
 import { System } from "./system.js";
@@ -159,7 +159,7 @@ const time = (us) => (us >= 1000 ? `${(us / 1000).toFixed(2)} ms` : `${us.toFixe
 function bar(now) {
   const { standing } = data;
   const state = data.state(now);
-  const put = (/** @type {string} */ id, /** @type {string} */ text) => { const at = get(id); if (at.textContent !== text) at.textContent = text; };
+  const put = (/** @type {string} */ id, /** @type {string} */ text) => write(get(id), text);
   put("system", standing.system || "no system");
   put("source", standing.source ?? "");
   put("state", state.word);

@@ -3,7 +3,7 @@
 import { DEGREE, pointOf, up } from "./attitude.js";
 import { quaternion, upOfPoint } from "./data.js";
 import { begin } from "./fly.js";
-import { colour, element, tint } from "./look.js";
+import { colour, element, tint, write } from "./look.js";
 import { Scene } from "./scene.js";
 import { Strips, signed } from "./strips.js";
 
@@ -90,7 +90,7 @@ export class Method {
       scene.label([at[0] * 1.15, at[1] * 1.15, at[2] * 1.15], "up", "c-fused");
     }
     scene.end();
-    this.note.textContent = now.fused ? scene.why || "body axes: right, nose, top; the ray from the pole meets the plane at w" : "no attitude yet: `plumb up` starts a system";
+    write(this.note, now.fused ? scene.why || "body axes: right, nose, top; the ray from the pole meets the plane at w" : "no attitude yet: `plumb up` starts a system");
   }
 
   /** @param {import("./data.js").Frame[]} trail @param {Record<string, Vec | null>} now @param {(v: Vec) => [number, number]} plane @param {boolean} inverted */

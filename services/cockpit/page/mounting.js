@@ -1,8 +1,8 @@
 // Mounting check: held level, then nose down, the body must feel up where it is. It needs two poses of the body and no calibration.
 
 import { DEGREE } from "./attitude.js";
-import { upOfPoint } from "./data.js";
-import { element } from "./look.js";
+import { placeOf, upOfPoint } from "./data.js";
+import { element, write } from "./look.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
@@ -49,13 +49,13 @@ export class Mounting {
       : this.step === "nose down" ? `Now turn the nose down, by 20° to 90° and without roll, and hold it still.${held} ${up ? felt(up) : ""}`
       : this.step === "done" ? this.verdict
       : "Whether the unit sits in the body as the launch file says: hold the body level, then nose down.";
-    if (this.words.textContent !== text) this.words.textContent = text;
+    write(this.words, text);
     this.words.className = this.step !== "done" ? "" : this.right ? "c-field" : "c-fault";
   }
 
   /** @param {import("./data.js").Frame} frame @param {Vec} up @param {Vec | null} gyro */
   look(frame, up, gyro) {
-    const still = ["rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"].every((name) => frame.values[name]?.every((rate) => Math.abs(rate) < STILL_RAD_S));
+    const still = ["rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"].every((name) => [0, 1].every((most) => Math.abs(frame.values[placeOf(name) + most]) < STILL_RAD_S));
     const apart = this.level ? angle(this.level, up) : 0;
     if (!still || (this.level && (apart < DOWN[0] || apart > DOWN[1]))) { this.since = null; return; }
     this.since ??= frame.t;

@@ -1,6 +1,8 @@
 // A small scene: lines, triangles, points and labels in space. On WebGL 2, and where that is missing on a plain canvas, with a word why.
 // It knows nothing of attitude. Space is right-handed, z up; the camera looks at the origin.
 
+import { write } from "./look.js";
+
 /** @typedef {import("./attitude.js").Vec} Vec */
 /** @typedef {[number, number, number, number]} Colour */
 /** @typedef {{ at: Vec, text: string, look: string }} Label */
@@ -37,11 +39,14 @@ export class Scene {
     this.places = document.createElement("div");
     this.places.className = "labels";
     panel.append(this.canvas, this.places);
-    /** @type {number[]} */ this.vertices = [];
+    this.vertices = new Float32Array(1 << 16);
+    /** How many of them are used. */ this.used = 0;
     /** @type {Label[]} */ this.labels = [];
     /** What was drawn last, for tests. @type {{ lines: number, triangles: number, points: number }} */ this.count = { lines: 0, triangles: 0, points: 0 };
     this.azimuth = -0.9; this.elevation = 0.45; this.distance = distance;
     this.why = "";
+    /** @type {WebGLUniformLocation | null} */ this.camera = null;
+    /** @type {WebGLUniformLocation | null} */ this.size = null;
     this.start();
     this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.gl = null; this.plain("the browser has taken WebGL away"); });
     this.canvas.addEventListener("pointerdown", (event) => this.drag(event));
@@ -74,7 +79,8 @@ export class Scene {
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    this.program = program;
+    this.camera = gl.getUniformLocation(program, "camera");
+    this.size = gl.getUniformLocation(program, "size");
     this.gl = gl;
   }
 
@@ -104,7 +110,7 @@ export class Scene {
   }
 
   begin() {
-    this.vertices.length = 0;
+    this.used = 0;
     this.labels.length = 0;
     this.count = { lines: 0, triangles: 0, points: 0 };
   }
@@ -138,7 +144,15 @@ export class Scene {
 
   /** @param {Vec} a @param {Vec} b @param {number} side @param {number} width @param {Colour} colour */
   vertex(a, b, side, width, colour) {
-    this.vertices.push(a[0], a[1], a[2], b[0], b[1], b[2], side, width, colour[0], colour[1], colour[2], colour[3]);
+    if (this.used + FLOATS > this.vertices.length) {
+      const larger = new Float32Array(2 * this.vertices.length);
+      larger.set(this.vertices);
+      this.vertices = larger;
+    }
+    const v = this.vertices, n = this.used;
+    v[n] = a[0]; v[n + 1] = a[1]; v[n + 2] = a[2]; v[n + 3] = b[0]; v[n + 4] = b[1]; v[n + 5] = b[2];
+    v[n + 6] = side; v[n + 7] = width; v[n + 8] = colour[0]; v[n + 9] = colour[1]; v[n + 10] = colour[2]; v[n + 11] = colour[3];
+    this.used += FLOATS;
   }
 
   end() {
@@ -148,20 +162,20 @@ export class Scene {
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     if (!width || !height) return;
     const camera = view(this.azimuth, this.elevation, this.distance, width / height);
-    if (this.gl && this.program) this.drawOn(this.gl, this.program, camera, width, height, ratio);
+    if (this.gl) this.drawOn(this.gl, camera, width, height, ratio);
     else if (this.flat) this.drawFlat(this.flat, camera, width, height, ratio);
-    this.placeLabels(camera);
+    this.placeLabels(camera, width / ratio, height / ratio);
   }
 
-  /** @param {WebGL2RenderingContext} gl @param {WebGLProgram} program @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
-  drawOn(gl, program, camera, width, height, ratio) {
+  /** @param {WebGL2RenderingContext} gl @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
+  drawOn(gl, camera, width, height, ratio) {
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.uniformMatrix4fv(gl.getUniformLocation(program, "camera"), false, camera);
-    gl.uniform2f(gl.getUniformLocation(program, "size"), width / ratio, height / ratio);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(this.vertices), gl.DYNAMIC_DRAW);
-    gl.drawArrays(gl.TRIANGLES, 0, this.vertices.length / FLOATS);
+    gl.uniformMatrix4fv(this.camera, false, camera);
+    gl.uniform2f(this.size, width / ratio, height / ratio);
+    gl.bufferData(gl.ARRAY_BUFFER, this.vertices.subarray(0, this.used), gl.DYNAMIC_DRAW);
+    gl.drawArrays(gl.TRIANGLES, 0, this.used / FLOATS);
   }
 
   /** @param {CanvasRenderingContext2D} flat @param {number[]} camera @param {number} width @param {number} height @param {number} ratio */
@@ -170,7 +184,7 @@ export class Scene {
     const v = this.vertices;
     const place = (/** @type {number} */ i) => project(camera, [v[i], v[i + 1], v[i + 2]], width, height);
     const shapes = [];
-    for (let i = 0; i + 2 * FLOATS < v.length; i += 3 * FLOATS) shapes.push({ i, depth: place(i)[2] + place(i + FLOATS)[2] + place(i + 2 * FLOATS)[2] });
+    for (let i = 0; i + 2 * FLOATS < this.used; i += 3 * FLOATS) shapes.push({ i, depth: place(i)[2] + place(i + FLOATS)[2] + place(i + 2 * FLOATS)[2] });
     shapes.sort((p, q) => q.depth - p.depth);
     for (const { i } of shapes) {
       const [p, q, r] = [place(i), place(i + FLOATS), place(i + 2 * FLOATS)];
@@ -184,19 +198,18 @@ export class Scene {
     }
   }
 
-  /** @param {number[]} camera */
-  placeLabels(camera) {
+  /** @param {number[]} camera @param {number} width @param {number} height */
+  placeLabels(camera, width, height) {
     const spans = /** @type {HTMLCollectionOf<HTMLElement>} */ (this.places.children);
     while (spans.length < this.labels.length) this.places.append(document.createElement("span"));
     for (let i = 0; i < spans.length; i++) {
       const label = this.labels[i];
       spans[i].hidden = !label;
       if (!label) continue;
-      const [x, y] = project(camera, label.at, this.canvas.clientWidth, this.canvas.clientHeight);
-      if (spans[i].textContent !== label.text) spans[i].textContent = label.text;
+      const [x, y] = project(camera, label.at, width, height);
+      write(spans[i], label.text);
       if (spans[i].className !== label.look) spans[i].className = label.look;
-      spans[i].style.left = `${x.toFixed(1)}px`;
-      spans[i].style.top = `${y.toFixed(1)}px`;
+      spans[i].style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     }
   }
 }

@@ -3,7 +3,7 @@
 import { DEGREE } from "./attitude.js";
 import { Calibration } from "./calibration.js";
 import { vector } from "./data.js";
-import { element, rows } from "./look.js";
+import { element, rows, write } from "./look.js";
 import { Mounting } from "./mounting.js";
 import { Strips, signed } from "./strips.js";
 
@@ -58,7 +58,7 @@ export class Sensors {
     // A receiver tells once a second.
     ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? GNSS_OLD_S : OLD_S)));
     const named = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
-    this.flags.textContent = named.length ? named.join(", ") : "none";
+    write(this.flags, named.length ? named.join(", ") : "none");
     const warnings = [...(this.data.standing.warnings ?? [])];
     for (const { status } of this.data.standing.services ?? []) for (const trouble of status?.troubles ?? []) warnings.push(`${status.service}: ${trouble.found}\n${trouble.remedy}`);
     this.calibration.draw();

@@ -4,6 +4,7 @@
 /** A line of a strip: the quantity, its colour, how it is drawn. @typedef {{ of: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
 /** @typedef {{ title: string, unit: string, scale: number, digits: number, lines: Line[] }} Strip */
 
+import { placeOf } from "./data.js";
 import { colour } from "./look.js";
 
 export class Strips {
@@ -24,6 +25,9 @@ export class Strips {
       data.zoom(Math.exp(event.deltaY * 1e-3));
     }, { passive: false });
     this.from = 0;
+    this.lines = strips.flatMap((strip) => strip.lines);
+    this.places = this.lines.map((line) => placeOf(line.of));
+    /** What is drawn of each line, by pixel. @type {Float64Array[]} */ this.binned = [];
   }
 
   draw() {
@@ -41,6 +45,7 @@ export class Strips {
     context.font = "13px system-ui, sans-serif";
     [this.from] = data.window();
     const each = (height - FOOT) / this.strips.length;
+    this.bin(Math.max(1, Math.ceil(width - LEFT - RIGHT)));
     this.strips.forEach((strip, place) => this.strip(context, strip, place * each, each, width));
     context.fillStyle = colour("quiet");
     context.textAlign = "center";
@@ -61,9 +66,10 @@ export class Strips {
   /** @param {CanvasRenderingContext2D} context @param {Strip} strip @param {number} top @param {number} height @param {number} width */
   strip(context, strip, top, height, width) {
     const inner = width - LEFT - RIGHT;
-    const binned = strip.lines.map((line) => this.bins(line.of, strip.scale, Math.ceil(inner)));
+    const binned = strip.lines.map((line) => this.binned[this.lines.indexOf(line)]);
     let [least, most] = [Infinity, -Infinity];
-    for (const bins of binned) for (const bin of bins) if (bin) { least = Math.min(least, bin[0]); most = Math.max(most, bin[1]); }
+    for (const bins of binned) for (let i = 0; i < bins.length; i += 2) { if (bins[i] < least) least = bins[i]; if (bins[i + 1] > most) most = bins[i + 1]; }
+    [least, most] = [least * strip.scale, most * strip.scale];
     context.strokeStyle = colour("line");
     context.strokeRect(LEFT, top + 2.5, inner, height - 5);
     context.textAlign = "left";
@@ -77,20 +83,22 @@ export class Strips {
     }
     const room = Math.max((most - least) * 0.08, 10 ** -strip.digits / 2);
     [least, most] = [least - room, most + room];
-    const y = (/** @type {number} */ value) => top + 3 + (1 - (value - least) / (most - least)) * (height - 6);
+    const y = (/** @type {number} */ value) => top + 3 + (1 - (value * strip.scale - least) / (most - least)) * (height - 6);
     strip.lines.forEach((line, index) => {
       context.strokeStyle = context.fillStyle = colour(line.colour);
       context.lineWidth = line.dashed ? 1 : 1.6;
       context.setLineDash(line.dashed ? [5, 3] : []);
       context.beginPath();
+      const bins = binned[index];
       let before = false;
-      binned[index].forEach((bin, x) => {
-        if (!bin) { before = false; return; }
-        if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(bin[0]) - 1, 2, 2); return; }
-        if (before) context.lineTo(LEFT + x, y(bin[0])); else context.moveTo(LEFT + x, y(bin[0]));
-        if (bin[1] > bin[0]) context.lineTo(LEFT + x, y(bin[1]));
+      for (let x = 0; 2 * x < bins.length; x++) {
+        const [low, high] = [bins[2 * x], bins[2 * x + 1]];
+        if (Number.isNaN(low)) { before = false; continue; }
+        if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(low) - 1, 2, 2); continue; }
+        if (before) context.lineTo(LEFT + x, y(low)); else context.moveTo(LEFT + x, y(low));
+        if (high > low) context.lineTo(LEFT + x, y(high));
         before = true;
-      });
+      }
       if (line.dots) context.fill(); else context.stroke();
     });
     context.setLineDash([]);
@@ -103,31 +111,41 @@ export class Strips {
     const at = this.data.shown();
     let x = LEFT + 8;
     for (const line of strip.lines) {
-      const value = at?.values[line.of];
-      const text = `${line.name} ${value ? signed(value[1] * strip.scale, strip.digits) : "–"}`;
+      const value = at?.values[placeOf(line.of) + 1] ?? NaN;
+      const text = `${line.name} ${Number.isNaN(value) ? "–" : signed(value * strip.scale, strip.digits)}`;
       context.fillStyle = colour(line.colour);
       context.fillText(text, x, top + 17);
       x += context.measureText(text).width + 16;
     }
   }
 
-  /** Least and most in each pixel. @param {string} of @param {number} scale @param {number} count */
-  bins(of, scale, count) {
-    /** @type {([number, number] | undefined)[]} */
-    const bins = new Array(count);
-    let before = -1;
-    for (const frame of this.data.frames) {
-      const x = Math.floor(((frame.t - this.from) / this.data.span_s) * count);
-      const value = frame.values[of];
-      if (!value || x < 0 || x >= count) continue;
-      const [least, most] = [value[0] * scale, value[1] * scale];
-      const bin = bins[x];
-      if (bin) { bin[0] = Math.min(bin[0], least); bin[1] = Math.max(bin[1], most); } else bins[x] = [least, most];
-      // A gap of more than half a second stays one.
-      if (before >= 0 && x > before + 1 && ((x - before) / count) * this.data.span_s < 0.5) for (let i = before + 1; i < x; i++) bins[i] = [least, least];
-      before = x;
+  /** Least and most of each quantity in each pixel, one after the other, NaN where there is none. One walk through the frames serves all lines. @param {number} count */
+  bin(count) {
+    if (this.binned[0]?.length !== 2 * count) this.binned = this.places.map(() => new Float64Array(2 * count));
+    for (const bins of this.binned) bins.fill(NaN);
+    const { places } = this;
+    const { frames, span_s } = this.data;
+    const before = places.map(() => -1);
+    // A gap of more than half a second stays one.
+    const gap = (0.5 / span_s) * count;
+    for (const frame of frames) {
+      const x = Math.floor(((frame.t - this.from) / span_s) * count);
+      if (x < 0 || x >= count) continue;
+      for (let at = 0; at < places.length; at++) {
+        const low = frame.values[places[at]], high = frame.values[places[at] + 1];
+        if (Number.isNaN(low)) continue;
+        const bins = this.binned[at], last = before[at];
+        if (last === x) {
+          if (low < bins[2 * x]) bins[2 * x] = low;
+          if (high > bins[2 * x + 1]) bins[2 * x + 1] = high;
+          continue;
+        }
+        if (last >= 0 && x - last < gap) bins.fill(low, 2 * (last + 1), 2 * x);
+        bins[2 * x] = low;
+        bins[2 * x + 1] = high;
+        before[at] = x;
+      }
     }
-    return bins;
   }
 }
 

@@ -1,7 +1,7 @@
 // System: whether the machine keeps up, what happened, and who fills the slots.
 
 import { DEGREE } from "./attitude.js";
-import { element, rows } from "./look.js";
+import { element, rows, write } from "./look.js";
 import { Strips } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -143,12 +143,12 @@ export class System {
     this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
     this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
-    this.difference.textContent = difference?.now_rad ? `shadow: ${(difference.now_rad.x / DEGREE).toFixed(3)}° from the owner now, ${(difference.rms_rad.x / DEGREE).toFixed(3)}° RMS over ${difference.ticks} ticks` : "";
+    write(this.difference, difference?.now_rad ? `shadow: ${(difference.now_rad.x / DEGREE).toFixed(3)}° from the owner now, ${(difference.rms_rad.x / DEGREE).toFixed(3)}° RMS over ${difference.ticks} ticks` : "");
     if (this.told !== events.length) {
       this.told = events.length;
       this.quiet.hidden = events.length > 0;
       rows(this.events, [...events].reverse().slice(0, 60).map((told) => [told.t === null || Number.isNaN(told.t) ? "before" : `${told.t.toFixed(2)} s`, told.text]), ["number c-quiet", ""]);
-      [...events].reverse().slice(0, 60).forEach((told, at) => told.fault && this.events.children[at].classList.add("fault"));
+      [...events].reverse().slice(0, 60).forEach((told, at) => this.events.children[at].classList.toggle("fault", told.fault));
     }
   }
 }

@@ -1,9 +1,9 @@
 // The time line: everything that happened, below every view, with the cursor that all of them share; and what is under it, to be copied.
 
 import { FRAMES } from "./attitude.js";
-import { RANGES, quaternion } from "./data.js";
+import { QUANTITIES, RANGES, placeOf, quaternion } from "./data.js";
 import { begin } from "./fly.js";
-import { colour, element } from "./look.js";
+import { colour, element, write } from "./look.js";
 import { LEFT, RIGHT } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -119,7 +119,7 @@ export class Timeline {
     const told = data.cursor !== null && at !== undefined ? this.near(this.x(data.cursor)) : null;
     const last = told ?? data.events.at(-1);
     const text = last ? `${last.t === null || Number.isNaN(last.t) ? "before" : `${last.t.toFixed(2)} s`}: ${last.text}` : "Nothing has happened since the page's program joined the system.";
-    if (this.told.textContent !== text) this.told.textContent = text;
+    write(this.told, text);
     this.told.className = last?.fault ? "c-fault" : last ? "" : "c-quiet";
   }
 
@@ -127,7 +127,10 @@ export class Timeline {
   async copyValues() {
     const frame = this.data.shown();
     if (!frame) return;
-    const columns = Object.entries(frame.values).flatMap(([name, [least, most]]) => (RANGES.has(name) ? [[`${name}_least`, least], [`${name}_most`, most]] : [[name, most]]));
+    const columns = QUANTITIES.flatMap((name) => {
+      const [least, most] = frame.values.subarray(placeOf(name));
+      return Number.isNaN(most) ? [] : RANGES.has(name) ? [[`${name}_least`, least], [`${name}_most`, most]] : [[name, most]];
+    });
     const q = quaternion(frame.picture.attitude?.quaternion);
     const all = [["t_s", frame.t], ...(q ? q.map((part, at) => [`q${"wxyz"[at]}`, part]) : []), ...columns];
     await this.copy(`${all.map(([name]) => name).join(",")}\n${all.map(([, value]) => value).join(",")}\n`, `${all.length} values`);

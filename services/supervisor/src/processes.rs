@@ -9,8 +9,12 @@ use std::{
     io::{self, Write},
     os::{
         fd::{AsFd, OwnedFd},
-        unix::process::{CommandExt, ExitStatusExt},
+        unix::{
+            fs::MetadataExt as _,
+            process::{CommandExt, ExitStatusExt},
+        },
     },
+    path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
     sync::mpsc::{self, SyncSender, TrySendError},
     thread,
@@ -155,7 +159,7 @@ impl Drop for Processes {
 impl Process {
     fn start(service: Service, config: &ServiceConfig) -> io::Result<Self> {
         let text = serde_json::to_string(config)?;
-        let mut child = Command::new(std::env::current_exe()?)
+        let mut child = Command::new(program()?)
             .args(["service", service.name()])
             .stdin(Stdio::piped())
             .stdout(output(service, config)?)
@@ -192,6 +196,14 @@ impl Process {
             let _ = kill_process(pid, signal);
         }
     }
+}
+
+/// The program that runs here, also where an upgrade has put another in the place of its file: all processes of a run are of one version.
+fn program() -> io::Result<PathBuf> {
+    let running = PathBuf::from("/proc/self/exe");
+    let file = std::env::current_exe()?;
+    let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
+    Ok(if identity(&file) == identity(&running) { file } else { running })
 }
 
 /// A thread that reaps what it is sent; it ends with the sender.
