@@ -136,9 +136,16 @@ fn without_webgl_it_is_drawn_flat_and_says_why() {
     page.goto(&address(&system, port), (1280, 720), "light", false);
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.text("plumb.why()"), "this browser has no WebGL 2: drawn flat");
-    // Something is on the canvas.
-    let code = "(() => { const c = document.querySelector('.panel canvas'); const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; return d.reduce((n, x) => n + (x > 0), 0); })()";
-    assert!(page.number(code) > 1000.0);
+    // Something is on the canvas; between its middle and "up z", above the body, it is the axis, which stands upright.
+    let code = "(() => {
+        const c = document.querySelector('.panel canvas');
+        const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
+        const drawn = (place) => data[4 * place + 3] > 0;
+        const middle = Math.round(0.2 * c.height) * c.width + Math.round(c.width / 2);
+        return { all: [...Array(c.width * c.height).keys()].filter(drawn).length, axis: [-2, -1, 0, 1, 2].some((off) => drawn(middle + off)) };
+    })()";
+    let seen = page.eval(code);
+    assert!(seen["all"].as_u64() > Some(1000) && seen["axis"] == true, "{seen}");
     page.shot("fly-flat.png");
     page.assert_clean();
     running.interrupt();
@@ -214,7 +221,7 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
     // Another one, which is ended; asked for by who has seen what fills the slot.
     page.key("4");
-    page.until("plumb.drawn()?.services.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
+    page.until("plumb.drawn()?.services?.some(([service, state, stage]) => service === 'fuser' && state !== 'candidate' && stage === 'vqf')");
     page.eval("document.getElementById('stage').value = 'wz'");
     page.click("#shadow");
     page.click("#yes");

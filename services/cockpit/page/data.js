@@ -6,8 +6,8 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** What is kept of a picture; of each of the `QUANTITIES` the least and the most, one after the other, NaN where nothing came.
- * @typedef {{ t: number, number: number, picture: Message, values: Float64Array }} Frame */
+/** What is kept of a picture; of each of the `QUANTITIES` the least and the most, one after the other, NaN where nothing came; the up vectors of `TRAILS`.
+ * @typedef {{ t: number, number: number, picture: Message, values: Float64Array, ups: Record<string, Vec | null> }} Frame */
 /** Something that happened: when on the source's clock, s, null where that is not known, and until when; when it was told on the board's clock, s.
  * @typedef {{ t: number | null, until: number | null, told_s: number, number: number, text: string, word: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} Told */
 
@@ -28,6 +28,9 @@ const EXTREMES = {
 };
 
 const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "reference"];
+
+/** The messages with a point whose way is drawn. */
+export const TRAILS = ["accel", "gyro", "fused"];
 
 /** The quantities that have a range within a picture. */
 export const RANGES = new Set(Object.values(EXTREMES));
@@ -103,7 +106,9 @@ export class Data {
     for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
     for (const [slot, shadow] of this.shadows) if (t - shadow.t > DIFFERENCE_S) this.shadows.delete(slot);
     const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
-    const frame = { t, number: picture.number, picture: { ...this.newest, differences }, values: valuesOf(picture) };
+    /** @type {Message} */ const shown = { ...this.newest, differences };
+    const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
+    const frame = { t, number: picture.number, picture: shown, values: valuesOf(picture), ups };
     this.frames.push(frame);
     if (!this.paused) {
       while (this.frames.length > FRAMES_MAX || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();

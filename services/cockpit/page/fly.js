@@ -53,7 +53,7 @@ export class Fly {
     this.strips = new Strips(strips, data, [
       { title: "angles", unit: "°", scale: deg, digits: 1, lines: [{ of: "yaw_rad", name: "yaw", colour: "axis-z" }, { of: "pitch_rad", name: "pitch", colour: "axis-x" }, { of: "roll_rad", name: "roll", colour: "axis-y" }] },
       { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ of: "rate_x_rad_s", name: "x", colour: "axis-x" }, { of: "rate_y_rad_s", name: "y", colour: "axis-y" }, { of: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
-      { title: "error, ± sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error_rad", name: "error", colour: "fault" }, { of: "inclination_sd_rad", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference_rad", name: "shadow", colour: "shadow" }] },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, lines: [{ of: "error_rad", name: "error", colour: "fault" }, { of: "inclination_sd_rad", name: "sd of inclination", colour: "fused", dashed: true }, { of: "difference_rad", name: "shadow", colour: "shadow" }] },
     ]);
     /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
   }

@@ -2,6 +2,8 @@
 
 /** @type {Map<string, string>} */
 const known = new Map();
+/** @type {Map<string, number[]>} */
+const tints = new Map();
 
 /** A colour of style.css by its name. @param {string} name */
 export function colour(name) {
@@ -15,9 +17,13 @@ export function colour(name) {
 
 /** The same for WebGL. @param {string} name @param {number} [alpha] @returns {[number, number, number, number]} */
 export function tint(name, alpha = 1) {
-  const text = colour(name);
-  const part = (/** @type {number} */ at) => parseInt(text.slice(at, at + 2), 16) / 255;
-  return [part(1), part(3), part(5), alpha];
+  let parts = tints.get(name);
+  if (!parts) {
+    const text = colour(name);
+    parts = [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255);
+    tints.set(name, parts);
+  }
+  return [parts[0], parts[1], parts[2], alpha];
 }
 
 /** The other theme, or the one that is asked for. @param {string} [wanted] */
@@ -25,6 +31,7 @@ export function theme(wanted) {
   const root = document.documentElement;
   root.dataset.theme = wanted ?? (root.dataset.theme === "dark" ? "light" : "dark");
   known.clear();
+  tints.clear();
 }
 
 /** An element with text or children. @param {string} tag @param {string} look @param {...(string | Node)} children */

@@ -1,7 +1,7 @@
 // Method: how it knows. The up vector on the Riemann sphere with its ray to w, and the plane of w = u + jv.
 
 import { DEGREE, pointOf, up } from "./attitude.js";
-import { quaternion, upOfPoint } from "./data.js";
+import { TRAILS, quaternion } from "./data.js";
 import { begin } from "./fly.js";
 import { colour, element, tint, write } from "./look.js";
 import { Scene } from "./scene.js";
@@ -11,6 +11,11 @@ import { Strips, signed } from "./strips.js";
 /** @typedef {import("./attitude.js").Vec} Vec */
 
 const TRAIL = 300;
+/** Parallels and meridians, each with how bright and how wide. @type {[Vec[], number, number][]} */
+const NET = [
+  ...[-60, -30, 0, 30, 60].map((part) => /** @type {[Vec[], number, number]} */ ([circle((p, q) => [Math.cos(part * DEGREE) * q, Math.cos(part * DEGREE) * p, Math.sin(part * DEGREE)]), part ? 0.45 : 1, part ? 0.5 : 0.8])),
+  ...[0, 30, 60, 90, 120, 150].map((part) => /** @type {[Vec[], number, number]} */ ([circle((p, q) => [Math.cos(part * DEGREE) * q, Math.sin(part * DEGREE) * q, p]), 0.45, 0.5])),
+];
 
 export class Method {
   /** @param {HTMLElement} place @param {Data} data */
@@ -43,9 +48,10 @@ export class Method {
     const { frames } = this.data;
     const frame = this.data.shown();
     const end = frame ? frames.indexOf(frame) : -1;
-    const trail = frames.slice(Math.max(0, end - TRAIL), end + 1);
+    // Every second picture is enough for a line, and always the same ones.
+    const trail = frames.slice(Math.max(0, end - TRAIL), end + 1).filter((one) => one.number % 2 === 0 || one === frame);
     const truth = quaternion(frame?.picture.reference?.quaternion);
-    const now = { fused: upOfPoint(frame?.picture.fused), gyro: upOfPoint(frame?.picture.gyro), accel: upOfPoint(frame?.picture.accel), ink: truth ? up(truth) : null };
+    const now = { fused: null, gyro: null, accel: null, ...frame?.ups, ink: truth ? up(truth) : null };
     const inverted = frame?.picture.fused?.chart === "CHART_INVERTED";
     const plane = (/** @type {Vec} */ v) => (inverted ? pointOf([v[0], -v[1], -v[2]]) : pointOf(v));
     this.drawn = { w: now.fused ? plane(now.fused) : null, w_gyro: now.gyro ? plane(now.gyro) : null, w_accel: now.accel ? plane(now.accel) : null, chart: inverted ? "inverted" : "upright" };
@@ -58,24 +64,17 @@ export class Method {
   drawSphere(trail, now, plane, inverted) {
     const { scene } = this;
     scene.begin();
-    const circle = (/** @type {(s: number, c: number) => Vec} */ at) => [...Array(49).keys()].map((i) => at(Math.sin((i * Math.PI) / 24), Math.cos((i * Math.PI) / 24)));
-    for (const part of [-60, -30, 0, 30, 60]) {
-      const [s, c] = [Math.sin(part * DEGREE), Math.cos(part * DEGREE)];
-      scene.line(circle((p, q) => [c * q, c * p, s]), tint("quiet", part ? 0.45 : 1), part ? 0.5 : 0.8);
-    }
-    for (let part = 0; part < 180; part += 30) {
-      const [s, c] = [Math.sin(part * DEGREE), Math.cos(part * DEGREE)];
-      scene.line(circle((p, q) => [c * q, s * q, p]), tint("quiet", 0.45), 0.5);
-    }
+    for (const [line, alpha, width] of NET) scene.line(line, tint("quiet", alpha), width);
     const pole = inverted ? 1 : -1;
     scene.point([0, 0, pole], tint("fault"), 4);
     scene.label([0, 0, pole * 1.14], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
     scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
     scene.label([1.3, 0, 0], "right", "c-x");
     scene.label([0, 1.3, 0], "nose", "c-y");
-    for (const name of ["accel", "gyro", "fused"]) {
-      const points = trail.map((frame) => upOfPoint(frame.picture[name])).filter((point) => point !== null);
-      if (name === "accel") points.forEach((point, i) => i % 2 === 0 && scene.point(point, tint("accel", 0.6), 1.4));
+    const dots = tint("accel", 0.6);
+    for (const name of TRAILS) {
+      const points = trail.map((frame) => frame.ups[name]).filter((point) => point !== null);
+      if (name === "accel") points.forEach((point) => scene.point(point, dots, 1.4));
       else scene.line(points, tint(name), name === "fused" ? 1.3 : 0.8);
     }
     for (const [name, size] of /** @type {[string, number][]} */ ([["accel", 4], ["gyro", 4], ["ink", 3.5], ["fused", 5]])) {
@@ -100,8 +99,8 @@ export class Method {
     const [context, width, height] = made;
     let reach = 0.1;
     for (const frame of trail) {
-      const point = upOfPoint(frame.picture.fused);
-      if (point) reach = Math.max(reach, ...plane(point).map(Math.abs).filter((part) => part < 3));
+      const [u, v] = frame.ups.fused ? plane(frame.ups.fused) : [0, 0];
+      for (const part of [Math.abs(u), Math.abs(v)]) if (part > reach && part < 3) reach = part;
     }
     const step = [0.05, 0.1, 0.2, 0.5, 1].find((size) => reach / size <= 4) ?? 1;
     reach = step * Math.ceil((reach * 1.15) / step);
@@ -113,19 +112,19 @@ export class Method {
     for (let mark = -reach; mark <= reach + 1e-9; mark += step) {
       const [x, y] = at([mark, mark]);
       context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.moveTo(0, y); context.lineTo(width, y); context.stroke();
-      if (Math.abs(mark) > 1e-9) { context.fillText(mark.toFixed(2), x + 2, height / 2 - 3); context.fillText(mark.toFixed(2), width / 2 + 4, y - 3); }
+      if (Math.abs(mark) > 1e-9) { context.fillText(mark.toFixed(2), x + 2, height / 2 - 3); if (y > 36) context.fillText(mark.toFixed(2), width / 2 + 4, y - 3); }
     }
     context.strokeStyle = colour("quiet");
     context.beginPath(); context.moveTo(0, height / 2); context.lineTo(width, height / 2); context.moveTo(width / 2, 0); context.lineTo(width / 2, height); context.stroke();
     context.fillText("u, right side up", width - 110, height / 2 + 16);
     context.fillText("v, nose up", width / 2 + 6, 16);
-    for (const name of ["accel", "gyro", "fused"]) {
+    for (const name of TRAILS) {
       context.strokeStyle = context.fillStyle = colour(name);
       context.lineWidth = name === "fused" ? 2 : 1.2;
       context.beginPath();
       let before = false;
       trail.forEach((frame) => {
-        const point = upOfPoint(frame.picture[name]);
+        const point = frame.ups[name];
         if (!point) { before = false; return; }
         const [x, y] = at(plane(point));
         if (name === "accel") context.rect(x - 1, y - 1, 2, 2);
@@ -158,4 +157,9 @@ function legend() {
     list.append(item);
   }
   return list;
+}
+
+/** @param {(s: number, c: number) => Vec} at @returns {Vec[]} */
+function circle(at) {
+  return [...Array(49).keys()].map((i) => at(Math.sin((i * Math.PI) / 24), Math.cos((i * Math.PI) / 24)));
 }

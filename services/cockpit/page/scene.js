@@ -191,7 +191,7 @@ export class Scene {
       flat.fillStyle = flat.strokeStyle = `rgba(${v[i + 8] * 255},${v[i + 9] * 255},${v[i + 10] * 255},${v[i + 11]})`;
       flat.lineWidth = 2 * v[i + 7] * ratio;
       flat.beginPath();
-      if (v[i + 6] !== 0 && p[0] === q[0] && p[1] === q[1] && r[0] === p[0]) flat.arc(p[0], p[1], v[i + 7] * ratio, 0, 7);
+      if (v[i + 6] !== 0 && p[0] === q[0] && p[1] === q[1] && r[0] === p[0] && r[1] === p[1]) flat.arc(p[0], p[1], v[i + 7] * ratio, 0, 7);
       else { flat.moveTo(p[0], p[1]); flat.lineTo(q[0], q[1]); flat.lineTo(r[0], r[1]); }
       if (v[i + 6] === 0 || flat.lineWidth === 0) flat.fill();
       else flat.stroke();

@@ -102,7 +102,7 @@ export class Timeline {
       const from = x + Math.max(wide, 5) + 4, length = context.measureText(told.word).width, before = taken[row];
       taken[row] = Math.min(taken[row], x - 6);
       if (from + length + 6 <= before) context.fillText(told.word, from, y + 12);
-      else if (x - length - 9 > LEFT) {
+      else if (x - 9 <= before && x - length - 9 > LEFT) {
         context.fillText(told.word, x - length - 9, y + 12);
         taken[row] = x - length - 15;
       }

@@ -11,6 +11,13 @@ export class Wire {
   /** @param {Schema} schema */
   constructor(schema) {
     this.schema = schema;
+    /** The rules of each message, in a list and by number. @type {Map<string, { all: Rule[], of: Rule[] }>} */
+    this.rules = new Map(Object.entries(schema.messages).map(([name, rules]) => {
+      /** @type {Rule[]} */
+      const of = [];
+      for (const [number, rule] of Object.entries(rules)) of[Number(number)] = rule;
+      return [name, { all: Object.values(rules), of }];
+    }));
   }
 
   /**
@@ -20,17 +27,17 @@ export class Wire {
    * @returns {Message}
    */
   decode(name, bytes) {
-    const rules = this.schema.messages[name];
+    const rules = this.rules.get(name);
     if (!rules) throw new Error(`no message ${name} in the schema`);
     /** @type {Message} */
     const message = {};
-    for (const [field, kind, repeated, presence] of Object.values(rules)) {
+    for (const [field, kind, repeated, presence] of rules.all) {
       message[field] = repeated ? [] : presence ? null : this.usual(kind);
     }
     const reader = new Reader(bytes);
     while (!reader.isAtEnd()) {
       const key = reader.varint();
-      const rule = rules[Math.floor(key / 8)];
+      const rule = rules.of[Math.floor(key / 8)];
       const type = key % 8;
       if (!rule) {
         reader.skip(type);
