@@ -90,6 +90,8 @@ pub(super) struct Heading {
     was_at_rest: bool,
     /// A field was seen.
     begun: bool,
+    /// The heading was known once: what another stage or the field said of it was more than nothing.
+    found: bool,
     rested: bool,
     disturbed: bool,
     /// What the tilt may still be off after a start in motion, rad.
@@ -124,6 +126,7 @@ impl Heading {
             known_place: KnownPlace::default(),
             was_at_rest: false,
             begun: false,
+            found: reference == Reference::Magnetic && heading_sd_rad < LOST_RAD,
             rested: false,
             disturbed: false,
             settling_rad: 0.0,
@@ -282,8 +285,7 @@ impl Heading {
     /// The first field: from a heading that is known to be magnetic it need not jump.
     fn begin(&mut self, interval: &Interval, variance_ut2: f64) -> News {
         let mut main = Filter::begun(&self.settings);
-        let known = self.magnetic && self.sd_rad < LOST_RAD;
-        if known {
+        if self.found && self.sd_rad < LOST_RAD {
             main.face_north(interval.field_ut, self.sd_rad);
         }
         main.reset(BETA, self.drift_sd_rad_s);
@@ -298,13 +300,15 @@ impl Heading {
         News { magnetic: true, aligned }
     }
 
-    /// The attitude is to face where the field says; a heading that it does not tell is left to the gyro. The heading jumps.
+    /// The attitude is to face where the field says. A heading that was known is left to the gyro where the field does not tell it; before,
+    /// the field's is the better one, however little it says. The heading jumps.
     fn publish(&mut self) -> bool {
         let (turn_rad, variance_rad2) = self.hypothesis_test.main.turn_rad();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);
-        if self.sd_rad >= LOST_RAD {
+        if self.sd_rad >= LOST_RAD && self.found {
             return false;
         }
+        self.found |= self.sd_rad < LOST_RAD;
         self.left_rad = wrapped_rad(self.left_rad + turn_rad - self.turn_rad);
         self.turn_rad = turn_rad;
         let jumps = libm::fabs(self.left_rad) > JUMP_RAD;
@@ -330,8 +334,8 @@ impl Numbers for Heading {
         self.levelled.visit(visit);
         self.hypothesis_test.visit(visit);
         self.known_place.visit(visit);
-        let Self { was_at_rest, begun, rested, disturbed, magnetic, by_track, .. } = self;
-        [was_at_rest, begun, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
+        let Self { was_at_rest, begun, found, rested, disturbed, magnetic, by_track, .. } = self;
+        [was_at_rest, begun, found, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
