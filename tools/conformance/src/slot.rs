@@ -4,7 +4,7 @@ use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
-    fuser::{Estimate, Fused, Fuser, FuserInput, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, GyroScale, HardIron},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
     stage::Stage,
@@ -267,6 +267,7 @@ impl Slot for FuserSlot {
             inclination_sd_rad: 0.01,
             heading_sd_rad: 0.1,
             bias_sd_rad_s: 1e-3,
+            gyro_scale: GyroScale::UNKNOWN,
             hard_iron: HardIron::UNKNOWN,
         };
         let mut garbage: Vec<_> =
@@ -279,7 +280,13 @@ impl Slot for FuserSlot {
             let hard_iron = HardIron { field_ut: Vector3::new(field_ut, 0.0, 0.0), sd_ut: 1.0 };
             garbage.push(("a hard iron that is none", Estimate { hard_iron, ..good }));
         }
+        for error in [f64::NAN, f64::INFINITY, 1.0] {
+            let gyro_scale = GyroScale { error: Vector3::new(0.0, error, 0.0), sd: Vector3::repeat(1e-3) };
+            garbage.push(("a scale that is none", Estimate { gyro_scale, ..good }));
+        }
         for sd in [f64::NAN, -1.0] {
+            let gyro_scale = GyroScale { sd: Vector3::new(1e-3, sd, 1e-3), ..GyroScale::UNKNOWN };
+            garbage.push(("a bad standard deviation of the scale", Estimate { gyro_scale, ..good }));
             garbage.push(("a bad standard deviation of the inclination", Estimate { inclination_sd_rad: sd, ..good }));
             garbage.push(("a bad standard deviation of the heading", Estimate { heading_sd_rad: sd, ..good }));
             garbage.push(("a bad standard deviation of the bias", Estimate { bias_sd_rad_s: sd, ..good }));

@@ -3,6 +3,7 @@
 
 use super::{
     estimate::{BIAS_WALK_RAD_S, Estimate},
+    gyro_scale::GyroScale,
     hard_iron::HardIron,
     input::FuserInput,
     rest::{Rest, SD_REST_RAD_S},
@@ -24,6 +25,7 @@ pub(super) struct Carried {
     sd_rad_s: f64,
     age_s: f64,
     known: bool,
+    gyro_scale: GyroScale,
     hard_iron: HardIron,
     /// A receiver told so last: a smooth ride looks like rest.
     rides: bool,
@@ -33,9 +35,9 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    /// Of a giver that knows a bias, or of one that does not. The hard iron is handed on as it came.
+    /// Of a giver that knows a bias, or of one that does not. Gyro scale and hard iron are handed on as they came.
     pub(super) fn of(common: &Estimate) -> Self {
-        let nothing = Self { hard_iron: common.hard_iron, ..Self::default() };
+        let nothing = Self { gyro_scale: common.gyro_scale, hard_iron: common.hard_iron, ..Self::default() };
         if common.bias_sd_rad_s.is_infinite() {
             return nothing;
         }
@@ -80,6 +82,10 @@ impl Carried {
         if own_sd_rad_s <= sd_rad_s { (own_rad_s, own_sd_rad_s) } else { (bias_rad_s, sd_rad_s) }
     }
 
+    pub(super) fn gyro_scale(&self) -> GyroScale {
+        self.gyro_scale
+    }
+
     pub(super) fn hard_iron(&self) -> HardIron {
         self.hard_iron
     }
@@ -88,7 +94,11 @@ impl Carried {
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let negative = self.sd_rad_s < 0.0 || self.age_s < 0.0 || self.since_s < 0.0;
         let negative = negative.then_some("an age or standard deviation below zero");
-        bias_flaw(self.bias_rad_s).or(negative).or_else(|| self.rest.flaw()).or_else(|| self.hard_iron.flaw())
+        bias_flaw(self.bias_rad_s)
+            .or(negative)
+            .or_else(|| self.rest.flaw())
+            .or_else(|| self.gyro_scale.flaw())
+            .or_else(|| self.hard_iron.flaw())
     }
 }
 
@@ -98,6 +108,7 @@ impl Numbers for Carried {
         self.sd_rad_s.visit(visit);
         self.age_s.visit(visit);
         self.known.visit(visit);
+        self.gyro_scale.visit(visit);
         self.hard_iron.visit(visit);
         self.rides.visit(visit);
         self.rest.visit(visit);

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use super::hard_iron::HardIron;
+use super::{gyro_scale::GyroScale, hard_iron::HardIron};
 use crate::{
     Complex, Vector3,
     course::Reference,
@@ -30,6 +30,8 @@ pub struct Estimate {
     pub heading_sd_rad: f64,
     /// Standard deviation of each component of the bias, rad/s; infinite where nobody estimated it.
     pub bias_sd_rad_s: f64,
+    /// Error of the gyro's scale; that of an earlier giver where this one does not estimate it.
+    pub gyro_scale: GyroScale,
     /// Hard iron of the magnetometer; that of an earlier giver where this one does not estimate it.
     pub hard_iron: HardIron,
 }
@@ -49,6 +51,7 @@ impl Estimate {
         inclination_sd_rad: PI,
         heading_sd_rad: PI,
         bias_sd_rad_s: f64::INFINITY,
+        gyro_scale: GyroScale::UNKNOWN,
         hard_iron: HardIron::UNKNOWN,
     };
 
@@ -65,7 +68,8 @@ impl Estimate {
         if !sds.iter().all(|sd| *sd >= 0.0) {
             return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
         }
-        self.hard_iron.flaw().map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
+        let flaw = self.gyro_scale.flaw().or_else(|| self.hard_iron.flaw());
+        flaw.map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
     }
 }
 
@@ -79,12 +83,15 @@ impl Numbers for Estimate {
             inclination_sd_rad,
             heading_sd_rad,
             bias_sd_rad_s,
+            gyro_scale: GyroScale { error, sd },
             hard_iron: HardIron { field_ut, sd_ut },
         } = self;
         attitude.visit(visit);
         reference.visit(visit);
         bias_rad_s.visit(visit);
         [inclination_sd_rad, heading_sd_rad, bias_sd_rad_s].into_iter().for_each(|number| number.visit(visit));
+        error.visit(visit);
+        sd.visit(visit);
         field_ut.visit(visit);
         sd_ut.visit(visit);
     }

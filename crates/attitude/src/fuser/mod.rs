@@ -24,6 +24,7 @@ mod estimate;
 mod field;
 mod finite;
 mod fused;
+mod gyro_scale;
 mod hard_iron;
 mod input;
 pub mod levelling;
@@ -39,6 +40,7 @@ pub mod wz_open;
 
 pub use estimate::{BIAS_WALK_RAD_S, Estimate};
 pub use fused::{Corrections, Fused, innovation_rad};
+pub use gyro_scale::GyroScale;
 pub use hard_iron::HardIron;
 pub use input::FuserInput;
 
@@ -137,7 +139,7 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     /// bias stay.
     fn realign(&mut self);
 
-    /// Begins with what was known of the sensors before: bias and hard iron. The attitude is as unknown as at any beginning, whatever
+    /// Begins with what was known of the sensors before: bias and hard iron; a scale changes with the temperature. The attitude is as unknown as at any beginning, whatever
     /// `known` says of it. What cannot be taken over leaves the stage as it was.
     fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
         let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, .. } = *known;

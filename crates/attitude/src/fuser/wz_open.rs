@@ -198,6 +198,7 @@ impl Stage for WzOpen {
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
             bias_sd_rad_s,
+            gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
         }
     }

@@ -4,7 +4,7 @@ use attitude::{
     accel::Projector,
     angles::Angles,
     course::Reference,
-    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron},
     gyro::{Gyro, GyroStage, Motion, RateKind, RateSample},
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
@@ -172,6 +172,7 @@ fn a_fuser_goes_on_where_another_was() {
                 inclination_sd_rad: 0.01,
                 heading_sd_rad: 0.02,
                 bias_sd_rad_s: 0.001,
+                gyro_scale: GyroScale::UNKNOWN,
                 hard_iron: HardIron::UNKNOWN,
             };
             fuser.adopt(&estimate).unwrap();

@@ -4,7 +4,7 @@ use attitude::{
     Vector3,
     accel::Projector,
     course::Reference,
-    fuser::{Estimate, Fuser, FuserInput, HardIron},
+    fuser::{Estimate, Fuser, FuserInput, GyroScale, HardIron},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
@@ -25,6 +25,7 @@ fn known(attitude: Attitude) -> Estimate {
         inclination_sd_rad: 0.0,
         heading_sd_rad: 0.0,
         bias_sd_rad_s: 0.0,
+        gyro_scale: GyroScale::UNKNOWN,
         hard_iron: HardIron::UNKNOWN,
     }
 }

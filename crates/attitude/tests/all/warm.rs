@@ -4,7 +4,7 @@ use attitude::{
     accel::Projector,
     angles::Angles,
     course::Reference,
-    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron},
     gyro::{Gyro, Motion, RateSample},
     stage::Stage,
     state::Attitude,
@@ -21,6 +21,8 @@ const SD_RAD_S: f64 = 2e-4;
 /// Three quarters of the horizontal field.
 const IRON_UT: Vector3<f64> = Vector3::new(15.0, 0.0, -4.0);
 const IRON_SD_UT: f64 = 0.5;
+/// Of the gyro.
+const SCALE: GyroScale = GyroScale { error: Vector3::new(0.002, -0.004, 0.001), sd: Vector3::new(2e-4, 3e-4, 1e-4) };
 
 /// The outputs over 2 s of a movement that does not rest, and the fuser after them.
 fn moved(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
@@ -50,6 +52,7 @@ fn known() -> Estimate {
         inclination_sd_rad: 0.001,
         heading_sd_rad: 0.001,
         bias_sd_rad_s: SD_RAD_S,
+        gyro_scale: SCALE,
         hard_iron: HardIron { field_ut: IRON_UT, sd_ut: IRON_SD_UT },
     }
 }
@@ -114,6 +117,19 @@ fn every_fuser_hands_the_hard_iron_on() {
         restored.restore(&fuser.snapshot()).unwrap();
         assert_eq!(restored.common().hard_iron, known().hard_iron, "{name}");
         assert_eq!(Fuser::named(name).unwrap().common().hard_iron, HardIron::UNKNOWN, "{name}");
+    }
+}
+
+#[test]
+fn every_fuser_that_was_swapped_in_hands_the_scale_of_the_gyro_on_and_none_begins_with_it() {
+    for name in Fuser::NAMES {
+        let mut fuser = Fuser::named(name).unwrap();
+        fuser.adopt(&known()).unwrap();
+        assert_eq!(fuser.common().gyro_scale, SCALE, "{name}");
+        let mut restored = Fuser::named(name).unwrap();
+        restored.restore(&fuser.snapshot()).unwrap();
+        assert_eq!(restored.common().gyro_scale, SCALE, "{name}");
+        assert_eq!(warm(name).common().gyro_scale, Fuser::named(name).unwrap().common().gyro_scale, "{name}");
     }
 }
 

@@ -136,6 +136,7 @@ impl Stage for Levelling {
             inclination_sd_rad: self.platform.inclination_sd_rad(),
             heading_sd_rad: PI,
             bias_sd_rad_s,
+            gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
         }
     }

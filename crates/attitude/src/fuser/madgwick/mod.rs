@@ -264,6 +264,7 @@ impl Stage for Madgwick {
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s,
+            gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
         }
     }

@@ -218,6 +218,7 @@ impl Stage for MultipleModel {
             attitude: self.attitude(),
             reference: heading.reference,
             heading_sd_rad: heading.heading_sd_rad,
+            gyro_scale: wz.gyro_scale,
             hard_iron: wz.hard_iron,
             ..level
         }

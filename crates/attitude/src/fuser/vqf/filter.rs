@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Vector3,
     course::Reference,
-    fuser::{hard_iron::HardIron, spread::Spread},
+    fuser::{gyro_scale::GyroScale, hard_iron::HardIron, spread::Spread},
     gyro::Motion,
     state::Attitude,
 };
@@ -30,6 +30,7 @@ pub struct Vqf {
     pub(super) tilt: Spread,
     pub(super) heading: Spread,
     /// Of the giver.
+    pub(super) gyro_scale: GyroScale,
     pub(super) hard_iron: HardIron,
 }
 
@@ -43,6 +44,7 @@ impl Default for Vqf {
             magnetic: false,
             tilt: Spread::UNKNOWN,
             heading: Spread::UNKNOWN,
+            gyro_scale: GyroScale::UNKNOWN,
             hard_iron: HardIron::UNKNOWN,
         }
     }

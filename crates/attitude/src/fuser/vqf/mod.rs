@@ -99,6 +99,7 @@ impl Stage for Vqf {
         self.magnetic.visit(visit);
         self.tilt.visit(visit);
         self.heading.visit(visit);
+        self.gyro_scale.visit(visit);
         self.hard_iron.visit(visit);
         visit_numbers(self.filter.state_mut(), visit);
         if timed != (self.motion.mean_s, self.field.mean_s) && self.timing_flaw().is_none() {
@@ -112,6 +113,7 @@ impl Stage for Vqf {
             .or_else(|| bias_flaw(self.bias_rad_s()))
             .or_else(|| self.tilt.flaw())
             .or_else(|| self.heading.flaw())
+            .or_else(|| self.gyro_scale.flaw())
             .or_else(|| self.hard_iron.flaw())
     }
 
@@ -123,6 +125,7 @@ impl Stage for Vqf {
             inclination_sd_rad: self.tilt.sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.filter.bias_estimate().1,
+            gyro_scale: self.gyro_scale,
             hard_iron: self.hard_iron,
         }
     }
@@ -144,6 +147,7 @@ impl Stage for Vqf {
         state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
         self.tilt = Spread::of(common.inclination_sd_rad);
         self.heading = Spread::of(common.heading_sd_rad);
+        self.gyro_scale = common.gyro_scale;
         self.hard_iron = common.hard_iron;
         Ok(())
     }

@@ -21,7 +21,11 @@ use super::{
     time_constants::T1_S,
 };
 use crate::{
-    Complex, GRAVITY_M_S2, J, Vector3, fuser::rest::SD_REST_RAD_S, numbers::Numbers, stage::bias_flaw, state::Axes,
+    Complex, GRAVITY_M_S2, J, Vector3,
+    fuser::{estimate::Estimate, gyro_scale::GyroScale, rest::SD_REST_RAD_S},
+    numbers::Numbers,
+    stage::bias_flaw,
+    state::Axes,
     turn::Turn,
 };
 use nalgebra::{SMatrix, SVector};
@@ -149,16 +153,23 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Goes on with a bias and a level that another stage found, perhaps in the middle of a movement: what the force shows is that
+    /// Goes on with bias, scale and level that another stage found, perhaps in the middle of a movement: what the force shows is that
     /// until it has lasted.
-    pub(super) fn found(bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64, level_sd_rad: f64) -> Self {
-        Self {
+    pub(super) fn found(common: &Estimate) -> Self {
+        let Estimate { bias_rad_s, bias_sd_rad_s, inclination_sd_rad, gyro_scale, .. } = *common;
+        let mut filter = Self {
             force_noise: Noise::before(FORCE_SD_MOVING),
             velocity_noise: Noise::before(VELOCITY_SD_MOVING_S),
             first_level: false,
             initial_velocity: InitialVelocity::begun(),
-            ..Self::of(bias_rad_s, bias_sd_rad_s, level_sd_rad)
+            scale: gyro_scale.error.map(|error| error.clamp(-SCALE_MAX, SCALE_MAX)),
+            ..Self::of(bias_rad_s, bias_sd_rad_s, inclination_sd_rad)
+        };
+        for (i, sd) in (SCALE..).zip(gyro_scale.sd.iter()) {
+            let sd = sd.min(SCALE_SD_MAX);
+            filter.covariance[(i, i)] = sd * sd;
         }
+        filter
     }
 
     /// The bias, rad/s, body axes.
@@ -177,6 +188,11 @@ impl GyroErrorFilter {
     #[inline]
     pub(super) fn corrected_rad_s(&self, rate_rad_s: Vector3<f64>) -> Vector3<f64> {
         rate_rad_s - self.bias_rad_s - self.scale.component_mul(&rate_rad_s)
+    }
+
+    /// The error of the scale of each axis.
+    pub(super) fn scale(&self) -> GyroScale {
+        GyroScale { error: self.scale, sd: Vector3::from(self.scale_variance().map(libm::sqrt)) }
     }
 
     /// Variance of the scale of each axis.

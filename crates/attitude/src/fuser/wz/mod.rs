@@ -236,6 +236,7 @@ impl Stage for Wz {
             inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
             heading_sd_rad: self.heading.sd_rad(),
             bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
+            gyro_scale: self.gyro_errors.scale(),
             hard_iron: self.heading.hard_iron(),
         }
     }
@@ -244,7 +245,7 @@ impl Stage for Wz {
         common.checked()?;
         self.heading = Heading::of(self.heading.settings, common);
         self.level = Level::of(common.attitude);
-        self.gyro_errors = GyroErrorFilter::found(common.bias_rad_s, common.bias_sd_rad_s, common.inclination_sd_rad);
+        self.gyro_errors = GyroErrorFilter::found(common);
         self.rest = Rest::default();
         Ok(())
     }

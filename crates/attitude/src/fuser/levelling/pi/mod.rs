@@ -205,6 +205,7 @@ impl Stage for LevellingPi {
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
             bias_sd_rad_s,
+            gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
         }
     }

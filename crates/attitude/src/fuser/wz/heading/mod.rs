@@ -335,7 +335,9 @@ impl Numbers for Heading {
         self.hypothesis_test.visit(visit);
         self.known_place.visit(visit);
         let Self { was_at_rest, begun, found, rested, disturbed, magnetic, by_track, .. } = self;
-        [was_at_rest, begun, found, rested, disturbed, magnetic, by_track].into_iter().for_each(|flag| flag.visit(visit));
+        [was_at_rest, begun, found, rested, disturbed, magnetic, by_track]
+            .into_iter()
+            .for_each(|flag| flag.visit(visit));
         let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
         [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
