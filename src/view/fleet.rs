@@ -129,6 +129,13 @@ impl Sight for Fleet {
             looked.watched = Instant::now();
             return Ok(looked.look.clone());
         }
+        // Whoever asks for names that nobody has takes no room from those who look.
+        let in_sight = |name: &str| {
+            self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|line| line.vehicle == name)
+        };
+        if let Some(name) = vehicle.filter(|name| self.first.as_deref() != Some(*name) && !in_sight(name)) {
+            return Err(format!("no vehicle {name} is in sight"));
+        }
         if looks.len() >= LOOKS_MAX {
             return Err(format!("{LOOKS_MAX} vehicles are looked at already; close a page"));
         }

@@ -69,7 +69,10 @@ typedef struct {
 /* fuser: what every one can hand over to every other. A standard deviation is infinite where nobody estimated what it is of. */
 typedef struct {
     plumbline_attitude attitude;
-    double reference, bias_rad_s[3], inclination_sd_rad, heading_sd_rad, bias_sd_rad_s, hard_iron_ut[3], hard_iron_sd_ut;
+    double reference, bias_rad_s[3], inclination_sd_rad, heading_sd_rad, bias_sd_rad_s;
+    /* By which part of itself the rate about each axis is read too large. */
+    double gyro_scale[3], gyro_scale_sd[3];
+    double hard_iron_ut[3], hard_iron_sd_ut;
 } plumbline_estimate;
 /* course: given. */
 typedef struct {
@@ -357,6 +360,8 @@ static inline const char *plumbline_check_estimate(const plumbline_estimate *it)
 {
     for (int i = 0; i < 3; i++) {
         if (!(fabs(it->bias_rad_s[i]) <= 10.0)) return "a gyro bias above 10 rad/s";
+        if (!(fabs(it->gyro_scale[i]) <= 0.1)) return "a scale of the gyro that no gyro has";
+        if (!(it->gyro_scale_sd[i] >= 0.0)) return "a standard deviation below zero";
         if (!(fabs(it->hard_iron_ut[i]) <= 1e4)) return "a hard iron beyond every magnet";
     }
     if (!(it->inclination_sd_rad >= 0.0 && it->heading_sd_rad >= 0.0 && it->bias_sd_rad_s >= 0.0 && it->hard_iron_sd_ut >= 0.0)) {

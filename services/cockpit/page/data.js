@@ -21,12 +21,17 @@ export const STALE_MS = 400;
 /** A difference is told ten times a second; one that is older belongs to a shadow that is gone, s. */
 const DIFFERENCE_S = 0.5;
 const NONE = 2 ** 53;
+/** The reason of a shadow that was told to end. */
+export const ENDED_AS_ASKED = "cancelled as asked";
 
 const EXTREMES = {
   QUANTITY_FORCE_M_S2: "force_m_s2", QUANTITY_FIELD_UT: "field_ut", QUANTITY_RATE_X_RAD_S: "rate_x_rad_s", QUANTITY_RATE_Y_RAD_S: "rate_y_rad_s",
   QUANTITY_RATE_Z_RAD_S: "rate_z_rad_s", QUANTITY_INNOVATION_RAD: "innovation_rad", QUANTITY_ERROR_RAD: "error_rad", QUANTITY_LATENCY_S: "latency_s",
 };
 
+/** What is no longer drawn when it is older than this, s. The sensors' values are shown with their age. */
+const SHORT_LIVED = ["gyro", "accel", "fused"];
+const SAID_S = 0.5;
 const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "reference"];
 
 /** The messages with a point whose way is drawn. */
@@ -54,6 +59,7 @@ export class Data {
     /** @type {Frame[]} */ this.frames = [];
     /** @type {Message} */ this.standing = {};
     /** @type {Told[]} */ this.events = [];
+    /** Grows when an event comes, or the time of one becomes known. */ this.revision = 0;
     /** @type {Message | null} */ this.answer = null;
     /** Why a calibration was refused. */ this.refusal = "";
     /** How the calibration that is under way does. @type {Message | null} */ this.calibration = null;
@@ -61,13 +67,16 @@ export class Data {
     /** The newest difference of each slot's shadow, and when it came. @type {Map<string, { t: number, difference: Message }>} */ this.shadows = new Map();
     /** The frame that is looked at; null: the newest. @type {number | null} */ this.cursor = null;
     this.paused = false;
+    /** Looks at a time, s: the newest goes on behind it. @type {(t: number) => void} */ this.go = (t) => { this.paused = true; this.cursor = t; };
     /** How much of the last minute the strips and the time line show, s. */ this.span_s = SHOWN_S;
     /** How much of the past is kept, s. */ this.kept_s = SHOWN_S;
     /** Where that ends, s. */ this.end = 0;
     /** The source's clock less the board's, s; null as long as no message has said both. @type {number | null} */ this.lead_s = null;
     /** The newest event of each flag. @type {Map<string, Told>} */ this.up = new Map();
     /** The names of the flags, each with whether it says nothing bad. @type {[string, boolean][]} */ this.flags = [];
-    /** The connection: "connecting", "open", "closed", "refused". */ this.link = "connecting";
+    /** The connection: "connecting", "open", "closed", "refused", "absent". */ this.link = "connecting";
+    /** Why there is nothing of the vehicle that the address names. */ this.absent = "";
+    /** The command that was sent last. */ this.asked = "";
     this.came = -Infinity;
     /** Pictures of a recording. @type {Message[]} */ this.recording = [];
     this.place = 0;
@@ -78,6 +87,8 @@ export class Data {
   clear() {
     this.frames.length = 0;
     this.events.length = 0;
+    this.revision += 1;
+    this.recording = [];
     this.up.clear();
     this.standing = {};
     this.newest = {};
@@ -106,7 +117,10 @@ export class Data {
     for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
     for (const [slot, shadow] of this.shadows) if (t - shadow.t > DIFFERENCE_S) this.shadows.delete(slot);
     const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
-    /** @type {Message} */ const shown = { ...this.newest, differences };
+    /** @type {Message} */
+    const shown = { ...this.newest, differences };
+    // What a service said that says nothing any more is not how it is now.
+    for (const name of SHORT_LIVED) if (shown[name] && t - shown[name].header.t_end_ns * 1e-9 > SAID_S) delete shown[name];
     const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
     const frame = { t, number: picture.number, picture: shown, values: valuesOf(picture), ups };
     this.frames.push(frame);
@@ -123,6 +137,9 @@ export class Data {
     this.frames.length = 0;
     this.shadows.clear();
     this.up.clear();
+    this.cursor = null;
+    this.paused = false;
+    this.revision += 1;
     for (const told of this.events) if (told.t !== null) told.t = NaN;
   }
 
@@ -131,7 +148,7 @@ export class Data {
     const header = (picture.attitude ?? picture.imu)?.header;
     if (header) {
       this.lead_s = (header.t_end_ns - header.t_sent_ns) * 1e-9;
-      for (const told of this.events) told.t ??= told.told_s + this.lead_s;
+      for (const told of this.events) if (told.t === null) { told.t = told.told_s + this.lead_s; this.revision += 1; }
     }
     // Of pictures that were missed the time is known within their own.
     const t = header ? header.t_end_ns * 1e-9 : this.frames.at(-1)?.t;
@@ -155,12 +172,18 @@ export class Data {
     this.add(told);
   }
 
+  /** The flags that are up and say something bad. @returns {string[]} */
+  flagsUp() {
+    const t = this.shown()?.t ?? NaN;
+    return [...this.up.values()].filter((told) => told.fault && Math.abs(t - (told.until ?? NaN)) < FLAG_S).map((told) => told.word);
+  }
+
   /** @param {Message} event */
   note(event) {
     const told_s = event.t_told_ns * 1e-9;
     if (this.events.some((told) => told.number === event.number && told.told_s === told_s)) return;
     const kind = event.kind.replace("EVENT_KIND_", "");
-    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind);
+    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.why !== ENDED_AS_ASKED;
     const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
     const word = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
     this.add({ t: this.lead_s === null ? null : told_s + this.lead_s, until: null, told_s, number: event.number, text: say(event, word), word, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });
@@ -169,6 +192,7 @@ export class Data {
   /** @param {Told} told */
   add(told) {
     this.events.push(told);
+    this.revision += 1;
     if (this.events.length > EVENTS_MAX) this.events.shift();
   }
 
@@ -216,6 +240,7 @@ export class Data {
     const { state, why } = this.standing;
     if (this.recording.length) return { word: this.paused ? "paused" : "replay", kind: "live", why: "" };
     if (this.link === "refused") return { word: "no token", kind: "connecting", why: "Looking from here needs a token, and this page has none that is right: open the address that `plumb up` or `plumb view` prints, to its end." };
+    if (this.link === "absent") return { word: "no such vehicle", kind: "connecting", why: this.absent };
     if (this.link !== "open") return { word: "connecting", kind: "connecting", why: "The page has no connection to the program that serves it: start it again with `plumb up` or `plumb view`; the page connects by itself." };
     if (state === "STATE_ENDED") return { word: "ended", kind: "ended", why };
     if (state === "STATE_UNCHOSEN") return { word: "choose a vehicle", kind: "paused", why: "" };

@@ -45,9 +45,10 @@ export class Fleet {
     if (!standing.system) return [];
     const statuses = (standing.services ?? []).map((/** @type {Message} */ one) => one.status);
     const of = (/** @type {string} */ name) => statuses.find((/** @type {Message} */ one) => one.service === name);
-    const age_s = (performance.now() - this.data.came) / 1000;
+    const recorded = this.data.recording.length > 0;
+    const age_s = recorded ? Infinity : (performance.now() - this.data.came) / 1000;
     const services = statuses.filter((/** @type {Message} */ one) => one.state === "running").map((/** @type {Message} */ one) => one.service);
-    return [{ vehicle: standing.system, lives: standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: of("course")?.lost ?? null, stage: of("fuser")?.stage ?? "", services }];
+    return [{ vehicle: standing.system, lives: recorded || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: of("course")?.lost ?? null, stage: of("fuser")?.stage ?? "", services }];
   }
 
   /** A row to be filled. @param {string} name */

@@ -17,6 +17,8 @@ const VIEWS = ["fly", "method", "sensors", "system", "fleet"];
 const AGAIN_MS = 500;
 /** The code with which a socket is closed whose token is missing or wrong. */
 const REFUSED = 1008;
+/** The same where there is nothing of the vehicle's name; the reason says why. */
+const ABSENT = 4404;
 /** Pictures of a recording asked for at once. */
 const CHUNK = 2000;
 const PICTURE_S = 0.033;
@@ -25,7 +27,8 @@ const data = new Data();
 const get = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (document.getElementById(id));
 /** Behind the # of the address stands the token: no request ever carries it but a command. */
-const token = location.hash.slice(1) || sessionStorage.getItem("token") || "";
+const behind = location.hash.slice(1);
+const token = (/^[0-9a-f]+$/.test(behind) && behind) || sessionStorage.getItem("token") || "";
 if (token) sessionStorage.setItem("token", token);
 
 /** The vehicle that is looked at, where one is chosen. */
@@ -43,17 +46,20 @@ function ask(command) {
   if (!token) return "commands need the token: open the address that `plumb up` or `plumb view` prints, to its end";
   if (socket?.readyState !== WebSocket.OPEN) return "there is no connection";
   asked += 1;
-  socket.send(wire.encode("PageCommand", { ...command, request_id: `page-${asked}`, token }));
+  data.asked = `page-${asked}`;
+  socket.send(wire.encode("PageCommand", { ...command, request_id: data.asked, token }));
   return null;
 }
 
 function connect() {
   data.link = "connecting";
-  const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${vehicle}`}`);
+  const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
   socket = made;
   made.binaryType = "arraybuffer";
   made.addEventListener("open", () => {
     data.link = "open";
+    // What was under way may have ended with the connection; what goes on is told again.
+    data.calibration = null;
     if (token) made.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
   });
   made.addEventListener("message", ({ data: bytes }) => {
@@ -62,11 +68,16 @@ function connect() {
     const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.take(picture, performance.now());
     if (standing) {
+      // In the place of a recording there is a system now.
+      if (data.recording.length && standing.state !== "STATE_RECORDING") {
+        data.clear();
+        get("scrub").hidden = true;
+      }
       const first = data.standing.pictures !== standing.pictures;
       // Where there are several and none is chosen, the page begins with them.
       if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) show("fleet");
       data.standing = standing;
-      if (standing.state === "STATE_RECORDING" && first) void load(standing.pictures);
+      if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
     // An answer about no slot is that to a calibration.
@@ -76,9 +87,10 @@ function connect() {
       if (shown instanceof System) shown.answered(answer);
     }
   });
-  made.addEventListener("close", ({ code }) => {
+  made.addEventListener("close", ({ code, reason }) => {
     if (made !== socket) return;
-    data.link = code === REFUSED ? "refused" : "closed";
+    data.link = code === REFUSED ? "refused" : code === ABSENT ? "absent" : "closed";
+    data.absent = reason;
     setTimeout(() => { if (made === socket) connect(); }, AGAIN_MS);
   });
 }
@@ -86,7 +98,7 @@ function connect() {
 /** Looks at another vehicle. @param {string} name */
 function choose(name) {
   vehicle = name;
-  history.replaceState(null, "", `?vehicle=${name}`);
+  history.replaceState(null, "", `?vehicle=${encodeURIComponent(name)}`);
   data.clear();
   socket?.close();
   connect();
@@ -98,6 +110,7 @@ async function load(count) {
   const all = [];
   while (all.length < count) {
     const answer = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
+    if (!answer.ok) throw new Error(await answer.text());
     const { pictures } = wire.decode("Pictures", new Uint8Array(await answer.arrayBuffer()));
     if (!pictures.length) break;
     all.push(...pictures);
@@ -172,6 +185,9 @@ function bar(now) {
   const course = (standing.services ?? []).find((/** @type {Message} */ one) => one.status?.service === "course");
   put("lost", course ? String(course.status.lost) : "–");
   get("lost-place").className = course && course.status.lost > 0 ? "loud" : "";
+  const flags = data.flagsUp();
+  get("flags").hidden = !flags.length;
+  put("flags", flags.join(", "));
   get("why").hidden = !state.why;
   put("why", state.why);
   // In the list of vehicles each line has an age of its own.
@@ -190,23 +206,31 @@ function pause() {
 
 /** Sets the cursor, in a recording the place. @param {number} t */
 function go(t) {
-  if (!data.recording.length) { data.cursor = t; return; }
   data.paused = true;
+  if (!data.recording.length) { data.cursor = t; return; }
   const at = data.recording.findIndex((picture) => ((picture.attitude ?? picture.imu)?.header.t_end_ns ?? -Infinity) * 1e-9 >= t);
   seek(at < 0 ? data.recording.length - 1 : at);
 }
 
+/** By which a key turns the scene: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
+const TURNS = { Home: [-0.1, 0], End: [0.1, 0], PageUp: [0, 0.1], PageDown: [0, -0.1] };
+
 /** @param {KeyboardEvent} event */
 function key(event) {
   const at = /** @type {HTMLElement} */ (event.target);
-  if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT"].includes(at.tagName)) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || at.tagName === "SELECT") return;
+  // The slider of a recording takes the keys that move it.
+  if (at.tagName === "INPUT" && (input(at.id).type !== "range" || /^(Arrow|Page|Home|End)/.test(event.key))) return;
   const step = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
   if (step && at.getAttribute("role") !== "tab") {
+    data.paused = true;
     if (data.recording.length) seek(data.place + step * (event.shiftKey ? Math.max(1, 1 / pictureLength()) : 1));
-    else { data.paused = true; data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0); }
+    else data.step(event.shiftKey ? 0 : step, event.shiftKey ? step : 0);
   } else if (VIEWS[Number(event.key) - 1]) show(VIEWS[Number(event.key) - 1]);
   else if (event.key === " " && at.tagName !== "BUTTON") pause();
   else if (event.key === "l") { data.paused = false; data.cursor = null; }
+  else if (event.key === "+" || event.key === "-") data.zoom(event.key === "+" ? 0.5 : 2);
+  else if (shown?.scene && TURNS[event.key]) shown.scene.turn(...TURNS[event.key]);
   else if (event.key === "r") shown?.scene?.reset();
   else if (event.key === "c") void timeline.copyValues();
   else if (event.key === "q") void timeline.copyQuaternion();
@@ -240,7 +264,10 @@ function frame(now) {
 }
 
 async function begin() {
-  theme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const follow = () => theme(dark.matches ? "dark" : "light");
+  dark.addEventListener("change", follow);
+  follow();
   for (const [place, of] of VIEWS.entries()) {
     const tab = element("button", "", `${place + 1} ${of[0].toUpperCase()}${of.slice(1)}`);
     tab.id = `tab-${of}`;
@@ -257,7 +284,8 @@ async function begin() {
   const schema = await (await fetch("/schema.json")).json();
   wire = new Wire(schema);
   data.flags = schema.flags;
-  timeline = new Timeline(get("timeline"), data, go);
+  data.go = go;
+  timeline = new Timeline(get("timeline"), data);
   show("fly");
   connect();
   requestAnimationFrame(frame);

@@ -58,6 +58,7 @@ export class Mounting {
     const still = ["rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"].every((name) => [0, 1].every((most) => Math.abs(frame.values[placeOf(name) + most]) < STILL_RAD_S));
     const apart = this.level ? angle(this.level, up) : 0;
     if (!still || (this.level && (apart < DOWN[0] || apart > DOWN[1]))) { this.since = null; return; }
+    if (this.since !== null && frame.t < this.since) this.since = null;
     this.since ??= frame.t;
     if (frame.t - this.since < POSE_S) return;
     this.since = null;

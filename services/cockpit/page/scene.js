@@ -39,6 +39,8 @@ export class Scene {
     this.places = document.createElement("div");
     this.places.className = "labels";
     panel.append(this.canvas, this.places);
+    panel.classList.add("turns");
+    this.panel = panel;
     this.vertices = new Float32Array(1 << 16);
     /** How many of them are used. */ this.used = 0;
     /** @type {Label[]} */ this.labels = [];
@@ -49,8 +51,8 @@ export class Scene {
     /** @type {WebGLUniformLocation | null} */ this.size = null;
     this.start();
     this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.gl = null; this.plain("the browser has taken WebGL away"); });
-    this.canvas.addEventListener("pointerdown", (event) => this.drag(event));
-    this.canvas.addEventListener("wheel", (event) => { event.preventDefault(); this.distance = Math.max(2.5, Math.min(12, this.distance * Math.exp(event.deltaY * 1e-3))); }, { passive: false });
+    panel.addEventListener("pointerdown", (event) => this.drag(event));
+    panel.addEventListener("wheel", (event) => { event.preventDefault(); this.distance = Math.max(2.5, Math.min(12, this.distance * Math.exp(event.deltaY * 1e-3))); }, { passive: false });
   }
 
   start() {
@@ -88,7 +90,6 @@ export class Scene {
   plain(why) {
     this.why = `${why}: drawn flat`;
     const canvas = document.createElement("canvas");
-    canvas.addEventListener("pointerdown", (event) => this.drag(event));
     this.canvas.replaceWith(canvas);
     this.canvas = canvas;
     this.flat = canvas.getContext("2d");
@@ -100,13 +101,16 @@ export class Scene {
 
   /** @param {PointerEvent} event */
   drag(event) {
-    this.canvas.setPointerCapture(event.pointerId);
-    const move = (/** @type {PointerEvent} */ moved) => {
-      this.azimuth -= moved.movementX * 0.008;
-      this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + moved.movementY * 0.008));
-    };
-    this.canvas.addEventListener("pointermove", move);
-    this.canvas.addEventListener("pointerup", () => this.canvas.removeEventListener("pointermove", move), { once: true });
+    this.panel.setPointerCapture(event.pointerId);
+    const move = (/** @type {PointerEvent} */ moved) => this.turn(-moved.movementX * 0.008, moved.movementY * 0.008);
+    this.panel.addEventListener("pointermove", move);
+    this.panel.addEventListener("lostpointercapture", () => this.panel.removeEventListener("pointermove", move), { once: true });
+  }
+
+  /** @param {number} azimuth rad @param {number} elevation rad */
+  turn(azimuth, elevation) {
+    this.azimuth += azimuth;
+    this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + elevation));
   }
 
   begin() {

@@ -18,7 +18,7 @@ export class Strips {
     panel.append(this.canvas);
     this.canvas.addEventListener("click", (event) => {
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      if (part >= 0 && part <= 1) data.cursor = this.from + part * data.span_s;
+      if (part >= 0 && part <= 1) data.go(this.from + part * data.span_s);
     });
     this.canvas.addEventListener("wheel", (event) => {
       event.preventDefault();

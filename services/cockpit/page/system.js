@@ -1,6 +1,7 @@
 // System: whether the machine keeps up, what happened, and who fills the slots.
 
 import { DEGREE } from "./attitude.js";
+import { ENDED_AS_ASKED } from "./data.js";
 import { element, rows, write } from "./look.js";
 import { Strips } from "./strips.js";
 
@@ -50,6 +51,7 @@ export class System {
     /** What is drawn, for tests. @type {Record<string, any>} */ this.drawn = {};
     this.slots = "";
     this.told = -1;
+    /** A command is under way. */ this.waits = false;
     /** Restarts seen of each service, and when the last was seen, ms. @type {Map<string, { restarts: number, at: number }>} */ this.lives = new Map();
   }
 
@@ -69,6 +71,8 @@ export class System {
       this.outcome.className = "";
       this.outcome.textContent = `asked: ${what.replace("?", "")} …`;
       const refused = this.ask({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0 });
+      // The answer about a shadow comes at its end.
+      this.waits = !refused && kind !== "KIND_SHADOW";
       if (refused) this.say("c-fault", refused);
     });
     no.addEventListener("click", () => this.confirm.close());
@@ -85,7 +89,12 @@ export class System {
   /** The outcome of a command. @param {Message} answer */
   answered(answer) {
     const { outcome, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, reason } = answer;
-    if (outcome === "OUTCOME_COMMITTED") {
+    // That of an earlier request, as of the shadow that was promoted, does not take the place of the last one's.
+    if (this.data.asked && answer.request_id !== this.data.asked) return;
+    this.waits = false;
+    if (reason === ENDED_AS_ASKED) {
+      this.say("", `ended: the shadow of ${slot}, as asked`);
+    } else if (outcome === "OUTCOME_COMMITTED") {
       this.say("c-field", `committed: ${slot}: ${from} → ${to} from tick ${commit_tick}; lost ${lost}, duplicated ${duplicated}, longest interval ${(gap_s * 1e3).toFixed(1)} ms, jump ${(jump_rad / DEGREE).toFixed(3)}°`);
     } else {
       const word = outcome.replace("OUTCOME_", "").toLowerCase();
@@ -101,8 +110,8 @@ export class System {
   /** The stage that runs as a slot's shadow; empty where there is none. @param {string} slot */
   shadowOf(slot) {
     const runs = (this.data.shown()?.picture.differences ?? []).some((/** @type {Message} */ one) => one.service === `SERVICE_${slot.toUpperCase()}`);
-    const asked = this.data.events.filter((told) => told.kind === "EVENT_KIND_SHADOW_ASKED" && told.service === slot);
-    return runs ? asked.at(-1)?.stage ?? "" : "";
+    const begun = this.data.events.filter((told) => told.kind === "EVENT_KIND_CANDIDATE" && told.service === slot);
+    return runs ? begun.at(-1)?.stage ?? "" : "";
   }
 
   fillStages() {
@@ -139,13 +148,13 @@ export class System {
     }
     this.strips.draw();
     const shadow = this.shadowOf(this.slot.value);
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (button.id === "promote" && !shadow);
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.waits && this.data.link === "open") || (button.id === "promote" && !shadow);
     this.drawn = { services: services.map((/** @type {Message} */ one) => [one.status?.service, one.status?.state, one.status?.stage, one.status?.restarts]), events: events.length };
     this.boxes.replaceChildren(...(services.length ? services.map((/** @type {Message} */ one) => box(one, this.hasJustDied(one.status))) : [element("p", "c-quiet", this.data.recording.length ? "A recording has no processes; its events are below." : "No services answer: `plumb up` starts a system.")]));
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
     write(this.difference, difference?.now_rad ? `shadow: ${(difference.now_rad.x / DEGREE).toFixed(3)}° from the owner now, ${(difference.rms_rad.x / DEGREE).toFixed(3)}° RMS over ${difference.ticks} ticks` : "");
-    if (this.told !== events.length) {
-      this.told = events.length;
+    if (this.told !== this.data.revision) {
+      this.told = this.data.revision;
       this.quiet.hidden = events.length > 0;
       rows(this.events, [...events].reverse().slice(0, 60).map((told) => [told.t === null || Number.isNaN(told.t) ? "before" : `${told.t.toFixed(2)} s`, told.text]), ["number c-quiet", ""]);
       [...events].reverse().slice(0, 60).forEach((told, at) => this.events.children[at].classList.toggle("fault", told.fault));

@@ -14,10 +14,9 @@ const NEAR_PX = 6;
 const ROW_PX = 16;
 
 export class Timeline {
-  /** @param {HTMLElement} place @param {Data} data @param {(t: number) => void} go Sets the cursor. */
-  constructor(place, data, go) {
+  /** @param {HTMLElement} place @param {Data} data */
+  constructor(place, data) {
     this.data = data;
-    this.go = go;
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("aria-label", "Time line of events; a click sets the cursor, the wheel changes how much is shown, [ and ] go to the event before and after");
     this.told = element("output", "");
@@ -33,11 +32,11 @@ export class Timeline {
       return made;
     };
     place.append(this.canvas, element("div", "told", this.told, this.copied,
-      button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)));
+      button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)));
     this.canvas.addEventListener("click", (event) => {
       const near = this.near(event.offsetX);
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
-      if (part >= 0 && part <= 1) go(near?.t ?? this.from + part * (this.to - this.from));
+      if (part >= 0 && part <= 1) data.go(near?.t ?? this.from + part * (this.to - this.from));
     });
     this.canvas.addEventListener("wheel", (event) => { event.preventDefault(); data.zoom(Math.exp(event.deltaY * 1e-3)); }, { passive: false });
     this.from = 0;
@@ -72,7 +71,7 @@ export class Timeline {
     // Where there is no cursor, the picture of an event is a little later than it.
     const least = this.data.cursor === null ? 0.05 : 1e-6;
     const times = this.data.events.map((told) => told.t ?? NaN).filter((t) => at !== undefined && (t - at) * way > least && t >= this.from && t <= this.to);
-    if (times.length) this.go(way < 0 ? Math.max(...times) : Math.min(...times));
+    if (times.length) this.data.go(way < 0 ? Math.max(...times) : Math.min(...times));
   }
 
   draw() {
@@ -92,13 +91,19 @@ export class Timeline {
     this.drawn = [];
     // The newest words have the room; what has none is a mark.
     const taken = [width, width];
-    for (const told of [...shown].reverse()) {
+    const places = shown.map((told) => {
       const row = told.kind === "FLAG" ? 1 : 0, y = 3 + row * ROW_PX, x = Math.max(LEFT, this.x(told.t ?? 0));
       const wide = told.until === null ? 0 : this.x(told.until) - x;
-      context.fillStyle = colour(told.fault ? "fault" : told.word.includes("swap") ? "fused" : told.word.includes("shadow") ? "shadow" : "ink");
+      const look = colour(told.fault ? "fault" : told.word.includes("swap") ? "fused" : told.word.includes("shadow") ? "shadow" : "ink");
+      context.fillStyle = look;
       if (row) context.fillRect(x - 1, y + 1, Math.max(2, wide), ROW_PX - 3);
       else if (told.fault) { context.beginPath(); context.moveTo(x - 5, y + 13); context.lineTo(x, y + 2); context.lineTo(x + 5, y + 13); context.fill(); }
       else context.fillRect(x - 2, y + 2, 4, 12);
+      return { told, row, y, x, wide, look };
+    });
+    // Words stand on the marks of all.
+    for (const { told, row, y, x, wide, look } of places.reverse()) {
+      context.fillStyle = look;
       const from = x + Math.max(wide, 5) + 4, length = context.measureText(told.word).width, before = taken[row];
       taken[row] = Math.min(taken[row], x - 6);
       if (from + length + 6 <= before) context.fillText(told.word, from, y + 12);

@@ -1,7 +1,7 @@
 //! Whom the server answers, and what a browser may do with the answer.
 //!
 //! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
-//! there. It cannot choose the headers `Host` and `Origin`: only requests that name the loopback, from no page or from ours, are answered, and
+//! there. It cannot choose the headers `Host`, `Origin` and `Sec-Fetch-Site`: only requests that name the loopback, from no page or from ours, are answered, and
 //! at [`FOXGLOVE`] those from pages that the launch file names. With TLS the certificate says who is asked, and any `Host` will do.
 
 use std::sync::Arc;
@@ -47,7 +47,8 @@ pub(crate) struct Rules {
 pub(crate) async fn guard(State(rules): State<Arc<Rules>>, request: Request, next: Next) -> Response {
     let mut response = match admits(request.method(), request.uri(), request.headers(), &rules) {
         Ok(()) => next.run(request).await,
-        Err((status, why)) => (status, why).into_response(),
+        // Who is refused keeps no connection that others could have.
+        Err((status, why)) => (status, [(header::CONNECTION, "close")], why).into_response(),
     };
     for (name, value) in HEADERS {
         response.headers_mut().insert(HeaderName::from_static(name), HeaderValue::from_static(value));
@@ -57,6 +58,7 @@ pub(crate) async fn guard(State(rules): State<Arc<Rules>>, request: Request, nex
 
 /// Why a request is refused.
 type Refused = (StatusCode, &'static str);
+const FOREIGN: Refused = (StatusCode::FORBIDDEN, "a page of another origin gets nothing\n");
 
 fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Result<(), Refused> {
     if ![Method::GET, Method::HEAD].contains(method) {
@@ -77,7 +79,17 @@ fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Res
         uri.path() == FOXGLOVE && rules.foxglove_origins.iter().any(|other| other.as_bytes() == origin.as_bytes())
     };
     if !headers.get_all(header::ORIGIN).iter().all(|origin| own(origin) || named(origin)) {
-        return Err((StatusCode::FORBIDDEN, "a page of another origin gets nothing\n"));
+        return Err(FOREIGN);
+    }
+    // An image or a script of a page has no Origin; browsers say of every request where it was made.
+    let says = |name: &str, words: &[&str]| {
+        headers.get_all(name).iter().any(|said| words.iter().any(|word| said.as_bytes() == word.as_bytes()))
+    };
+    let is_foreign = says("sec-fetch-site", &["cross-site", "same-site"]);
+    let opens_the_page =
+        uri.path() == "/" && says("sec-fetch-mode", &["navigate"]) && says("sec-fetch-dest", &["document"]);
+    if is_foreign && !opens_the_page && !headers.get_all(header::ORIGIN).iter().any(named) {
+        return Err(FOREIGN);
     }
     Ok(())
 }
@@ -176,5 +188,26 @@ mod tests {
         assert_eq!(status(Method::GET, "/foxglove", &[("host", "attacker.example"), named]), 421);
         assert_eq!(status(Method::POST, "/", &[host]), 405);
         assert_eq!(status(Method::OPTIONS, "/", &[host]), 405);
+    }
+
+    #[test]
+    fn an_image_of_another_page_gets_nothing_and_a_link_opens_the_page() {
+        let host = ("host", "localhost:8088");
+        for site in ["cross-site", "same-site"] {
+            let of = |uri: &str, headers: &[(&str, &str)]| {
+                status(Method::GET, uri, &[&[host, ("sec-fetch-site", site)], headers].concat())
+            };
+            let opened = [("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "document")];
+            assert_eq!(of("/metrics?vehicle=x1", &[("sec-fetch-mode", "no-cors"), ("sec-fetch-dest", "image")]), 403);
+            assert_eq!(of("/", &[("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "iframe")]), 403);
+            assert_eq!(of("/metrics", &opened), 403);
+            assert_eq!(of("/", &opened), 200);
+            assert_eq!(of("/?vehicle=boat", &opened), 200);
+            let viewer = ("origin", "https://app.foxglove.dev");
+            assert_eq!(of("/foxglove", &[viewer, ("sec-fetch-mode", "websocket")]), 200);
+        }
+        for site in ["same-origin", "none"] {
+            assert_eq!(status(Method::GET, "/metrics", &[host, ("sec-fetch-site", site)]), 200);
+        }
     }
 }

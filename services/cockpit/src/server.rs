@@ -264,15 +264,16 @@ async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) 
 
 /// A viewer.
 async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocketUpgrade) -> Response {
-    let look = match served.look(&uri) {
-        Ok(look) => look,
-        Err(not_there) => return not_there.into_response(),
-    };
+    let look = served.look(&uri);
     let Ok(permit) = served.viewers.clone().try_acquire_owned() else {
         return (StatusCode::SERVICE_UNAVAILABLE, "too many look already; close a page\n").into_response();
     };
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
+        let look = match look {
+            Ok(look) => look,
+            Err((_, why)) => return socket::turn_away(socket, why.trim_end()).await,
+        };
         let desk = look.desk.clone().filter(|desk| desk.takes_commands());
         let commands = desk.zip(served.site.tokens.clone());
         let commands = commands.map(|(desk, tokens)| Commands::new(desk, tokens, served.room.clone()));

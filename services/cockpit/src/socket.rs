@@ -30,6 +30,17 @@ const ANSWERS: usize = 16;
 /// By then whoever must show a token has shown it.
 const TOKEN_LIMIT: Duration = Duration::from_secs(5);
 
+/// The code of the page for a vehicle of which there is nothing to be seen.
+const ABSENT: u16 = 4404;
+/// The reason with a code is this long at most, bytes.
+const REASON_MAX: usize = 120;
+
+/// Says why there is nothing to be seen: of a request that is refused a page does not learn the reason.
+pub(crate) async fn turn_away(mut socket: WebSocket, why: &str) {
+    let why = CloseFrame { code: ABSENT, reason: why[..why.floor_char_boundary(REASON_MAX)].into() };
+    let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
+}
+
 /// Serves a viewer until it goes; where there is a `door`, first one of its tokens is to be shown.
 pub(crate) async fn serve(
     mut socket: WebSocket,

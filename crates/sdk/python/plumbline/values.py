@@ -85,6 +85,8 @@ class Estimate(NamedTuple):
     inclination_sd_rad: float = 0.1
     heading_sd_rad: float = math.pi
     bias_sd_rad_s: float = math.inf
+    gyro_scale: Vector = ZERO  # by which part of itself the rate about each axis is read too large
+    gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
 
@@ -93,7 +95,10 @@ class Estimate(NamedTuple):
         self.attitude.check()
         if not all(abs(bias) <= 10.0 for bias in self.bias_rad_s) or not all(abs(part) <= 1e4 for part in self.hard_iron_ut):
             raise ValueError("a gyro bias above 10 rad/s, or a hard iron beyond every magnet")
-        if not all(sd >= 0.0 for sd in (self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, self.hard_iron_sd_ut)):
+        if not all(abs(part) <= 0.1 for part in self.gyro_scale):
+            raise ValueError("a scale of the gyro that no gyro has")
+        sds = (self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, *self.gyro_scale_sd, self.hard_iron_sd_ut)
+        if not all(sd >= 0.0 for sd in sds):
             raise ValueError("a standard deviation below zero")
 
 
