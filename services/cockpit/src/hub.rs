@@ -131,10 +131,13 @@ impl Hub {
         (first.into_iter().chain(calibration).map(message).collect(), told)
     }
 
-    /// What a viewer who missed so many messages is told in their place: events and flags are not thinned.
-    pub(crate) fn missed(&self, messages: u64) -> Bytes {
+    /// What a viewer who missed so many messages is told in their place: events and flags are not thinned, and a calibration tells what it
+    /// found only once.
+    pub(crate) fn missed(&self, messages: u64) -> [Bytes; 2] {
+        let last = self.last();
         // Those that still wait for it may have gone by the time it is told.
-        message(Said::Picture(self.last().past(messages as usize + BEHIND_MAX)))
+        let picture = last.past(messages as usize + BEHIND_MAX);
+        [Said::Picture(picture), Said::Calibration(last.calibration.clone().unwrap_or_default())].map(message)
     }
 
     /// What is known now.
@@ -188,7 +191,7 @@ mod tests {
         let events = vec![SystemEvent { number: 7, ..SystemEvent::default() }];
         hub.show(Picture { events, flags: 0b100, ..Picture::default() });
         (0..20).for_each(|_| hub.show(Picture { flags: 0b1, ..Picture::default() }));
-        let told = |missed| match ToPage::decoded(&hub.missed(missed)).unwrap().said {
+        let told = |missed| match ToPage::decoded(&hub.missed(missed)[0]).unwrap().said {
             Some(Said::Picture(past)) => (past.events.iter().map(|event| event.number).collect::<Vec<_>>(), past.flags),
             other => panic!("{other:?}"),
         };

@@ -68,7 +68,10 @@ pub(crate) async fn serve(
         let goes_on = match step {
             Step::Told(message) => send(&mut socket, message).await,
             Step::Answered(answer) => send(&mut socket, hub::message(Said::Answer(answer))).await,
-            Step::Missed(messages) => send(&mut socket, hub.missed(messages)).await,
+            Step::Missed(messages) => {
+                let [picture, calibration] = hub.missed(messages);
+                send(&mut socket, picture).await && send(&mut socket, calibration).await
+            }
             Step::Nothing => true,
             Step::Asked(bytes) => session.ask(&bytes),
             Step::Gone => false,
