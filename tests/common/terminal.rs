@@ -18,6 +18,9 @@ use rustix::{
 };
 use vt100::Parser;
 
+/// Sets the title of the terminal, and changes nothing on the screen.
+const END: &[u8] = b"\x1b]0;end\x07";
+
 /// A program on a terminal. It ends with the test.
 pub struct OnTerminal {
     pub child: Child,
@@ -26,6 +29,8 @@ pub struct OnTerminal {
     side: File,
     screen: Arc<Mutex<Parser>>,
     was_taken_over: Arc<AtomicBool>,
+    /// What the program wrote last is on the screen.
+    is_all_shown: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
 
@@ -50,16 +55,20 @@ impl OnTerminal {
         let keys = File::from(near);
         let (mut from, to) = (keys.try_clone().unwrap(), screen.clone());
         let was_taken_over = Arc::new(AtomicBool::new(false));
-        let was = was_taken_over.clone();
+        let is_all_shown = Arc::new(AtomicBool::new(false));
+        let (was, all) = (was_taken_over.clone(), is_all_shown.clone());
         let reader = thread::spawn(move || {
-            let mut bytes = [0; 4096];
+            let (mut bytes, mut last) = ([0; 4096], Vec::new());
             while let Ok(count @ 1..) = from.read(&mut bytes) {
                 let mut parser = to.lock().unwrap();
                 parser.process(&bytes[..count]);
                 was.fetch_or(parser.screen().alternate_screen(), Ordering::SeqCst);
+                last.extend_from_slice(&bytes[..count]);
+                all.fetch_or(last.windows(END.len()).any(|bytes| bytes == END), Ordering::SeqCst);
+                last.drain(..last.len().saturating_sub(END.len()));
             }
         });
-        Self { child, keys, side, screen, was_taken_over, reader: Some(reader) }
+        Self { child, keys, side, screen, was_taken_over, is_all_shown, reader: Some(reader) }
     }
 
     /// What is on the screen, line by line.
@@ -126,7 +135,11 @@ impl OnTerminal {
             thread::sleep(Duration::from_millis(5));
         };
         // What the program wrote last comes before this.
-        self.side.write_all(b"\x1b]0;end\x07").unwrap();
+        self.side.write_all(END).unwrap();
+        while !self.is_all_shown.load(Ordering::SeqCst) {
+            assert!(Instant::now() < deadline, "what it wrote last does not come:\n{}", self.text());
+            thread::sleep(Duration::from_millis(5));
+        }
         status
     }
 }
