@@ -109,6 +109,12 @@ impl Page {
         self.ask(&json!({ "do": "shot", "file": folder.join(name) }));
     }
 
+    /// All that is seen was drawn after this was asked.
+    pub(crate) fn drawn_anew(&mut self) {
+        self.eval("globalThis.written.length = 0; plumb.looked_at = plumb.frames()");
+        self.until("plumb.frames() > plumb.looked_at + 1");
+    }
+
     /// Every text stands out from what is behind it by a contrast ratio of 4.5.
     pub(crate) fn assert_readable(&mut self, view: &str) {
         let seen = self.ask(&json!({ "do": "contrast" }));

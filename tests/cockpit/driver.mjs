@@ -79,20 +79,25 @@ function tooPale() {
     for (let one = at; one; one = one.parentElement) layers.push(parts(getComputedStyle(one).backgroundColor));
     return layers.reverse().reduce((under, layer) => over(layer, under), [255, 255, 255]);
   };
+  // What is stale is shown without colour.
+  const shown = (colour, at) => {
+    const grey = colour.reduce((sum, part, i) => sum + part * [0.2126, 0.7152, 0.0722][i], 0);
+    return at.closest(".stale") && getComputedStyle(at.closest(".stale")).filter === "grayscale(1)" ? [grey, grey, grey] : colour;
+  };
   const own = (name) => parts(getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
   const found = [];
   let looked = 0;
-  const look = (what, colour, under) => { looked += 1; const seen = ratio(over(colour, under), under); if (seen < 4.5) found.push(`${what}: ${seen.toFixed(2)}`); };
+  const look = (what, colour, under, at) => { looked += 1; const seen = ratio(shown(over(colour, under), at), shown(under, at)); if (seen < 4.5) found.push(`${what}: ${seen.toFixed(2)}`); };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   while (walker.nextNode()) {
     const at = walker.currentNode.parentElement;
     const text = walker.currentNode.textContent.trim();
-    if (text && at.checkVisibility({ visibilityProperty: true }) && !["SCRIPT", "STYLE"].includes(at.tagName)) look(text, parts(getComputedStyle(at).color), behind(at));
+    if (text && at.checkVisibility({ visibilityProperty: true }) && !["SCRIPT", "STYLE"].includes(at.tagName)) look(text, parts(getComputedStyle(at).color), behind(at), at);
   }
   for (const { canvas, text, style } of globalThis.written.splice(0)) {
     if (!canvas.isConnected) continue;
     const under = canvas.getAttribute("aria-label") === "Artificial horizon" ? [own("sky"), own("ground")] : [behind(canvas)];
-    under.forEach((one) => look(`${text}, on a canvas`, parts(style), one.slice(0, 3)));
+    under.forEach((one) => look(`${text}, on a canvas`, parts(style), one.slice(0, 3), canvas));
   }
   return { looked, found: [...new Set(found)] };
 }

@@ -246,6 +246,8 @@ impl Drop for Running {
     fn drop(&mut self) {
         if let Some(child) = self.child.take() {
             signal(child.id(), Signal::TERM);
+            // A test that failed may have left it frozen.
+            signal(child.id(), Signal::CONT);
             // What it says is taken, or it could wait for that for ever.
             child.wait_with_output().unwrap();
         }

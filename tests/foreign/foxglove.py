@@ -139,9 +139,9 @@ def another_session(client):
     while time.monotonic() < end and (len(infos) < 2 or len(ticks) < 10):
         got = client.read(0.5)
         if isinstance(got, dict):
-            infos.append(got)
+            infos, ticks = infos + [got], []
         elif got and got[0] == "/attitude":
-            ticks = (ticks if len(infos) > 1 else []) + [got[2].header.tick]
+            ticks.append(got[2].header.tick)
             if len(infos) == 1 and ticks[-1] > 1000:
                 print(json.dumps({"tick": ticks[-1]}), flush=True)
     return {"infos": infos, "ticks": ticks}

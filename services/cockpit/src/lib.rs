@@ -4,7 +4,7 @@
 //! commands to the supervisor. Time: a picture is made 30 times a second, of what came since the one before. Failure: a browser that is
 //! slow skips pictures, one that hangs is dropped, a page that is not ours gets nothing; nobody on the data path waits for any of it.
 //!
-//! One thread looks at the system and makes pictures, one asks the supervisor once a second how it is, one serves.
+//! One thread looks at the system and makes pictures, one asks the supervisor once a second and after each event how it is, one serves.
 //!
 //! | module | what it holds |
 //! | --- | --- |
@@ -13,7 +13,7 @@
 //! | [`recording`] | a recording, thinned out |
 //! | [`picture`] | messages thinned to what is seen |
 //! | [`calibration`] | how far the sensors' readings suffice for one |
-//! | `standing` | how the system is, once a second |
+//! | `standing` | how the system is, once a second and after each event |
 //! | [`sight`] | what a page can look at |
 //! | [`hub`] | between who makes pictures and who sends them |
 //! | `metrics` | how the system is, as Prometheus reads it |

@@ -1,8 +1,8 @@
-//! How the system is, once a second: what its supervisor says, with rates, latencies, costs and the judge's warnings.
+//! How the system is, once a second and after each event: what its supervisor says, with rates, latencies, costs and the judge's warnings.
 
 use std::{
-    sync::{Arc, Mutex, PoisonError, Weak},
-    thread,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    thread::{self, Thread},
     time::Duration,
 };
 
@@ -18,6 +18,8 @@ use crate::source::{Description, Desk, SourceState};
 
 /// Between two questions to the supervisor.
 const ASK_INTERVAL: Duration = Duration::from_secs(1);
+/// At least so long, however many events there are.
+const ASK_INTERVAL_MIN: Duration = Duration::from_millis(100);
 /// Warnings at most.
 const WARNINGS_MAX: usize = 32;
 
@@ -26,11 +28,18 @@ const WARNINGS_MAX: usize = 32;
 struct Said {
     answer: Option<(Description, Vec<ServiceStatus>)>,
     vehicles: Vec<VehicleLine>,
+    /// Questions that have begun.
+    asked: u64,
+    /// Which of them this answers.
+    answered: u64,
 }
 
 /// Watches the path, and has the supervisor asked.
 pub(crate) struct Watch {
     said: Arc<Mutex<Said>>,
+    asker: Thread,
+    /// Questions that had begun when the last event came, until a later one is answered and told.
+    overtaken: Option<u64>,
     takes_commands: bool,
     hops: Hops,
     before: [Option<Header>; Service::PATH.len()],
@@ -43,12 +52,18 @@ pub(crate) struct Watch {
 impl Watch {
     /// `has_every_tick`: what comes can be judged.
     pub(crate) fn new(desk: Arc<dyn Desk>, has_every_tick: bool) -> Self {
+        Self::asking(desk, has_every_tick, ASK_INTERVAL)
+    }
+
+    fn asking(desk: Arc<dyn Desk>, has_every_tick: bool, interval: Duration) -> Self {
         let said = Arc::new(Mutex::<Said>::default());
         let takes_commands = desk.takes_commands();
         let told = Arc::downgrade(&said);
-        thread::spawn(move || ask(&*desk, &told));
+        let asker = thread::spawn(move || ask(&*desk, &told, interval)).thread().clone();
         Self {
             said,
+            asker,
+            overtaken: None,
             takes_commands,
             hops: Hops::default(),
             before: [None; Service::PATH.len()],
@@ -69,6 +84,10 @@ impl Watch {
                 self.before[service as usize].get_or_insert(header);
                 self.hops.take(service, header);
             }
+        }
+        if topic == Topic::Event {
+            self.overtaken = Some(lock(&self.said).asked);
+            self.asker.unpark();
         }
         let Some((judge, fields)) = &mut self.judge else { return };
         match topic {
@@ -91,9 +110,10 @@ impl Watch {
         }
     }
 
-    /// The source's state has changed since the last standing.
+    /// The source's state has changed since the last standing, or what an event has changed is known.
     pub(crate) fn is_another(&self, state: &SourceState) -> bool {
-        self.state.as_ref() != Some(state)
+        let is_answered = |overtaken| lock(&self.said).answered > overtaken;
+        self.state.as_ref() != Some(state) || self.overtaken.is_some_and(is_answered)
     }
 
     /// How it is since the last time.
@@ -101,7 +121,8 @@ impl Watch {
         self.hops.settle();
         let (latencies, whole) = self.hops.report();
         let (answer, vehicles) = {
-            let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+            let said = lock(&self.said);
+            self.overtaken = self.overtaken.filter(|overtaken| said.answered <= *overtaken);
             (said.answer.clone(), said.vehicles.clone())
         };
         let (description, statuses) = answer.filter(|_| state == SourceState::Live).unwrap_or_default();
@@ -159,13 +180,27 @@ impl Watch {
 }
 
 /// Asks until nobody wants to know.
-fn ask(desk: &dyn Desk, told: &Weak<Mutex<Said>>) {
+fn ask(desk: &dyn Desk, told: &Weak<Mutex<Said>>, interval: Duration) {
     while let Some(said) = told.upgrade() {
-        let answer = desk.description().and_then(|description| Ok((description, desk.services()?)));
-        *said.lock().unwrap_or_else(PoisonError::into_inner) = Said { answer: answer.ok(), vehicles: desk.vehicles() };
+        let question = {
+            let mut said = lock(&said);
+            said.asked += 1;
+            said.asked
+        };
+        let answer = desk.description().and_then(|description| Ok((description, desk.services()?))).ok();
+        let vehicles = desk.vehicles();
+        {
+            let mut said = lock(&said);
+            (said.answer, said.vehicles, said.answered) = (answer, vehicles, question);
+        }
         drop(said);
-        thread::sleep(ASK_INTERVAL);
+        thread::sleep(ASK_INTERVAL_MIN);
+        thread::park_timeout(interval.saturating_sub(ASK_INTERVAL_MIN));
     }
+}
+
+fn lock(said: &Mutex<Said>) -> MutexGuard<'_, Said> {
+    said.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Ticks per second of the senders' clock.
@@ -190,4 +225,68 @@ fn form(status: ServiceStatus) -> v1::ServiceStatus {
     // Where a service is reached is of no use here: that of the cockpit holds the token.
     let (at, stage, pid) = (String::new(), stage.unwrap_or_default(), pid.unwrap_or_default());
     v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use control::{SwapReport, SwapRequest};
+
+    use super::*;
+
+    /// A supervisor whose every decision is another one.
+    #[derive(Default)]
+    struct Busy {
+        decisions: Mutex<u64>,
+    }
+
+    impl Desk for Busy {
+        fn description(&self) -> Result<Description, String> {
+            Ok(Description::default())
+        }
+
+        fn services(&self) -> Result<Vec<ServiceStatus>, String> {
+            let mut decisions = self.decisions.lock().unwrap();
+            *decisions += 1;
+            let status = format!(
+                r#"{{"service":"fuser","state":"running","restarts":0,"incarnation":0,"epoch":{decisions},"ticks":0,"lost":0,"stage":null,"pid":null,"at":null,"troubles":[]}}"#
+            );
+            Ok(vec![serde_json::from_str(&status).unwrap()])
+        }
+
+        fn takes_commands(&self) -> bool {
+            true
+        }
+
+        fn swap(&self, _request: SwapRequest) -> Result<SwapReport, String> {
+            unreachable!("nobody swaps")
+        }
+
+        fn cancel(&self, _slot: &str) -> Result<(), String> {
+            unreachable!("nobody cancels")
+        }
+    }
+
+    #[test]
+    fn what_an_event_has_changed_is_told_without_waiting_for_the_next_second() {
+        let hour = Duration::from_secs(3600);
+        let mut watch = Watch::asking(Arc::new(Busy::default()), false, hour);
+        let until = |watch: &mut Watch, what: &dyn Fn(&mut Watch) -> bool| {
+            let end = Instant::now() + Duration::from_secs(30);
+            while !what(watch) {
+                assert!(Instant::now() < end);
+                thread::sleep(Duration::from_millis(5));
+            }
+        };
+        let epoch = |watch: &mut Watch| {
+            watch.standing(SourceState::Live).services.first()?.status.as_ref().map(|status| status.epoch)
+        };
+        until(&mut watch, &|watch| epoch(watch) == Some(1));
+        assert!(!watch.is_another(&SourceState::Live));
+        watch.take(Topic::Event, &[]);
+        until(&mut watch, &|watch| watch.is_another(&SourceState::Live));
+        assert_eq!(epoch(&mut watch), Some(2));
+        assert!(!watch.is_another(&SourceState::Live), "it has been told");
+    }
 }
