@@ -407,12 +407,16 @@ fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
     page.until("document.getElementById('state').textContent === 'paused' && plumb.data.cursor !== null");
     page.key("l");
     page.until("document.getElementById('state').textContent === 'live' && plumb.data.cursor === null");
-    // What a service said last is not shown as how it is now.
-    page.eval("plumb.data.newest.gyro = { ...plumb.data.newest.gyro, header: { ...plumb.data.newest.gyro.header, t_end_ns: 1 } }");
-    assert_eq!(
-        page.eval("(() => { const { data } = plumb, { picture, number } = data.frames.at(-1); const now = { ...picture, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }; data.take(now, performance.now()); return data.frames.at(-1).picture.gyro === undefined; })()"),
-        Value::Bool(true)
+    // What a service said last is not shown as how it is now. (In one call: the board's own pictures come in between.)
+    let hidden = page.eval(
+        "(() => {
+            const { data } = plumb, { picture, number } = data.frames.at(-1), gyro = data.newest.gyro;
+            data.newest.gyro = { ...gyro, header: { ...gyro.header, t_end_ns: 1 } };
+            data.take({ ...picture, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }, performance.now());
+            return data.frames.at(-1).picture.gyro === undefined;
+        })()",
     );
+    assert_eq!(hidden, Value::Bool(true));
     page.assert_clean();
     page.goto(&format!("http://127.0.0.1:{port}/?vehicle=no%23body"), (1280, 720), "dark", true);
     page.until("document.getElementById('state').textContent === 'no such vehicle'");
