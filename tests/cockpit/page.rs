@@ -16,6 +16,9 @@ use serde_json::Value;
 
 const PAGE: &str = "services/cockpit/page";
 
+/// Beside browsers that draw without a graphics card a service may be late, and is not killed for it.
+const PATIENT: &str = "restart.silence_s = 10.0";
+
 /// A system with a cockpit at a port, and the address with the token.
 pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
     let port = free_port();
@@ -158,7 +161,7 @@ fn without_webgl_it_is_drawn_flat_and_says_why() {
 
 #[test]
 fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = with_cockpit(PATIENT);
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
@@ -193,26 +196,17 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
 
 #[test]
 fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
-    const FAULTS: &str = "JSON.stringify(plumb.data.events.filter((told) => told.fault && told.service === 'fuser').map((told) => told.number))";
-    let (system, port) = with_cockpit("");
+    let (system, port) = with_cockpit(PATIENT);
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.eval("plumb.drawn().shadow"), Value::Null);
     page.key("4");
     page.until("document.getElementById('slot').value === 'fuser'");
-    // On a machine with too much to do a shadow may not be ready in time; then it is asked for again.
-    for _ in 0..3 {
-        page.eval("document.getElementById('stage').value = 'vqf'");
-        page.click("#shadow");
-        page.click("#yes");
-        page.until("plumb.data.shown().picture.differences.length || /^(aborted|refused)/.test(document.getElementById('outcome').textContent)");
-        if page.eval("plumb.data.shown().picture.differences.length > 0") == true {
-            break;
-        }
-        println!("{}", page.text("document.getElementById('outcome').textContent"));
-    }
-    let faults = page.text(FAULTS);
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#shadow");
+    page.click("#yes");
+    page.until("plumb.data.shown().picture.differences.length");
     page.key("1");
     page.until("plumb.drawn()?.shadow");
     let drawn = page.eval("plumb.drawn()");
@@ -245,7 +239,10 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
     assert_eq!(fuser["stage"], "vqf");
     // Who was asked to go has not failed.
-    assert_eq!(page.text(FAULTS), faults);
+    assert_eq!(
+        page.text("JSON.stringify(plumb.data.events.filter((told) => told.fault && told.service === 'fuser'))"),
+        "[]"
+    );
     page.assert_clean();
     running.interrupt();
     running.wait().assert_whole();
