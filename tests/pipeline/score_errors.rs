@@ -28,10 +28,31 @@ fn a_heading_from_nowhere_is_told_by_its_drift_and_not_by_its_offset() {
     let trial = |key: &str| number(&scores, &format!("/stages/0/trials/0/{key}"));
     assert!((trial("drift_deg_min") - 3.0).abs() < 0.01 && (trial("drift_end_deg") - 1.5).abs() < 0.01, "{scores}");
     assert_eq!(scores.pointer("/stages/0/trials/0/heading_is_known"), Some(&Value::Bool(false)));
-    assert_eq!(scores.pointer("/stages/0/trials/0/yaw"), Some(&Value::Null));
+    for offset in ["yaw", "heading", "total"] {
+        assert_eq!(scores.pointer(&format!("/stages/0/trials/0/{offset}")), Some(&Value::Null), "{offset}");
+    }
     let table = table(folder.path(), &["turning.csv"]);
     assert!(table.contains("arb.") && !table.contains("39."), "the offset means nothing:\n{table}");
     assert!(table.contains("it drifts by +3.000°/min, +1.50° at the end"), "{table}");
+}
+
+#[test]
+fn a_search_that_begins_with_the_best_value_ends_with_it() {
+    let folder = folder_with(&[]);
+    let search = ["sim:s1", "--fuser", "wz-closed", "--tune", "time_constant_s=1..2"];
+    let scores = scores(folder.path(), &search);
+    assert_eq!(scores.pointer("/tuned/0/best/value"), scores.pointer("/tuned/0/before/value"), "{scores}");
+    let mut tried: Vec<_> = scores
+        .pointer("/tuned/0/curve")
+        .unwrap()
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|point| point["value"].as_f64().unwrap())
+        .collect();
+    let all = tried.len();
+    tried.dedup();
+    assert_eq!(tried.len(), all, "no value is tried twice: {tried:?}");
 }
 
 #[test]

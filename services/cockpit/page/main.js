@@ -51,19 +51,19 @@ function ask(command) {
   return null;
 }
 
+/** Why there is no connection stands until something is told. */
 function connect() {
-  data.link = "connecting";
   const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
   socket = made;
   made.binaryType = "arraybuffer";
   made.addEventListener("open", () => {
-    data.link = "open";
     // What was under way may have ended with the connection; what goes on is told again.
     data.calibration = null;
     if (token) made.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
   });
   made.addEventListener("message", ({ data: bytes }) => {
     if (made !== socket) return;
+    data.link = "open";
     data.bytes += bytes.byteLength;
     const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.take(picture, performance.now());
@@ -100,6 +100,7 @@ function choose(name) {
   vehicle = name;
   history.replaceState(null, "", `?vehicle=${encodeURIComponent(name)}`);
   data.clear();
+  data.link = "connecting";
   socket?.close();
   connect();
   show("fly");

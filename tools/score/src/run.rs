@@ -181,8 +181,11 @@ pub(crate) fn errors_of(
     launches: &[Launch],
     tell: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<Found>, ScoreError> {
+    if launches.is_empty() {
+        return Ok(Vec::new());
+    }
     let cores = rayon::current_num_threads().max(1);
-    let shares: Vec<_> = launches.chunks(launches.len().div_ceil(cores).max(1)).collect();
+    let shares: Vec<_> = launches.chunks(launches.len().div_ceil(cores)).collect();
     let known = trials.iter().filter(|trial| trial.has_reference);
     let jobs: Vec<_> = known.flat_map(|trial| shares.iter().map(move |share| (trial, *share))).collect();
     let done = jobs.par_iter().map(|(trial, share)| {

@@ -27,7 +27,7 @@ pub struct Spread {
     pub sd: Errors,
     /// The errors that 5, 50 and 95 % of the seeds do not exceed.
     pub quantiles: [Errors; QUANTILES.len()],
-    /// The seed with the largest error in total.
+    /// The seed with the largest error in total; in inclination where no heading is known.
     pub worst_seed: u64,
     /// Its errors.
     pub worst: Errors,
@@ -73,8 +73,12 @@ pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
-    let total = |score: &TrialScore| score.error.attitude.total.unwrap_or(f64::NEG_INFINITY);
-    let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| total(a).total_cmp(&total(b)))?;
+    let is_total = of.iter().all(|(_, score)| score.heading_is_known);
+    let error = |score: &TrialScore| {
+        let attitude = &score.error.attitude;
+        (if is_total { attitude.total } else { attitude.inclination }).unwrap_or(f64::NEG_INFINITY)
+    };
+    let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| error(a).total_cmp(&error(b)))?;
     let sorted: [Vec<f64>; _] = std::array::from_fn(|at| {
         let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| score.error.each()[at]).collect();
         sorted.sort_by(f64::total_cmp);
@@ -160,5 +164,16 @@ mod tests {
         assert!(spread.quantiles[1].drift_deg_min == Some(0.0) && spread.quantiles[0].drift_deg_min < Some(0.0));
         let worst: Vec<_> = spread.worst_seed_of.into_iter().collect();
         assert_eq!(worst, [("drift_deg_min", 8), ("heading", 8), ("total", 8)]);
+        // Where headings are counted from nowhere the worst is that of the largest inclination.
+        let arbitrary = |inclination: f64| TrialScore {
+            heading_is_known: false,
+            error: Errors {
+                attitude: ErrorsDeg { inclination: Some(inclination), ..ErrorsDeg::default() },
+                ..Errors::default()
+            },
+            ..score(1.0)
+        };
+        let of: Vec<_> = [(1, 0.2), (2, 0.7), (3, 0.5)].map(|(seed, deg)| (seed, arbitrary(deg))).into();
+        assert_eq!(super::spread(&of).unwrap().worst_seed, 2);
     }
 }

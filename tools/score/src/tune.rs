@@ -128,11 +128,9 @@ fn look(
         for (chain, tried) in chains.iter().zip(&tried) {
             let (from, to) = if look == 0 { (range.from, range.to) } else { around_best(tried) };
             let before = [chain.before].into_iter().filter(|_| look == 0);
-            let known: HashSet<u64> = tried.iter().map(|(value, _)| value.to_bits()).collect();
-            let values = values(from, to, count).chain(before).filter(|value| !known.contains(&value.to_bits()));
-            let mut values: Vec<_> = values.collect();
-            values.dedup();
-            candidates.extend(values.into_iter().map(|value| (chain.index, value)));
+            let mut known: HashSet<u64> = tried.iter().map(|(value, _)| value.to_bits()).collect();
+            let values = values(from, to, count).chain(before).filter(|value| known.insert(value.to_bits()));
+            candidates.extend(values.map(|value| (chain.index, value)));
         }
         let tries = candidates.iter().map(|(index, value)| {
             let mut launch = [launches[*index].clone()];
