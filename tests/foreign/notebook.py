@@ -72,7 +72,7 @@ def main(path):
     assert all(off["fused"].mean() < 0.5 * off[name].mean() for name in ["accelerometer", "gyro"])
 
     for fuser, (value_s, off_deg) in space["curves"].items():
-        assert (len(value_s), value_s[0], value_s[-1]) == (26, 0.1, 10.0)
+        assert (len(value_s), value_s[0], value_s[-1]) == (25, 0.1, 10.0)
         assert abs(off_deg[value_s == 1.0][0] - inclination[fuser]) < 1e-9, "the value before"
         assert off_deg.min() < off_deg[[0, -1]].min(), "the least is inside"
     print(json.dumps({"cells": [name for name, _ in cells], "pictures": sorted(pictures)}))

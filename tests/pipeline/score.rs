@@ -147,20 +147,21 @@ fn many_seeds_give_the_mean_and_the_spread_of_each_by_itself() {
     let query = |seed: &str| format!("sim:s1?duration_s=8&seed={seed}&accel_noise_g=0.05&amplitude_deg=50");
     let each = ["3", "4", "5"].map(|seed| {
         let scores = scores(folder.path(), &[&query(seed), "--fuser", "wz", "--fuser", "vqf"]);
-        [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/trials/0/total")))
+        [0, 1].map(|stage| number(&scores, &format!("/stages/{stage}/trials/0/inclination")))
     });
     let many = scores(folder.path(), &[&query("3..5"), "--fuser", "wz", "--fuser", "vqf"]);
     for stage in [0, 1] {
-        let of_each = each.map(|totals| totals[stage]);
+        let of_each = each.map(|inclinations| inclinations[stage]);
         let trial = |pointer: &str| number(&many, &format!("/stages/{stage}/trials/0/{pointer}"));
-        assert!((trial("total") - of_each.iter().sum::<f64>() / 3.0).abs() < 1e-12);
+        assert!((trial("inclination") - of_each.iter().sum::<f64>() / 3.0).abs() < 1e-12);
+        // No heading is known, so that the worst is that of the inclination.
         let worst = of_each.iter().copied().fold(0.0, f64::max);
-        let seed = 3 + of_each.iter().position(|total| *total == worst).unwrap();
-        assert_eq!((trial("spread/worst/total"), trial("spread/worst_seed")), (worst, seed as f64));
+        let seed = 3 + of_each.iter().position(|inclination| *inclination == worst).unwrap();
+        assert_eq!((trial("spread/worst/inclination"), trial("spread/worst_seed")), (worst, seed as f64));
         let mut sorted = of_each;
         sorted.sort_by(f64::total_cmp);
-        assert_eq!((trial("spread/quantiles/1/total"), trial("spread/seeds")), (sorted[1], 3.0));
-        assert!(trial("spread/sd/total") > 0.0 && trial("scored") > 900.0);
+        assert_eq!((trial("spread/quantiles/1/inclination"), trial("spread/seeds")), (sorted[1], 3.0));
+        assert!(trial("spread/sd/inclination") > 0.0 && trial("scored") > 900.0);
     }
     assert_refused(folder.path(), &["sim:s1?seed=5..3"], 2, &["expected seed=A..B with A at most B"]);
 }

@@ -101,12 +101,9 @@ impl Tally {
         }
     }
 
-    /// The errors, beside those of the whole attitude. Where heading is known in the end, there is no drift; where it is counted from
-    /// nowhere, how far it is off means nothing.
+    /// The errors, beside those of the whole attitude; where heading is known in the end, there is no drift.
     pub fn errors(&self, attitude: ErrorsDeg) -> Errors {
         let drift = self.drift.told().filter(|_| !self.heading_is_known);
-        let known = |error: Option<f64>| error.filter(|_| self.heading_is_known);
-        let attitude = ErrorsDeg { total: known(attitude.total), heading: known(attitude.heading), ..attitude };
         Errors {
             attitude,
             roll: self.roll.root(),
