@@ -416,7 +416,7 @@ fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
     assert_eq!(hidden, Value::Bool(true));
     page.assert_clean();
     page.goto(&format!("http://127.0.0.1:{port}/?vehicle=no%23body"), (1280, 720), "dark", true);
-    page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('why').textContent.includes('body')");
+    page.until("document.getElementById('state').textContent === 'no such vehicle' && document.getElementById('why').textContent.includes('body\" cannot be chosen here')");
     running.interrupt();
     running.wait().assert_whole();
 }

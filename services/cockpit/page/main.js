@@ -51,7 +51,7 @@ function ask(command) {
   return null;
 }
 
-/** Why there is no connection stands until something is told. */
+/** Connects. Until something is told, the page goes on saying why there was no connection. */
 function connect() {
   const made = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket${vehicle && `?vehicle=${encodeURIComponent(vehicle)}`}`);
   socket = made;

@@ -1,16 +1,20 @@
 //! How the system is, once a second and after each event: what its supervisor says, with rates, latencies, costs and the judge's warnings.
 
 use std::{
+    collections::HashMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
     thread::{self, Thread},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use control::ServiceStatus;
 use graph::{Service, Topic};
 use judge::{Fields, Judge};
 use messages::{Header, ImuSample, MagSample};
-use observe::{hops::Hops, process::Processes};
+use observe::{
+    hops::{self, Hops},
+    process::{Cost, Processes},
+};
 use runtime::clock::monotonic_ns;
 use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
 
@@ -20,6 +24,8 @@ use crate::source::{Description, Desk, SourceState};
 const ASK_INTERVAL: Duration = Duration::from_secs(1);
 /// At least so long, however many events there are.
 const ASK_INTERVAL_MIN: Duration = Duration::from_millis(100);
+/// Rates, latencies and costs are measured over so long at least: of a shorter time they say nothing.
+const MEASURE_INTERVAL_MIN: Duration = Duration::from_millis(500);
 /// Warnings at most.
 const WARNINGS_MAX: usize = 32;
 
@@ -34,6 +40,17 @@ struct Said {
     answered: u64,
 }
 
+/// What was measured last.
+struct Figures {
+    at: Instant,
+    rates_hz: [Option<f64>; Service::PATH.len()],
+    latencies: [Option<hops::LatencyUs>; Service::PATH.len()],
+    /// From birth to attitude.
+    whole: Option<hops::LatencyUs>,
+    /// Of each process on this machine.
+    costs: HashMap<u32, Cost>,
+}
+
 /// Watches the path, and has the supervisor asked.
 pub(crate) struct Watch {
     said: Arc<Mutex<Said>>,
@@ -44,6 +61,7 @@ pub(crate) struct Watch {
     hops: Hops,
     before: [Option<Header>; Service::PATH.len()],
     processes: Processes,
+    figures: Option<Figures>,
     judge: Option<(Judge, Fields)>,
     warnings: Vec<String>,
     state: Option<SourceState>,
@@ -68,6 +86,7 @@ impl Watch {
             hops: Hops::default(),
             before: [None; Service::PATH.len()],
             processes: Processes::default(),
+            figures: None,
             judge: has_every_tick.then(Default::default),
             warnings: Vec::new(),
             state: None,
@@ -113,20 +132,21 @@ impl Watch {
     /// The source's state has changed since the last standing, or what an event has changed is known.
     pub(crate) fn is_another(&self, state: &SourceState) -> bool {
         let is_answered = |overtaken| lock(&self.said).answered > overtaken;
-        self.state.as_ref() != Some(state) || self.overtaken.is_some_and(is_answered)
+        self.is_new(state) || self.overtaken.is_some_and(is_answered)
+    }
+
+    fn is_new(&self, state: &SourceState) -> bool {
+        self.state.as_ref() != Some(state)
     }
 
     /// How it is since the last time.
     pub(crate) fn standing(&mut self, state: SourceState) -> Standing {
-        self.hops.settle();
-        let (latencies, whole) = self.hops.report();
         let (answer, vehicles) = {
             let said = lock(&self.said);
             self.overtaken = self.overtaken.filter(|overtaken| said.answered <= *overtaken);
             (said.answer.clone(), said.vehicles.clone())
         };
         let (description, statuses) = answer.filter(|_| state == SourceState::Live).unwrap_or_default();
-        let now_ns = monotonic_ns();
         let supervisor = description.supervisor_pid.map(|pid| ServiceStatus {
             service: "supervisor".into(),
             stage: None,
@@ -140,20 +160,27 @@ impl Watch {
             at: None,
             troubles: Vec::new(),
         });
-        let services = statuses.into_iter().chain(supervisor).map(|status| {
+        let statuses: Vec<_> = statuses.into_iter().chain(supervisor).collect();
+        let is_here = description.supervisor_pid.is_some();
+        let is_due = |figures: &Figures| figures.at.elapsed() >= MEASURE_INTERVAL_MIN || self.is_new(&state);
+        if self.figures.as_ref().is_none_or(is_due) {
+            self.figures = Some(self.measured(statuses.iter().filter_map(|status| status.pid.filter(|_| is_here))));
+        }
+        let figures = self.figures.as_ref();
+        let services = statuses.into_iter().map(|status| {
             let service = Service::named(&status.service).filter(|service| !service.is_beside());
-            let is_here = description.supervisor_pid.is_some();
-            let cost = status.pid.filter(|_| is_here).and_then(|pid| self.processes.look(pid, now_ns));
+            let of_path = figures.zip(service);
+            let cost = figures.zip(status.pid).and_then(|(figures, pid)| figures.costs.get(&pid));
             ServiceStanding {
-                rate_hz: service.and_then(|service| rate_hz(self.before[service as usize], self.hops.newest(service))),
-                latency_us: service.and_then(|service| latencies[service as usize]).map(latency),
+                rate_hz: of_path.and_then(|(figures, service)| figures.rates_hz[service as usize]),
+                latency_us: of_path.and_then(|(figures, service)| figures.latencies[service as usize]).map(latency),
                 cpu_percent: cost.and_then(|cost| cost.cpu_percent),
                 resident_mib: cost.map(|cost| cost.resident_mib),
                 status: Some(form(status)),
             }
         });
         let services = services.collect();
-        self.before = Service::PATH.map(|service| self.hops.newest(service));
+        let latency_us = figures.and_then(|figures| figures.whole).map(latency);
         let (told, why) = match &state {
             SourceState::Connecting(why) => (State::Connecting, why.clone()),
             SourceState::Unchosen => (State::Unchosen, String::new()),
@@ -169,12 +196,28 @@ impl Watch {
             rate_hz: description.rate_hz,
             version: env!("CARGO_PKG_VERSION").into(),
             services,
-            latency_us: whole.map(latency),
+            latency_us,
             slots: description.slots.into_iter().map(|(slot, stages)| SlotStages { slot, stages }).collect(),
             takes_commands: self.takes_commands,
             warnings: self.warnings.clone(),
             vehicles,
             ..Standing::default()
+        }
+    }
+
+    /// Measures, since the last time, the path and these processes.
+    fn measured(&mut self, pids: impl Iterator<Item = u32>) -> Figures {
+        self.hops.settle();
+        let (latencies, whole) = self.hops.report();
+        let now_ns = monotonic_ns();
+        let newest = Service::PATH.map(|service| self.hops.newest(service));
+        let before = std::mem::replace(&mut self.before, newest);
+        Figures {
+            at: Instant::now(),
+            rates_hz: std::array::from_fn(|at| rate_hz(before[at], newest[at])),
+            latencies,
+            whole,
+            costs: pids.filter_map(|pid| Some((pid, self.processes.look(pid, now_ns)?))).collect(),
         }
     }
 }
@@ -229,8 +272,6 @@ fn form(status: ServiceStatus) -> v1::ServiceStatus {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
-
     use control::{SwapReport, SwapRequest};
 
     use super::*;
@@ -288,5 +329,21 @@ mod tests {
         until(&mut watch, &|watch| watch.is_another(&SourceState::Live));
         assert_eq!(epoch(&mut watch), Some(2));
         assert!(!watch.is_another(&SourceState::Live), "it has been told");
+    }
+
+    #[test]
+    fn a_standing_that_follows_soon_has_the_figures_of_the_one_before() {
+        let mut watch = Watch::asking(Arc::new(Busy::default()), false, Duration::from_secs(3600));
+        let end = Instant::now() + Duration::from_secs(30);
+        while lock(&watch.said).answered == 0 {
+            assert!(Instant::now() < end);
+            thread::sleep(Duration::from_millis(5));
+        }
+        for (tick, t_sent_ns) in [(0, 0), (10, 1_000_000_000)] {
+            let header = Header { tick, t_sent_ns, ..bytemuck::Zeroable::zeroed() };
+            watch.take(Service::Fuser.output().unwrap(), bytemuck::bytes_of(&header));
+        }
+        let rates = [(); 2].map(|()| watch.standing(SourceState::Live).services[0].rate_hz);
+        assert_eq!(rates, [Some(10.0); 2]);
     }
 }

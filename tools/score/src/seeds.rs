@@ -11,6 +11,7 @@ use crate::{
     ScoreError,
     normalised::Deviations,
     table::{Errors, TrialScore},
+    verdict::least_of,
 };
 
 /// Seeds of one simulation at most.
@@ -73,11 +74,8 @@ pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
-    let is_total = of.iter().all(|(_, score)| score.heading_is_known);
-    let error = |score: &TrialScore| {
-        let attitude = &score.error.attitude;
-        (if is_total { attitude.total } else { attitude.inclination }).unwrap_or(f64::NEG_INFINITY)
-    };
+    let (_, ranked_by) = least_of(of.iter().all(|(_, score)| score.heading_is_known));
+    let error = |score: &TrialScore| ranked_by(&score.error.attitude).unwrap_or(f64::NEG_INFINITY);
     let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| error(a).total_cmp(&error(b)))?;
     let sorted: [Vec<f64>; _] = std::array::from_fn(|at| {
         let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| score.error.each()[at]).collect();

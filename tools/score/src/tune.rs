@@ -14,8 +14,9 @@ use crate::{
     chain::Stages,
     run::{Found, errors_of},
     stages::{Setting, apply},
-    table::Errors,
+    table::{Errors, ErrorsDeg},
     trial::Trial,
+    verdict::least_of,
 };
 
 /// Values over the range of a sweep.
@@ -189,8 +190,12 @@ impl Range {
 
 impl Chain {
     fn swept(&self, range: &Range, tried: &[(f64, Found)], launches: &[Launch]) -> Result<Sweep, ScoreError> {
-        let is_total = tried.iter().all(|(_, found)| found.heading_is_known);
-        let curve: Vec<_> = tried.iter().filter_map(|(value, found)| found.point(*value, is_total)).collect();
+        let (name, ranked_by) = ranking(tried);
+        let point = |(value, found): &(f64, Found)| {
+            let errors = found.mean;
+            ranked_by(&errors.attitude).map(|error_deg| Point { value: *value, error_deg, errors })
+        };
+        let curve: Vec<_> = tried.iter().filter_map(point).collect();
         let nothing = || ScoreError::NothingToTuneBy { key: range.key.clone() };
         let best = *curve.iter().min_by(|a, b| a.error_deg.total_cmp(&b.error_deg)).ok_or_else(nothing)?;
         let before = *curve.iter().find(|point| point.value == self.before).ok_or_else(nothing)?;
@@ -198,7 +203,7 @@ impl Chain {
             fuser: launches[self.index].fuser.stage.clone(),
             setting: self.setting.clone(),
             unit: self.unit,
-            least_of: if is_total { "total" } else { "inclination" },
+            least_of: name,
             before,
             best,
             at_end: best.value == range.from || best.value == range.to,
@@ -207,18 +212,15 @@ impl Chain {
     }
 }
 
-impl Found {
-    fn point(&self, value: f64, is_total: bool) -> Option<Point> {
-        let errors = self.mean;
-        let error_deg = if is_total { errors.attitude.total } else { errors.attitude.inclination };
-        error_deg.map(|error_deg| Point { value, error_deg, errors })
-    }
+/// The error that is to be least of all that was tried, with its name.
+fn ranking(tried: &[(f64, Found)]) -> (&'static str, fn(&ErrorsDeg) -> Option<f64>) {
+    least_of(tried.iter().all(|(_, found)| found.heading_is_known))
 }
 
 /// Between the neighbours of the best value.
 fn around_best(tried: &[(f64, Found)]) -> (f64, f64) {
-    let is_total = tried.iter().all(|(_, found)| found.heading_is_known);
-    let error = |i: usize| tried[i].1.point(0.0, is_total).map_or(f64::INFINITY, |point| point.error_deg);
+    let (_, ranked_by) = ranking(tried);
+    let error = |i: usize| ranked_by(&tried[i].1.mean.attitude).unwrap_or(f64::INFINITY);
     let best = (0..tried.len()).min_by(|a, b| error(*a).total_cmp(&error(*b))).unwrap_or_default();
     (tried[best.saturating_sub(1)].0, tried[(best + 1).min(tried.len() - 1)].0)
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::{
-    table::{Scores, StageScore},
+    table::{ErrorsDeg, Scores, StageScore},
     tune::Sweep,
 };
 
@@ -27,7 +27,7 @@ impl Verdict {
             return None;
         }
         let (name, error) = least_of(heading_is_known);
-        let known = |stage: &StageScore| Some((stage.clone(), error(stage)?));
+        let known = |stage: &StageScore| Some((stage.clone(), error(&stage.mean.attitude)?));
         let mut ranked: Vec<_> = stages.iter().filter_map(known).collect();
         ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
         let Some((best, deg)) = ranked.first() else {
@@ -52,13 +52,9 @@ impl Verdict {
     }
 }
 
-/// The error by which chains are ranked, with its name.
-pub(crate) fn least_of(heading_is_known: bool) -> (&'static str, fn(&StageScore) -> Option<f64>) {
-    if heading_is_known {
-        ("total", |stage| stage.mean.attitude.total)
-    } else {
-        ("inclination", |stage| stage.mean.attitude.inclination)
-    }
+/// The error by which chains, settings and seeds are ranked, with its name: of a heading from nowhere the total means nothing.
+pub(crate) fn least_of(heading_is_known: bool) -> (&'static str, fn(&ErrorsDeg) -> Option<f64>) {
+    if heading_is_known { ("total", |errors| errors.total) } else { ("inclination", |errors| errors.inclination) }
 }
 
 /// A chain of stages as `launch.toml` has it.
