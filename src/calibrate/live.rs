@@ -58,6 +58,8 @@ pub(super) fn calibrated(
     let topic = readings::topic(&config)?;
     let tap = opened(&seat, topic, &mut until)?;
     let mut calibrator = Calibrator::new(kind, &known);
+    let first = calibrator.coverage().missing.into_iter().next().unwrap_or_default();
+    eprintln!("reading the sensors of {system:?} from now on; wanted first: {first}");
     let bar = ProgressBar::new(100).with_style(style("{bar:40} {percent:>3} % {wide_msg}"));
     let (mut shown, mut tried) = (Instant::now(), None::<Instant>);
     while !until.is_over() {

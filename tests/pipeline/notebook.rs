@@ -73,7 +73,7 @@ fn a_damaged_table_is_refused_with_its_place_and_the_remedy() {
     let third = whole.lines().nth(2).unwrap();
     for (damaged, said) in [
         (whole.replace(",true_u,", ",true_x,"), "table.csv:1: no column true_u; write the table again by this version"),
-        (whole.replace(third, &third.replacen("upright", "upright,0", 1)), "table.csv:3: 43 values under 42 names"),
+        (whole.replace(third, &third.replacen("upright", "upright,0", 1)), "table.csv:3: 45 values under 44 names"),
         (whole[..whole.len() - 30].to_owned(), "names; was the file cut? Write it again"),
         (whole.replacen("\n0.02", "\n0,02", 1), "table.csv:4: "),
         (whole.replacen("\n0.02", "\n0.o2", 1), "table.csv:4: t_s is '0.o20000000', which is no number"),
@@ -91,6 +91,7 @@ fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
     let folder = folder_with(&[]);
     let plumb = format!("{:?}", env!("CARGO_BIN_EXE_plumb"));
     for (read, said) in [
+        ("p.Table({'t_s': []})['roll']", "no column roll; there are t_s"),
         ("p.read_scores('')", "no scores on the last line, but ''"),
         ("p.read_scores('RMSE, degrees  fuser')", "read the standard output of `plumb score … --json`"),
         ("p.read_scores('{\"error\": \"no such file\"}')", "no such file"),
@@ -127,6 +128,10 @@ errors = table.errors_deg()
 assert errors['total'][:2].tolist() == [0.0, 0.0] and np.isnan(errors['total'][2]), 'q and -q are one attitude'
 assert np.allclose(errors['course'][0], np.degrees(6.1) - 360.0) and np.isnan(errors['course'][1:]).all(), errors['course']
 assert np.allclose(table.normalised()['course'][0], (6.1 - 2.0 * np.pi) / 0.1)
+turned = {'qw': np.cos(np.full(3, 0.1)), 'qz': np.sin(np.full(3, 0.1)), 'true_qw': np.ones(3), 'scored': np.array([1.0, 1.0, 0.0])}
+for reference, heading in [(['arbitrary', 'true', 'arbitrary'], np.degrees(0.2)), (['true', 'arbitrary', 'true'], np.nan)]:
+    of = p.Table(columns | turned | {'heading_reference': np.array(reference)}).rms()
+    assert np.allclose([of['total'], of['heading'], of['inclination']], [heading, heading, 0.0], equal_nan=True), of
 print('held')
 ";
     let folder = folder_with(&[]);

@@ -28,6 +28,12 @@ pub(crate) fn at_rest(heading_deg: f64, tilt_deg: f64) -> String {
     text
 }
 
+/// The same beside a magnetometer that points north along the body's forward axis, so that the heading is known.
+fn with_field(text: &str) -> String {
+    let more = |(at, line): (usize, &str)| format!("{line},{}\n", if at == 0 { "mx,my,mz" } else { "0,20,-40" });
+    text.lines().enumerate().map(more).collect()
+}
+
 pub(crate) fn folder_with(files: &[(&str, String)]) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     files.iter().for_each(|(name, text)| fs::write(folder.path().join(name), text).unwrap());
@@ -88,7 +94,8 @@ fn a_reference_in_a_file_of_its_own_counts_as_one_in_the_recording() {
 
 #[test]
 fn the_errors_are_those_of_the_reference_where_it_counts() {
-    let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0)), ("tilted.csv", at_rest(0.0, 10.0))]);
+    let files = [("turned.csv", at_rest(30.0, 0.0)), ("tilted.csv", at_rest(0.0, 10.0))];
+    let folder = folder_with(&files.map(|(name, text)| (name, with_field(&text))));
     let scores = scores(folder.path(), &["turned.csv", "tilted.csv"]);
     let errors = |place: &str| {
         ["total", "heading", "inclination"].map(|error| number(&scores, &format!("/stages/0/{place}/{error}")))
@@ -111,10 +118,11 @@ fn the_errors_are_those_of_the_reference_where_it_counts() {
 #[test]
 fn a_recording_without_a_reference_has_no_score_and_still_an_attitude() {
     let text = "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n".to_owned();
-    let folder = folder_with(&[("plain.csv", text), ("turned.csv", at_rest(30.0, 0.0))]);
-    let scores = scores(folder.path(), &["plain.csv", "turned.csv", "--out", "out"]);
-    assert_eq!(scores.pointer("/stages/0/trials/0/total"), Some(&Value::Null));
-    assert!((number(&scores, "/stages/0/mean/heading") - 30.0).abs() < 1e-6, "the mean is of those that have a score");
+    let folder = folder_with(&[("plain.csv", text), ("tilted.csv", at_rest(0.0, 10.0))]);
+    let scores = scores(folder.path(), &["plain.csv", "tilted.csv", "--out", "out"]);
+    assert_eq!(scores.pointer("/stages/0/trials/0/inclination"), Some(&Value::Null));
+    let mean_deg = number(&scores, "/stages/0/mean/inclination");
+    assert!((mean_deg - 10.0).abs() < 1e-6, "the mean is of those that have a score");
     assert_eq!(crate::common::attitudes(&folder.path().join("out/plain.csv")).len(), 2);
     let table = String::from_utf8(score(folder.path(), &["plain.csv"]).stdout).unwrap();
     assert!(table.contains('—'), "{table}");

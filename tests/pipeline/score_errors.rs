@@ -28,7 +28,9 @@ fn a_heading_from_nowhere_is_told_by_its_drift_and_not_by_its_offset() {
     let trial = |key: &str| number(&scores, &format!("/stages/0/trials/0/{key}"));
     assert!((trial("drift_deg_min") - 3.0).abs() < 0.01 && (trial("drift_end_deg") - 1.5).abs() < 0.01, "{scores}");
     assert_eq!(scores.pointer("/stages/0/trials/0/heading_is_known"), Some(&Value::Bool(false)));
-    assert_eq!(scores.pointer("/stages/0/trials/0/yaw"), Some(&Value::Null));
+    for error in ["yaw", "heading", "total"] {
+        assert_eq!(scores.pointer(&format!("/stages/0/trials/0/{error}")), Some(&Value::Null), "{error}: {scores}");
+    }
     let table = table(folder.path(), &["turning.csv"]);
     assert!(table.contains("arb.") && !table.contains("39."), "the offset means nothing:\n{table}");
     assert!(table.contains("it drifts by +3.000°/min, +1.50° at the end"), "{table}");

@@ -1,8 +1,9 @@
 //! The walk of the tutorial: from a bare IMU on a serial line through its calibration to a recorded flight that scores.
 use std::{
     fs,
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
-    process::{Child, Command},
+    process::{Child, Command, Stdio},
     thread,
 };
 
@@ -37,12 +38,18 @@ fn source(port: &Path) -> String {
     format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
 }
 
-/// The piece of a launch file, found while the unit is moved.
+/// The piece of a launch file, found while the unit is moved: from when it is read, so that the first pose is the first that is seen.
 fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
-    let _moved = Moved::start(port, motion, &[]);
     let arguments = ["calibrate", what, "--live", "--for", "40s", "--json", "--system", &system.name];
-    let output = plumb(&arguments).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{what}: {}", String::from_utf8_lossy(&output.stderr));
+    let mut calibrate = plumb(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut people = BufReader::new(calibrate.stderr.take().unwrap());
+    let mut said = String::new();
+    people.read_line(&mut said).unwrap();
+    assert!(said.contains("from now on"), "{what}: {said}");
+    let _moved = Moved::start(port, motion, &[]);
+    let output = calibrate.wait_with_output().unwrap();
+    people.read_to_string(&mut said).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{what}: {said}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     println!("{report}");
     report["block"].as_str().unwrap().to_owned()

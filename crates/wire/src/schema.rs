@@ -7,13 +7,13 @@ use prost_types::{
 };
 
 /// A serialised `google.protobuf.FileDescriptorSet` with every file of `proto/plumbline/v1`.
-pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/plumbline.v1.bin"));
+pub const DESCRIPTORS: &[u8] = include_bytes!("generated/plumbline.v1.bin");
 
 /// The type of [`DESCRIPTORS`].
 pub const DESCRIPTORS_NAME: &str = "google.protobuf.FileDescriptorSet";
 
 /// The same of `proto/foxglove`, with what it imports.
-const VIEWER_DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.bin"));
+const VIEWER_DESCRIPTORS: &[u8] = include_bytes!("generated/foxglove.bin");
 
 /// A serialised `google.protobuf.FileDescriptorSet` with the file of a message, such as `plumbline.v1.ImuSample`, and the files that
 /// it imports, before those that import them; `None` where there is no such message.

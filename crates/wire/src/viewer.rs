@@ -8,7 +8,7 @@ use prost_types::Timestamp;
 /// The types of `proto/foxglove`, as generated.
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated")]
 mod foxglove {
-    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+    include!("generated/foxglove.rs");
 }
 
 use foxglove::{FrameTransform, LocationFix, Pose, PoseInFrame, Quaternion, Vector3};

@@ -9,17 +9,21 @@ use axum::{
 };
 use flate2::{Compression, write::GzEncoder};
 use messages::Flags;
-use rust_embed::RustEmbed;
 use serde_json::{Map, Value, json};
 
-#[derive(RustEmbed)]
-#[folder = "page"]
-#[allow(missing_docs, reason = "generated")]
-struct Files;
+macro_rules! of_the_page {
+    ($($name:literal)*) => { &[$(($name, include_bytes!(concat!("../page/", $name)))),*] };
+}
+
+/// By name.
+const FILES: &[(&str, &[u8])] = of_the_page! {
+    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "look.js" "main.js" "method.js" "mounting.js" "scene.js"
+    "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "wire.js"
+};
 
 /// The page.
 #[derive(Debug)]
-pub(crate) struct Page(HashMap<String, Asset>);
+pub(crate) struct Page(HashMap<&'static str, Asset>);
 
 #[derive(Debug)]
 struct Asset {
@@ -32,9 +36,9 @@ struct Asset {
 impl Page {
     /// Every file, and the schema that its reader of protobuf goes by.
     pub(crate) fn new() -> Self {
-        let files = Files::iter().filter_map(|path| Some((path.to_string(), Files::get(&path)?.data.into_owned())));
-        let schema = ("schema.json".to_owned(), schema().to_string().into_bytes());
-        Self(files.chain([schema]).map(|(path, bytes)| (path.clone(), Asset::new(&path, bytes))).collect())
+        let files = FILES.iter().map(|(name, bytes)| (*name, Bytes::from_static(bytes)));
+        let schema = ("schema.json", Bytes::from(schema().to_string()));
+        Self(files.chain([schema]).map(|(name, bytes)| (name, Asset::new(name, bytes))).collect())
     }
 
     /// A file, by its path in the address.
@@ -64,8 +68,8 @@ impl Page {
 }
 
 impl Asset {
-    fn new(path: &str, bytes: Vec<u8>) -> Self {
-        let kind = match path.rsplit_once('.').map(|(_, end)| end) {
+    fn new(name: &str, bytes: Bytes) -> Self {
+        let kind = match name.rsplit_once('.').map(|(_, end)| end) {
             Some("html") => "text/html; charset=utf-8",
             Some("js") => "text/javascript; charset=utf-8",
             Some("css") => "text/css; charset=utf-8",
@@ -76,7 +80,7 @@ impl Asset {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         let gzip = encoder.write_all(&bytes).and_then(|()| encoder.finish()).ok();
         let gzip = gzip.filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
-        Self { kind, tag: tag(&bytes), plain: bytes.into(), gzip }
+        Self { kind, tag: tag(&bytes), plain: bytes, gzip }
     }
 }
 
@@ -112,6 +116,8 @@ fn schema() -> Value {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn get(page: &Page, path: &str, headers: &[(header::HeaderName, &'static str)]) -> Response {
@@ -138,11 +144,15 @@ mod tests {
 
     #[test]
     fn the_page_is_small_and_its_own() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/page");
+        let mut there: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name().into_string().unwrap()).collect();
+        there.sort();
+        assert_eq!(there, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "every file is there");
         let mut total = 0;
-        for path in Files::iter() {
-            let bytes = Files::get(&path).unwrap().data;
+        for (path, bytes) in FILES {
             total += bytes.len();
-            let text = String::from_utf8_lossy(&bytes);
+            let text = String::from_utf8_lossy(bytes);
             let outside =
                 ["http://", "https://", "//cdn", "innerHTML", "eval(", "document.write", "<script>", "style=\""];
             let found: Vec<_> = outside.iter().filter(|it| text.contains(**it)).collect();

@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[Any]
 
-WORDS = ("chart", "course_reference", "gyro_chart", "accel_chart", "true_chart")
+WORDS = ("chart", "course_reference", "heading_reference", "gyro_chart", "accel_chart", "true_chart")
 ATTITUDE = ("qw", "qx", "qy", "qz", "chart", "u", "v", "z_rad", "yaw_rad", "pitch_rad", "roll_rad", "course_rad")
 BIAS = ("bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s")
 SENSORS = ("gyro_chart", "gyro_u", "gyro_v", "gyro_z_rad", "accel_chart", "accel_u", "accel_v")
-COLUMNS = ("t_s", *ATTITUDE, "course_reference", *BIAS, "inclination_sd_rad", "course_sd_rad", *SENSORS)
-COLUMNS += (*("true_" + name for name in ATTITUDE + BIAS), "scored")
+COLUMNS = ("t_s", *ATTITUDE, "course_reference", *BIAS, "inclination_sd_rad", "course_sd_rad")
+COLUMNS += ("heading_reference", "heading_sd_rad", *SENSORS, *("true_" + name for name in ATTITUDE + BIAS), "scored")
 STEEPEST_RAD = math.radians(89.0)  # Nearer to the vertical a nose has no roll, yaw and course.
 
 
@@ -51,6 +51,8 @@ class Table:
     columns: dict[str, Array]
 
     def __getitem__(self, name: str) -> Array:
+        if name not in self.columns:
+            raise ScoreError(f"no column {name}; there are {', '.join(self.columns)}")
         return self.columns[name]
 
     @property
@@ -96,14 +98,18 @@ class Table:
         return errors
 
     def rms(self) -> dict[str, float]:
-        """Of each error over the ticks that count."""
-        return {name: rms(error, self.scored) for name, error in self.errors_deg().items()}
+        """Of each error over the ticks that count; `nan` for total, heading and yaw where they are counted from nowhere in the end."""
+        known = self["heading_reference"] != "arbitrary"
+        of_heading = ("total", "heading", "yaw") if not known[self.scored][-1:].all() else ()
+        where = {"yaw": self.scored & known}
+        of = {name: rms(error, where.get(name, self.scored)) for name, error in self.errors_deg().items()}
+        return {name: math.nan if name in of_heading else error for name, error in of.items()}
 
     def normalised(self) -> dict[str, Array]:
-        """Errors over the deviations told beside them. Ideal: 68 % of the inclination below 1.51, of the course below 1."""
+        """Errors over the deviations told beside them. Ideal: 68 % of the inclination below 1.51, of heading and course below 1."""
         errors = self.errors_deg()
         with np.errstate(divide="ignore", invalid="ignore"):
-            return {name: errors[name] / np.degrees(self[f"{name}_sd_rad"]) for name in ("inclination", "course")}
+            return {name: errors[name] / np.degrees(self[f"{name}_sd_rad"]) for name in ("inclination", "heading", "course")}
 
 
 def read_table(path: str | Path) -> Table:

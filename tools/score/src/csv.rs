@@ -21,6 +21,8 @@ use runtime::{ServiceConfig, quantities};
 use crate::{ScoreError, sensors::Sensors, tally::Truth};
 
 const COLUMNS: [Column; 5] = [Column::Uvz, Column::Angles, Column::Course, Column::Bias, Column::Sd];
+/// Of the fuser; the course above it is the course stage's.
+const HEADING: &str = "heading_reference,heading_sd_rad";
 const SENSORS: &str = "gyro_chart,gyro_u,gyro_v,gyro_z_rad,accel_chart,accel_u,accel_v";
 const TRUTH: &str = "true_qw,true_qx,true_qy,true_qz,true_chart,true_u,true_v,true_z_rad,true_yaw_rad,true_pitch_rad,true_roll_rad,\
                      true_course_rad,true_bias_x_rad_s,true_bias_y_rad_s,true_bias_z_rad_s,scored";
@@ -40,7 +42,7 @@ impl Csv {
         let file = File::create(&path).map_err(|cause| failed(&path, cause))?;
         let (file, line, sensors) = (BufWriter::new(file), columns.head(), Sensors::new(config)?);
         let mut csv = Self { path, file, columns, sensors, line };
-        csv.end_line(format_args!(",{SENSORS},{TRUTH}"))?;
+        csv.end_line(format_args!(",{HEADING},{SENSORS},{TRUTH}"))?;
         Ok(csv)
     }
 
@@ -56,6 +58,7 @@ impl Csv {
         self.columns.line(output, Some(fused), &mut self.line);
         let (gyro, accel) = self.sensors.take(sample);
         let z_rad = gyro.map_or(f64::NAN, |attitude| attitude.z_rad);
+        self.more(format_args!(",{},{}", fused.course_reference.name(), fused.heading_sd_rad));
         self.more(format_args!(",{},{z_rad},{}", place(gyro.map(|attitude| attitude.up)), place(accel)));
         let Some(Truth { quaternion: [w, x, y, z], scored, gyro_bias_rad_s }) = truth else {
             return self.end_line(format_args!(",nan,nan,nan,nan,,nan,nan,nan,nan,nan,nan,nan,nan,nan,nan,0"));

@@ -81,7 +81,7 @@ pub struct TrialScore {
     /// Root mean square of the errors where they count.
     #[serde(flatten)]
     pub error: Errors,
-    /// The heading is counted from north in the end; where it is not, total and heading have an offset that means nothing.
+    /// The heading is counted from north in the end; where it is not, total and heading mean nothing and are `None`.
     pub heading_is_known: bool,
     /// Errors over their own standard deviations.
     pub normalised: Normalised,

@@ -101,14 +101,19 @@ impl Tally {
         }
     }
 
-    /// The errors, beside those of the whole attitude; where heading is known in the end, there is no drift.
+    /// The errors, beside those of the whole attitude; where heading is known in the end, there is no drift, and else neither heading nor total.
     pub fn errors(&self, attitude: ErrorsDeg) -> Errors {
         let drift = self.drift.told().filter(|_| !self.heading_is_known);
+        let of_heading = |deg: Option<f64>| deg.filter(|_| self.heading_is_known);
         Errors {
-            attitude,
+            attitude: ErrorsDeg {
+                total: of_heading(attitude.total),
+                heading: of_heading(attitude.heading),
+                inclination: attitude.inclination,
+            },
             roll: self.roll.root(),
             pitch: self.pitch.root(),
-            yaw: self.yaw.root().filter(|_| self.heading_is_known),
+            yaw: of_heading(self.yaw.root()),
             course: self.course.root(),
             gyro_bias_deg_s: self.gyro_bias.root(),
             drift_deg_min: drift.map(|(deg_min, _)| deg_min),
@@ -197,7 +202,7 @@ mod tests {
         let truth = Truth { quaternion: [1.0, 0.0, 0.0, 0.0], scored: true, gyro_bias_rad_s: Some([0.0, 3e-3, -4e-3]) };
         let mut tally = Tally::default();
         moments.for_each(|(output, fused)| tally.take(&Moment::of(&output, &fused, &truth), &output, &fused));
-        tally.errors(ErrorsDeg::default())
+        tally.errors(ErrorsDeg { total: Some(3.0), heading: Some(2.0), inclination: Some(1.0) })
     }
 
     #[test]
@@ -216,6 +221,7 @@ mod tests {
         assert!((errors.drift_deg_min.unwrap() + 120.0).abs() < 1e-6, "{errors:?}");
         assert!((errors.drift_end_deg.unwrap() + 2.0 * 599.0).abs() < 1e-6, "{errors:?}");
         assert_eq!((errors.yaw, errors.course), (None, None));
+        assert_eq!(errors.attitude, ErrorsDeg { inclination: Some(1.0), ..ErrorsDeg::default() });
     }
 
     #[test]

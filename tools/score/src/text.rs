@@ -18,9 +18,9 @@ pub(crate) fn errors(scores: &Scores) -> String {
     let head = ["RMSE, degrees", "fuser", "total", "heading", "inclination", "ns/update"];
     let line = |name: &str, fuser: &str, errors: &Errors, is_known: bool, ns: Option<f64>| {
         let attitude = errors.attitude;
-        let (total, heading) = match attitude.heading {
+        let (total, heading) = match attitude.inclination {
             Some(_) if !is_known => (number(None, 3), "arb.".into()),
-            heading => (number(attitude.total, 3), number(heading, 3)),
+            _ => (number(attitude.total, 3), number(attitude.heading, 3)),
         };
         vec![name.into(), fuser.into(), total, heading, number(attitude.inclination, 3), number(ns, 0)]
     };

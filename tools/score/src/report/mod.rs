@@ -56,7 +56,7 @@ impl Report<'_> {
         let mut page = Page::default();
         self.summary(&mut page);
         self.scores.swept.iter().chain(&self.scores.tuned).for_each(|tuned| self.tuned(&mut page, tuned));
-        self.overlays.iter().for_each(|overlay| self.trial(&mut page, overlay));
+        self.overlays.iter().enumerate().for_each(|(index, overlay)| self.trial(&mut page, index, overlay));
         self.settings(&mut page);
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>\
@@ -152,7 +152,7 @@ impl Report<'_> {
         page.chart(&Chart { label: &label, across: &across, span, by_factors, from_zero: false, lines: vec![line] });
     }
 
-    fn trial(&self, page: &mut Page, overlay: &Overlay) {
+    fn trial(&self, page: &mut Page, index: usize, overlay: &Overlay) {
         page.add(&format!("\n<h2>{}</h2>", escaped(&overlay.name)));
         let span = (0.0, overlay.end_s());
         page.legend(&self.scores.stages, overlay.has_reference());
@@ -162,17 +162,27 @@ impl Report<'_> {
             ("difference from the first stage", &overlay.differences, 1)
         };
         if !deviations.is_empty() {
+            // Of a heading from nowhere, the heading and the whole attitude have no error.
+            let counts = |at: usize, which: usize| {
+                let trial = self.scores.stages.get(at).and_then(|stage| stage.trials.get(index));
+                which == 0 || !overlay.has_reference() || trial.is_some_and(|trial| trial.heading_is_known)
+            };
             let heads = [("inclination", 0), ("heading", 1), ("total", 2)];
             for (name, which) in heads {
+                let counted: Vec<_> =
+                    deviations.iter().enumerate().filter(|(at, _)| counts(at + first, which)).collect();
+                if counted.is_empty() {
+                    continue;
+                }
                 let of = |rms: ErrorsDeg| [rms.inclination, rms.heading, rms.total][which];
-                let each = |(at, deviation): (usize, &Deviations)| {
+                let each = |(at, deviation): &(usize, &Deviations)| {
                     let stage = self.scores.stages.get(at + first).map_or("", |stage| &stage.fuser);
                     format!("{stage} {}°", degrees(of(deviation.rms())))
                 };
-                let all: Vec<_> = deviations.iter().enumerate().map(each).collect();
+                let all: Vec<_> = counted.iter().map(each).collect();
                 page.add(&format!("<h3>{name} {said}, RMS: {}</h3>", escaped(&all.join(", "))));
                 let line = |(at, deviation): (usize, &Deviations)| Line::of(&deviation.curves[which], Some(at + first));
-                let lines = deviations.iter().enumerate().map(line).collect();
+                let lines = counted.into_iter().map(line).collect();
                 let label = format!("{name}, °");
                 page.chart(&Chart {
                     label: &label,
