@@ -32,6 +32,13 @@ use nalgebra::{SMatrix, SVector};
 
 /// Interval of the updates, s; less a little, for sums of intervals that are rounded.
 const INTERVAL_S: f64 = 0.2 - 1e-6;
+/// Of a first level the first interval, s, and each after it as a share of the time before: the level follows the mean at once.
+const FIRST_INTERVAL_S: f64 = 0.02 - 1e-6;
+const FIRST_SHARE: f64 = 0.15;
+/// For how long a first level is the mean whatever its noise seems to be, s.
+const MEAN_ALONE_S: f64 = 0.6;
+/// For how long a first sample stands in that mean, s: the acceleration of a hand changes no faster.
+const FIRST_SAMPLE_S: f64 = 0.07;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const BIAS_SD_MAX_RAD_S: f64 = 0.003;
 /// Largest standard deviation of the scale: the same gyro. Data sheets allow 1 % at most, which is the most that is taken off.
@@ -246,7 +253,15 @@ impl GyroErrorFilter {
     /// Enough has been seen for an update.
     #[inline]
     pub(super) fn is_due(&self) -> bool {
-        self.since_update_s >= INTERVAL_S
+        let least_s =
+            if self.first_level { (FIRST_SHARE * self.innovations_s()).max(FIRST_INTERVAL_S) } else { INTERVAL_S };
+        self.since_update_s >= least_s.min(INTERVAL_S)
+    }
+
+    /// For how long innovations were seen, s, up to their memory.
+    #[inline]
+    fn innovations_s(&self) -> f64 {
+        self.force_noise.memory_s() - noise::MEMORY_BEFORE_S
     }
 
     /// For how long the force was seen since the last update, s, and its integral, m/s.
@@ -314,17 +329,26 @@ impl GyroErrorFilter {
     /// By the force or by the velocity, whichever says more; the change of the state.
     ///
     /// Before the memory is full a first level taken in motion is part of the innovations, and they cannot tell it from noise. There
-    /// the level is at least the mean of what was seen: a gain of 1/(1 + number of updates).
+    /// the level is at least the mean of what was seen: a gain of 1/(1 + number of updates). At first it is that mean, of time, while its
+    /// variance falls as if what is seen within an interval were one.
     fn measure(&mut self, innovation: Complex<f64>, interval_s: f64) -> State {
         let mut force_variance =
             FORCE_SD_MIN * FORCE_SD_MIN + self.force_noise.variance(innovation, interval_s, FORCES_ALIKE);
-        let seen_s = self.force_noise.memory_s() - noise::MEMORY_BEFORE_S;
-        if self.first_level && self.force_noise.memory_s() < noise::MEMORY_S {
-            force_variance = force_variance.min(self.tilt_variance_rad2() * seen_s / interval_s);
+        let seen_s = self.innovations_s();
+        let of_mean = self.tilt_variance_rad2() * (seen_s - interval_s + INTERVAL_S) / interval_s;
+        let tells_less = force_variance > of_mean && self.force_noise.memory_s() < noise::MEMORY_S;
+        let is_mean = self.first_level && (tells_less || seen_s < MEAN_ALONE_S);
+        if is_mean {
+            force_variance = of_mean;
         }
         if self.first_level && seen_s < FORCE_ALONE_S {
             self.begin_velocity();
-            return self.measure_at(TILT, innovation, force_variance);
+            let mut change = self.measure_at(TILT, innovation, force_variance);
+            if is_mean {
+                let more = (seen_s + INTERVAL_S) / (seen_s + FIRST_SAMPLE_S);
+                change.fixed_rows_mut::<2>(TILT).scale_mut(more);
+            }
+            return change;
         }
         let off_s = self.velocity_s - self.tilt_velocity_s;
         let velocity_variance =

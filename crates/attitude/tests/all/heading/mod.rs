@@ -88,8 +88,7 @@ fn magnets_are_told_from_the_field_of_the_place() {
 #[test]
 fn a_start_in_the_middle_of_the_movement_is_survived() {
     let Some(trials) = trials() else { return };
-    // From the first sample on its inclination is the better by 0.2° at most; once settled it is not.
-    for (unscored_s, behind_deg) in [(0.0, 0.2), (20.0, 0.0)] {
+    for unscored_s in [0.0, 20.0] {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         for trial in &trials {
             let (from, to) = trial.movement();
@@ -101,7 +100,7 @@ fn a_start_in_the_middle_of_the_movement_is_survived() {
         let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
         println!("{ours} | {theirs} | mean from {unscored_s} s after the start");
         assert!(ours.total < theirs.total && ours.heading < theirs.heading, "{ours}");
-        assert!(ours.inclination < theirs.inclination + behind_deg, "{ours}");
+        assert!(ours.inclination < theirs.inclination + 0.005, "{ours}");
     }
 }
 
