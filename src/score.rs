@@ -255,9 +255,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 fn size(text: &str) -> Result<(u32, u32), String> {
     let pair = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    let fits = |pixels: &u32| (200..=8000).contains(pixels);
-    let found = pair.filter(|(width, height)| fits(width) && fits(height));
-    found.ok_or_else(|| "expected WIDTHxHEIGHT, each of 200 to 8000 pixels, as in 1200x900".into())
+    let found = pair.filter(|(width, height)| (480..=8000).contains(width) && (320..=8000).contains(height));
+    found.ok_or_else(|| "expected WIDTHxHEIGHT, from 480x320 to 8000x8000 pixels, as in 1200x900".into())
 }
 
 fn gnss(text: &str) -> Result<Gnss, String> {

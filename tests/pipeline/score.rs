@@ -183,13 +183,17 @@ fn figures_are_small_and_say_what_they_show() {
         ("v", &["time, s", "accelerometer", "gyro, open loop", "fused"]),
         ("angles", &["yaw ψ, °", "pitch ϑ, °", "roll γ, °"]),
         ("sphere", &["w = u + jv in the plane", "upside down, w = ∞"]),
-        ("error", &["inclination, °", "heading, °", "total, °"]),
+        ("error", &["inclination, °"]),
     ] {
         let file = folder.path().join(format!("figures/sim_s1_duration_s_20.{name}.svg"));
         let text = fs::read_to_string(&file).unwrap();
         assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>") && text.len() < 500_000, "{name}");
         said.iter().for_each(|words| assert!(text.contains(words), "no {words:?} in {name}"));
+        assert!(name != "error" || !text.contains("total, °"), "no heading is known");
     }
+    scores(folder.path(), &["sim:s3", "--plot", "known"]);
+    let text = fs::read_to_string(folder.path().join("known/sim_s3.error.svg")).unwrap();
+    ["inclination, °", "heading, °", "total, °"].iter().for_each(|words| assert!(text.contains(words), "{words}"));
 }
 
 #[test]
@@ -203,6 +207,13 @@ fn what_there_is_not_is_said_with_what_there_is() {
     refused(&["a.csv", "--set", "declination=3"], 2, &["did you mean `declination_deg`?", "-180 to 180 °"]);
     refused(&["a.csv", "--set", "declination_deg=333"], 2, &["expected -180 to 180 °, found 333"]);
     refused(&["a.csv", "--set", "declination_deg"], 2, &["expected key=value"]);
+    refused(
+        &["a.csv", "--set", "bogus.beta=1"],
+        2,
+        &["setting bogus.beta: no chosen stage has it", "fuser.declination"],
+    );
+    refused(&["a.csv", "--set", "fuser.x=1", "--set", "fuser.x=2"], 2, &["setting fuser.x: it is named twice"]);
+    refused(&["sim:s1?seed=2&rate_hz=50&seed=3"], 2, &["`seed` is set twice"]);
     refused(&["a.csv", "b/a.csv"], 2, &["two are called `a`"]);
     refused(&["sim:s9"], 2, &["there is no scenario `s9`", "cruise"]);
     refused(&["a.csv", "--out", "."], 2, &["that is the recording itself"]);
@@ -276,6 +287,7 @@ fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_
     let folder =
         folder_with(&[("right.csv", right.clone()), ("g.csv", in_g(right.clone())), ("twice.csv", doubled(right))]);
     let said = |file: &str| String::from_utf8(score(folder.path(), &[file]).stderr).unwrap();
+    assert!(said("sim:s1?duration_s=2").contains("nothing is scored: no sample has a truth that counts"));
     assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
     for (file, words) in [
         ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),

@@ -159,9 +159,14 @@ impl Scenario {
         let (name, query) = text.split_once('?').unwrap_or((text, ""));
         let mut scenario = Self::usual(name).ok_or_else(|| ScenarioError::Name { found: name.into() })?;
         let pairs = query.split('&').filter(|pair| !pair.is_empty());
-        let pairs = pairs.map(|pair| pair.split_once('=').unwrap_or((pair, "")));
+        let pairs: Vec<_> = pairs.map(|pair| pair.split_once('=').unwrap_or((pair, ""))).collect();
+        if let Some((key, _)) =
+            (1..).zip(&pairs).find_map(|(next, pair)| pairs[next..].iter().find(|it| it.0 == pair.0))
+        {
+            return Err(ScenarioError::Twice { found: (*key).into() });
+        }
         // Another rate changes the noise that is not set.
-        let (others, numbers): (Vec<_>, Vec<_>) = pairs.partition(|(key, _)| KEYS.contains(key));
+        let (others, numbers): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| KEYS.contains(key));
         others.into_iter().try_for_each(|(key, value)| scenario.change(key, value))?;
         for (key, value) in numbers {
             let parameter = PARAMETERS.iter().find(|parameter| parameter.name == key);
@@ -260,6 +265,11 @@ pub enum ScenarioError {
         /// What was asked for.
         found: String,
     },
+    /// The query has a key twice.
+    Twice {
+        /// The key.
+        found: String,
+    },
     /// The query has no such key.
     Key {
         /// What was asked for.
@@ -291,6 +301,7 @@ impl fmt::Display for ScenarioError {
             Self::Name { found } => {
                 write!(f, "there is no scenario `{found}`; there are {}", Scenario::NAMES.join(", "))
             }
+            Self::Twice { found } => write!(f, "`{found}` is set twice"),
             Self::Key { found } => {
                 let keys: Vec<_> = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name)).collect();
                 write!(

@@ -1,6 +1,6 @@
 //! Curves over an axis, with the names of the curves beside them, and charts one above the other.
 
-use std::{borrow::Cow, ops::Range};
+use std::{borrow::Cow, error::Error, ops::Range};
 
 use plotters::{
     prelude::*,
@@ -17,6 +17,11 @@ use crate::{
 const POINTS: usize = 2000;
 /// Room for the names of the curves, pixels.
 const LEGEND_WIDTH: u32 = 168;
+/// Above and below a chart, and for each label beside it, pixels.
+const BESIDE_HEIGHT: u32 = 56;
+const LABEL_HEIGHT: u32 = 24;
+/// The least size of a title.
+const TITLE_SIZE_MIN: u32 = 9;
 
 /// Curves in one pair of axes.
 #[derive(Debug)]
@@ -122,7 +127,7 @@ impl Draw for Chart {
             .x_label_area_size(40)
             .y_label_area_size(66);
         if !self.title.is_empty() {
-            builder.caption(&self.title, TITLE);
+            builder.caption(&self.title, fitting(area, &self.title)?);
         }
         let mut chart = builder.build_cartesian_2d(self.x.ends(), self.y.ends())?;
         chart
@@ -134,7 +139,7 @@ impl Draw for Chart {
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.14))
             .x_labels(if self.named { 11 } else { 6 })
-            .y_labels(9)
+            .y_labels((area.dim_in_pixel().1.saturating_sub(BESIDE_HEIGHT) / LABEL_HEIGHT).clamp(2, 9) as usize)
             .x_label_formatter(&|place| self.x.told(*place))
             .y_label_formatter(&|place| self.y.told(*place))
             .draw()?;
@@ -169,8 +174,11 @@ impl Chart {
     {
         let left = area.dim_in_pixel().0 as i32 - LEGEND_WIDTH as i32 + 14;
         let text = TEXT.into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
-        let named = self.curves.iter().filter(|curve| !curve.name.is_empty());
-        for (Curve { name, color, style, .. }, y) in named.zip((44..).step_by(24)) {
+        let named: Vec<_> = self.curves.iter().filter(|curve| !curve.name.is_empty()).collect();
+        let height = area.dim_in_pixel().1 as usize;
+        let first = (height / 4).min(44);
+        let step = ((height - first) / named.len().max(1)).clamp(14, 24);
+        for (Curve { name, color, style, .. }, y) in named.into_iter().zip((first as i32..).step_by(step)) {
             if *style == Style::Dots {
                 area.draw(&Circle::new((left + 10, y), 3, color.filled()))?;
             } else if let Style::Dashed(on, off) = *style {
@@ -188,6 +196,17 @@ impl Chart {
     }
 }
 
+/// How a title is written that is not to be wider than the figure.
+fn fitting<B: DrawingBackend>(area: &Area<B>, title: &str) -> Result<(&'static str, u32), Box<dyn Error + Send + Sync>>
+where
+    B::ErrorType: 'static,
+{
+    let (name, size) = TITLE;
+    let (width, _) = area.estimate_text_size(title, &TITLE.into_text_style(area))?;
+    let room = area.dim_in_pixel().0.saturating_sub(16);
+    Ok((name, if width > room { (size * room / width).max(TITLE_SIZE_MIN) } else { size }))
+}
+
 /// Charts one above the other.
 #[derive(Debug)]
 pub struct Stack {
@@ -202,7 +221,7 @@ impl Draw for Stack {
     where
         B::ErrorType: 'static,
     {
-        let area = area.titled(&self.title, TITLE)?;
+        let area = area.titled(&self.title, fitting(area, &self.title)?)?;
         let areas = area.split_evenly((self.charts.len().max(1), 1));
         areas.iter().zip(&self.charts).try_for_each(|(area, chart)| chart.draw(area))
     }

@@ -47,6 +47,22 @@ pub enum ScoreError {
         /// Every parameter of the chosen stages, one a line.
         known: String,
     },
+    /// A parameter with two values.
+    #[error("setting {place}: it is named twice")]
+    SetTwice {
+        /// The parameter, as it was named.
+        place: String,
+    },
+    /// Figures of a time after the end.
+    #[error("drawing {trial} from {from_s} s on: it ends at {end_s:.3} s")]
+    FromAfterEnd {
+        /// The trial.
+        trial: String,
+        /// From when on.
+        from_s: f64,
+        /// The end.
+        end_s: f64,
+    },
     /// A parameter of more than one slot.
     #[error("setting {key}: more than one slot has it; say {}", places.join(" or "))]
     Ambiguous {
@@ -142,6 +158,8 @@ impl ScoreError {
         match self {
             Self::Stage { .. }
             | Self::FuserTwice { .. }
+            | Self::SetTwice { .. }
+            | Self::FromAfterEnd { .. }
             | Self::Key { .. }
             | Self::Ambiguous { .. }
             | Self::Value { .. }

@@ -297,7 +297,9 @@ fn one(
     let compared = launches.iter().map(Stages::of).collect::<Result<Vec<_>, _>>()?;
     let times = ns_per_update(&steps, &compared);
     findings.extend(judge.finish());
+    let nothing_counts = trial.has_reference && lanes.iter().all(|lane| lane.collector.accuracy().count() == 0);
     let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
+    let warnings = warnings.chain(nothing_counts.then(|| NOTHING_COUNTS.into()));
     let heading = lanes.iter().all(Lane::heading_is_known);
     if let Some(pen) = pen.filter(|_| is_first) {
         draw(request, pen, trial, &all, &mut lanes)?;
@@ -315,6 +317,10 @@ fn draw(
     lanes: &mut [Lane],
 ) -> Result<(), ScoreError> {
     let Some(plots) = &request.plot else { return Ok(()) };
+    let ended = lanes.iter().find_map(|lane| lane.files.record.as_deref()?.ended_before_s());
+    if let Some(end_s) = ended {
+        return Err(ScoreError::FromAfterEnd { trial: trial.name.clone(), from_s: plots.from_s, end_s });
+    }
     lanes.iter_mut().filter_map(|lane| lane.files.record.as_deref_mut()).for_each(Record::finish);
     let records: Vec<_> = lanes.iter().filter_map(|lane| lane.files.record.as_deref()).collect();
     for (config, record) in all.iter().zip(&records) {
@@ -324,6 +330,8 @@ fn draw(
     let together = plots.folder.join(trial.file_stem());
     if records.len() > 1 { pen.all(&together, &trial.name, &launches, &records) } else { Ok(()) }
 }
+
+const NOTHING_COUNTS: &str = "nothing is scored: no sample has a truth that counts; a recording marks them by `mov`, a simulation counts after its first seconds";
 
 /// What was refused of a trial, where anything was.
 fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {

@@ -41,6 +41,13 @@ pub struct Setting {
     pub value: f64,
 }
 
+impl Setting {
+    /// As it was named.
+    fn place(&self) -> String {
+        self.of.as_ref().map_or_else(|| self.key.clone(), |of| format!("{of}.{}", self.key))
+    }
+}
+
 impl FromStr for Setting {
     type Err = String;
 
@@ -73,7 +80,13 @@ pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
             launches.push(launch);
         }
     }
-    choice.settings.iter().try_for_each(|setting| apply(setting, &mut launches))?;
+    for (next, setting) in (1..).zip(&choice.settings) {
+        let is_same = |other: &&Setting| (&other.of, &other.key) == (&setting.of, &setting.key);
+        if choice.settings[next..].iter().find(is_same).is_some() {
+            return Err(ScoreError::SetTwice { place: setting.place() });
+        }
+        apply(setting, &mut launches)?;
+    }
     Ok(launches)
 }
 
@@ -100,13 +113,14 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), Sc
     let Setting { of, key, value } = setting;
     let meant = |slot: Service, stage: &str| of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
     let mut places: Vec<Service> = Vec::new();
-    let mut known: Vec<(Service, &str, &Parameter)> = Vec::new();
+    let (mut known, mut others): (Vec<(Service, &str, &Parameter)>, Vec<_>) = Default::default();
     for launch in launches {
         let mut stages = Stages::of(launch)?;
         for (slot, stage, parameters) in stages.parameters() {
-            for parameter in parameters.iter().filter(|_| meant(slot, stage)) {
-                if !known.contains(&(slot, stage, parameter)) {
-                    known.push((slot, stage, parameter));
+            let list = if meant(slot, stage) { &mut known } else { &mut others };
+            for parameter in parameters {
+                if !list.contains(&(slot, stage, parameter)) {
+                    list.push((slot, stage, parameter));
                 }
             }
             if !meant(slot, stage) || !parameters.iter().any(|parameter| parameter.name == key) {
@@ -122,14 +136,12 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), Sc
     }
     match places.len() {
         1 => Ok(()),
-        0 => Err(ScoreError::Key {
-            key: match of {
-                Some(of) => format!("{of}.{key}"),
-                None => key.clone(),
-            },
-            near: near(key, known.iter().map(|(_, _, parameter)| parameter.name)),
-            known: listed(&known),
-        }),
+        0 => {
+            // Where no chosen stage is of that name, all of them are told.
+            let known = if known.is_empty() { others } else { known };
+            let near = near(key, known.iter().map(|(_, _, parameter)| parameter.name).filter(|name| name != key));
+            Err(ScoreError::Key { key: setting.place(), near, known: listed(&known) })
+        }
         _ => Err(ScoreError::Ambiguous {
             key: key.clone(),
             places: places.iter().map(|slot| format!("{slot}.{key}")).collect(),

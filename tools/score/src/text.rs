@@ -96,10 +96,11 @@ pub(crate) fn normalised(scores: &Scores) -> String {
 pub(crate) fn drifts(scores: &Scores) -> Vec<String> {
     let of = |stage: &StageScore| {
         let (deg_min, end_deg) = stage.mean.drift_deg_min.zip(stage.mean.drift_end_deg)?;
-        let known: Vec<_> = stage.trials.iter().filter_map(|trial| trial.error.drift_end_deg).collect();
+        let known = stage.trials.iter().filter(|trial| trial.error.drift_end_deg.is_some());
+        let runs = known.map(|trial| trial.spread.as_ref().map_or(1, |spread| spread.seeds)).sum();
         let (deg_min, end_deg, on_average) = match &stage.trials[..] {
             [one] if one.spread.is_none() => (one.error.drift_deg_min?, one.error.drift_end_deg?, String::new()),
-            _ => (deg_min, end_deg, format!(", mean size over {}", launch::counted(known.len() as u64, "trial"))),
+            _ => (deg_min, end_deg, format!(", mean size over {}", launch::counted(runs, "run"))),
         };
         let sign = if on_average.is_empty() { "+" } else { "" };
         let signed = |value: f64, digits: usize| {

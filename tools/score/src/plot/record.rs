@@ -79,6 +79,7 @@ pub(crate) struct Record {
     plots: Plots,
     sensors: Sensors,
     first_ns: Option<i64>,
+    end_s: f64,
     /// Where a heading that is counted from nowhere was first.
     first_turn_deg: Option<f64>,
     ticks: u64,
@@ -98,6 +99,7 @@ impl Record {
             plots: plots.clone(),
             sensors: Sensors::new(config)?,
             first_ns: None,
+            end_s: 0.0,
             first_turn_deg: None,
             ticks: 0,
             ticks_per_point: shown.div_ceil(4 * BINS).max(1),
@@ -120,6 +122,7 @@ impl Record {
     ) {
         let t_ns = sample.header.t_end_ns;
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
+        self.end_s = t_s;
         let (open_loop, seen) = self.sensors.take(sample);
         if !self.plots.shows(t_s) {
             return;
@@ -141,6 +144,11 @@ impl Record {
             self.path.push(estimate.up.direction());
         }
         self.ticks += 1;
+    }
+
+    /// When the run ended where that was before what is to be shown, s.
+    pub(crate) fn ended_before_s(&self) -> Option<f64> {
+        (self.ticks == 0).then_some(self.end_s)
     }
 
     /// The run is over.
@@ -180,7 +188,7 @@ impl Curves {
     }
 
     fn errors(&mut self, t_s: f64, moment: Option<&Moment>, first_turn_deg: &mut Option<f64>) {
-        let deg = |of: fn(&Moment) -> Option<f64>| moment.and_then(of).unwrap_or(f64::NAN);
+        let deg = |of: &dyn Fn(&Moment) -> Option<f64>| moment.and_then(of).unwrap_or(f64::NAN);
         let drift_deg = moment.filter(|moment| !moment.heading_is_known).map(|Moment { turn_deg, .. }| {
             let from_deg = *first_turn_deg.get_or_insert(*turn_deg);
             wrapped_rad((turn_deg - from_deg).to_radians()).to_degrees()
@@ -188,9 +196,10 @@ impl Curves {
         let angles = |of: fn(&attitude::metrics::AngleError) -> f64| {
             moment.and_then(|moment| moment.angles.as_ref()).map_or(f64::NAN, of)
         };
-        self.push(Quantity::InclinationError, t_s, deg(|moment| Some(moment.attitude.inclination_deg)));
-        self.push(Quantity::HeadingError, t_s, deg(|moment| Some(moment.attitude.heading_deg)));
-        self.push(Quantity::TotalError, t_s, deg(|moment| Some(moment.attitude.total_deg)));
+        self.push(Quantity::InclinationError, t_s, deg(&|moment| Some(moment.attitude.inclination_deg)));
+        let known = |moment: &Moment, deg: f64| moment.heading_is_known.then_some(deg);
+        self.push(Quantity::HeadingError, t_s, deg(&|moment| known(moment, moment.attitude.heading_deg)));
+        self.push(Quantity::TotalError, t_s, deg(&|moment| known(moment, moment.attitude.total_deg)));
         self.push(Quantity::RollError, t_s, angles(|angles| angles.roll_deg));
         self.push(Quantity::PitchError, t_s, angles(|angles| angles.pitch_deg));
         self.push(Quantity::YawError, t_s, drift_deg.unwrap_or_else(|| angles(|angles| angles.yaw_deg)));
