@@ -37,7 +37,7 @@ fn a_reader_who_has_read_enough_is_no_error() {
         &["stage", "test", "projector"],
         &["keys", "init", "--force", "--dir", &dir],
         &["keys", "list", "--dir", &dir],
-        &["score", "sim:s1?duration_s=1"],
+        &["score", "sim:s1?duration_s=7"],
         &["--help"],
     ] {
         for lines in [0, 1] {

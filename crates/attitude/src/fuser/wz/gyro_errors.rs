@@ -118,6 +118,8 @@ pub(super) struct GyroErrorFilter {
     velocity_noise: Noise,
     /// The level is one of a single sample, so that what the force shows may be its error.
     first_level: bool,
+    /// And that sample was taken as it came, not where a level was found to be wrong.
+    of_one_sample: bool,
     tilt_fault: TiltFaultMonitor,
     initial_velocity: InitialVelocity,
 }
@@ -155,6 +157,7 @@ impl GyroErrorFilter {
             force_noise: Noise::before(FORCE_SD_BEFORE),
             velocity_noise: Noise::before(VELOCITY_SD_BEFORE_S),
             first_level: true,
+            of_one_sample: true,
             tilt_fault: TiltFaultMonitor::default(),
             initial_velocity: InitialVelocity::default(),
         }
@@ -168,6 +171,7 @@ impl GyroErrorFilter {
             force_noise: Noise::before(FORCE_SD_MOVING),
             velocity_noise: Noise::before(VELOCITY_SD_MOVING_S),
             first_level: false,
+            of_one_sample: false,
             initial_velocity: InitialVelocity::begun(),
             scale: gyro_scale.error.map(|error| error.clamp(-SCALE_MAX, SCALE_MAX)),
             ..Self::of(bias_rad_s, bias_sd_rad_s, inclination_sd_rad)
@@ -254,7 +258,7 @@ impl GyroErrorFilter {
     #[inline]
     pub(super) fn is_due(&self) -> bool {
         let least_s =
-            if self.first_level { (FIRST_SHARE * self.innovations_s()).max(FIRST_INTERVAL_S) } else { INTERVAL_S };
+            if self.of_one_sample { (FIRST_SHARE * self.innovations_s()).max(FIRST_INTERVAL_S) } else { INTERVAL_S };
         self.since_update_s >= least_s.min(INTERVAL_S)
     }
 
@@ -337,14 +341,14 @@ impl GyroErrorFilter {
         let seen_s = self.innovations_s();
         let of_mean = self.tilt_variance_rad2() * (seen_s - interval_s + INTERVAL_S) / interval_s;
         let tells_less = force_variance > of_mean && self.force_noise.memory_s() < noise::MEMORY_S;
-        let is_mean = self.first_level && (tells_less || seen_s < MEAN_ALONE_S);
+        let is_mean = self.first_level && tells_less || self.of_one_sample && seen_s < MEAN_ALONE_S;
         if is_mean {
             force_variance = of_mean;
         }
         if self.first_level && seen_s < FORCE_ALONE_S {
             self.begin_velocity();
             let mut change = self.measure_at(TILT, innovation, force_variance);
-            if is_mean {
+            if is_mean && self.of_one_sample {
                 let more = (seen_s + INTERVAL_S) / (seen_s + FIRST_SAMPLE_S);
                 change.fixed_rows_mut::<2>(TILT).scale_mut(more);
             }
@@ -396,7 +400,11 @@ impl GyroErrorFilter {
     #[cold]
     fn begin_anew(&mut self, wrong_rad: Complex<f64>, loop_velocity_s: Complex<f64>) -> Error {
         let tilt = self.tilt_rad + wrong_rad;
-        let mut anew = Self { scale: self.scale, ..Self::of(self.bias_rad_s, BIAS_SD_MAX_RAD_S, SD_LEVEL_RAD) };
+        let mut anew = Self {
+            scale: self.scale,
+            of_one_sample: false,
+            ..Self::of(self.bias_rad_s, BIAS_SD_MAX_RAD_S, SD_LEVEL_RAD)
+        };
         let known = self.covariance.fixed_view::<3, 3>(SCALE, SCALE);
         anew.covariance.fixed_view_mut::<3, 3>(SCALE, SCALE).copy_from(&known);
         *self = anew;
@@ -536,6 +544,7 @@ impl Numbers for GyroErrorFilter {
         self.force_noise.visit(visit);
         self.velocity_noise.visit(visit);
         self.first_level.visit(visit);
+        self.of_one_sample.visit(visit);
         self.tilt_fault.visit(visit);
         self.initial_velocity.visit(visit);
     }
