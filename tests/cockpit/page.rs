@@ -339,7 +339,10 @@ fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen(
     let (system, port) = with_cockpit("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
-    page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
+    // The services come one after the other: the first pictures have no angles yet.
+    page.until(
+        "plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.data.shown()?.picture.attitude",
+    );
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
     let ours: [f64; 4] = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();

@@ -130,7 +130,9 @@ assert np.allclose(errors['course'][0], np.degrees(6.1) - 360.0) and np.isnan(er
 assert np.allclose(table.normalised()['course'][0], (6.1 - 2.0 * np.pi) / 0.1)
 turned = {'qw': np.cos(np.full(3, 0.1)), 'qz': np.sin(np.full(3, 0.1)), 'true_qw': np.ones(3), 'scored': np.array([1.0, 1.0, 0.0])}
 for reference, heading in [(['arbitrary', 'true', 'arbitrary'], np.degrees(0.2)), (['true', 'arbitrary', 'true'], np.nan)]:
-    of = p.Table(columns | turned | {'heading_reference': np.array(reference)}).rms()
+    table = p.Table(columns | turned | {'heading_reference': np.array(reference), 'heading_sd_rad': np.full(3, 0.1)})
+    ratios, of = table.normalised()['heading'], table.rms()
+    assert np.allclose(ratios, [np.nan if word == 'arbitrary' else 2.0 for word in reference], equal_nan=True), ratios
     assert np.allclose([of['total'], of['heading'], of['inclination']], [heading, heading, 0.0], equal_nan=True), of
 print('held')
 ";

@@ -212,7 +212,8 @@ fn what_there_is_not_is_said_with_what_there_is() {
         2,
         &["setting bogus.beta: no chosen stage has it", "fuser.declination"],
     );
-    refused(&["a.csv", "--set", "fuser.x=1", "--set", "fuser.x=2"], 2, &["setting fuser.x: it is named twice"]);
+    let twice = ["a.csv", "--set", "declination_deg=1", "--set", "course.declination_deg=2"];
+    refused(&twice, 2, &["setting course.declination_deg: it is set twice; keep one"]);
     refused(&["sim:s1?seed=2&rate_hz=50&seed=3"], 2, &["`seed` is set twice"]);
     refused(&["a.csv", "b/a.csv"], 2, &["two are called `a`"]);
     refused(&["sim:s9"], 2, &["there is no scenario `s9`", "cruise"]);
@@ -287,7 +288,7 @@ fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_
     let folder =
         folder_with(&[("right.csv", right.clone()), ("g.csv", in_g(right.clone())), ("twice.csv", doubled(right))]);
     let said = |file: &str| String::from_utf8(score(folder.path(), &[file]).stderr).unwrap();
-    assert!(said("sim:s1?duration_s=2").contains("nothing is scored: no sample has a truth that counts"));
+    assert!(said("sim:s1?duration_s=2").contains("nothing is scored: it ends before it counts"));
     assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
     for (file, words) in [
         ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),

@@ -110,7 +110,10 @@ fn figures_have_the_window_size_and_format_that_are_asked_for() {
     refused(&["--plot", "figures", "--from", "5", "--to", "5"], "--to is to be later than --from");
     refused(&["--plot", "figures", "--size", "640"], "expected WIDTHxHEIGHT");
     refused(&["--plot", "figures", "--size", "300x200"], "from 480x320 to 8000x8000");
-    refused(&["--plot", "figures", "--from", "500"], "drawing sim:s1 from 500 s on: it ends at 100.000 s");
+    refused(
+        &["--plot", "figures", "--from", "500"],
+        "drawing sim:s1: there is no sample from 500 s on; it ends at 100.000 s",
+    );
     refused(&["--from", "5"], "--plot");
 }
 

@@ -15,21 +15,26 @@ use crate::common::{System, plumb, signal, until};
 /// Seconds of the unit in one of the clock.
 const SPEED: &str = "4";
 
-/// What a hand does with the unit, until it is dropped.
-struct Moved(Child);
+/// A process that ends with its owner.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        if matches!(self.0.try_wait(), Ok(None)) {
+            signal(self.0.id(), Signal::TERM);
+            let _ = self.0.wait();
+        }
+    }
+}
+
+/// What a hand does with the unit.
+struct Moved(Ended);
 
 impl Moved {
     fn start(port: &Path, motion: &str, more: &[&str]) -> Self {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/serial_imu.py");
         let mut command = Command::new("python3");
-        Self(command.arg(script).arg(port).args([motion, "--speed", SPEED]).args(more).spawn().unwrap())
-    }
-}
-
-impl Drop for Moved {
-    fn drop(&mut self) {
-        signal(self.0.id(), Signal::TERM);
-        let _ = self.0.wait();
+        Self(Ended(command.arg(script).arg(port).args([motion, "--speed", SPEED]).args(more).spawn().unwrap()))
     }
 }
 
@@ -41,16 +46,17 @@ fn source(port: &Path) -> String {
 /// The piece of a launch file, found while the unit is moved: from when it is read, so that the first pose is the first that is seen.
 fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
     let arguments = ["calibrate", what, "--live", "--for", "40s", "--json", "--system", &system.name];
-    let mut calibrate = plumb(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut people = BufReader::new(calibrate.stderr.take().unwrap());
-    let mut said = String::new();
+    let mut calibrate = plumb(&arguments);
+    let mut calibrate = Ended(calibrate.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap());
+    let mut people = BufReader::new(calibrate.0.stderr.take().unwrap());
+    let (mut said, mut report) = (String::new(), String::new());
     people.read_line(&mut said).unwrap();
     assert!(said.contains("from now on"), "{what}: {said}");
     let _moved = Moved::start(port, motion, &[]);
-    let output = calibrate.wait_with_output().unwrap();
     people.read_to_string(&mut said).unwrap();
-    assert_eq!(output.status.code(), Some(0), "{what}: {said}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    calibrate.0.stdout.take().unwrap().read_to_string(&mut report).unwrap();
+    assert_eq!(calibrate.0.wait().unwrap().code(), Some(0), "{what}: {said}");
+    let report: Value = serde_json::from_str(&report).unwrap();
     println!("{report}");
     report["block"].as_str().unwrap().to_owned()
 }
@@ -62,7 +68,7 @@ fn driven(pieces: &str) -> [f64; 2] {
     let running = system.start(&["--source", &source(&port), "--record", flights.to_str().unwrap()]);
     until("the system to answer", || !system.ps().is_empty());
     let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
-    until("the end of the drive", || moved.0.try_wait().unwrap().is_some());
+    until("the end of the drive", || moved.0.0.try_wait().unwrap().is_some());
     running.interrupt();
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);

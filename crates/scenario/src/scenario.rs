@@ -301,7 +301,7 @@ impl fmt::Display for ScenarioError {
             Self::Name { found } => {
                 write!(f, "there is no scenario `{found}`; there are {}", Scenario::NAMES.join(", "))
             }
-            Self::Twice { found } => write!(f, "`{found}` is set twice"),
+            Self::Twice { found } => write!(f, "`{found}` is set twice; keep one"),
             Self::Key { found } => {
                 let keys: Vec<_> = KEYS.into_iter().chain(PARAMETERS.iter().map(|parameter| parameter.name)).collect();
                 write!(

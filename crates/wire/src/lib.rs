@@ -5,7 +5,7 @@
 //! [`BYTES_MAX`] times a small factor, whatever the bytes are.
 //!
 //! The schema is `proto/plumbline/v1/*.proto`, that of viewers `proto/foxglove/*.proto`; this is the only crate that names prost.
-//! `src/generated` is made of them by a test, which says when it is not.
+//! `src/generated` is made of them by a test: after a change in `proto`, `cargo test -p wire generated` first, then whoever uses the new field.
 //!
 //! | module | what it holds |
 //! | --- | --- |

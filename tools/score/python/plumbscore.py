@@ -77,7 +77,7 @@ class Table:
     def errors_deg(self) -> dict[str, Array]:
         """Estimate less truth, the short way round; of the whole, the inclination and the bias (°/s) the size.
 
-        Yaw, and `heading`, the turn about the vertical, drift where they are counted from nowhere; the course has no error then.
+        Yaw, `heading`, the turn about the vertical, and with it `total` drift where they are counted from nowhere; the course has no error then.
         """
         w0, x0, y0, z0 = self.quaternion().T
         w1, x1, y1, z1 = self.quaternion("true_").T
@@ -106,8 +106,9 @@ class Table:
         return {name: math.nan if name in of_heading else error for name, error in of.items()}
 
     def normalised(self) -> dict[str, Array]:
-        """Errors over the deviations told beside them. Ideal: 68 % of the inclination below 1.51, of heading and course below 1."""
+        """Errors over the deviations told beside them, of a heading where it is counted from north. Ideal: 68 % of the inclination below 1.51, of heading and course below 1."""
         errors = self.errors_deg()
+        errors["heading"] = np.where(self["heading_reference"] == "arbitrary", np.nan, errors["heading"])
         with np.errstate(divide="ignore", invalid="ignore"):
             return {name: errors[name] / np.degrees(self[f"{name}_sd_rad"]) for name in ("inclination", "heading", "course")}
 

@@ -48,18 +48,23 @@ pub enum ScoreError {
         known: String,
     },
     /// A parameter with two values.
-    #[error("setting {place}: it is named twice")]
+    #[error("setting {place}: it is set twice; keep one")]
     SetTwice {
         /// The parameter, as it was named.
         place: String,
     },
-    /// Figures of a time after the end.
-    #[error("drawing {trial} from {from_s} s on: it ends at {end_s:.3} s")]
-    FromAfterEnd {
+    /// Figures of a time without a sample.
+    #[error("drawing {trial}: there is no sample from {from_s} s{}; it ends at {end_s:.3} s, so give another --from or --to", match to_s {
+        Some(to_s) => format!(" to {to_s} s"),
+        None => " on".into(),
+    })]
+    NothingToDraw {
         /// The trial.
         trial: String,
         /// From when on.
         from_s: f64,
+        /// Until when.
+        to_s: Option<f64>,
         /// The end.
         end_s: f64,
     },
@@ -159,7 +164,7 @@ impl ScoreError {
             Self::Stage { .. }
             | Self::FuserTwice { .. }
             | Self::SetTwice { .. }
-            | Self::FromAfterEnd { .. }
+            | Self::NothingToDraw { .. }
             | Self::Key { .. }
             | Self::Ambiguous { .. }
             | Self::Value { .. }

@@ -114,7 +114,7 @@ pub fn run(request: &Request, progress: &mut (dyn FnMut(u64, u64) + Send)) -> Re
                 scores.differences.extend(differences(&overlay, &launches));
                 overlays.push(overlay);
             }
-            heading_is_known &= heading || !trial.has_reference;
+            heading_is_known &= heading;
         }
         for (stage, mut of_stage) in scores.stages.iter_mut().zip(of_stages) {
             let is_one = of_stage.len() == 1;
@@ -217,7 +217,7 @@ fn errors_of_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bo
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         lanes.iter_mut().try_for_each(|lane| lane.offer(&sample, truth.as_ref()))?;
     }
-    Ok(lanes.iter().map(|lane| (lane.errors(), lane.heading_is_known())).collect())
+    Ok(lanes.iter().map(|lane| (lane.errors(), lane.tally.heading_is_known() != Some(false))).collect())
 }
 
 fn trials(request: &Request, entries: &[Entry]) -> Result<Vec<Trial>, ScoreError> {
@@ -299,8 +299,9 @@ fn one(
     findings.extend(judge.finish());
     let nothing_counts = trial.has_reference && lanes.iter().all(|lane| lane.collector.accuracy().count() == 0);
     let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
-    let warnings = warnings.chain(nothing_counts.then(|| NOTHING_COUNTS.into()));
-    let heading = lanes.iter().all(Lane::heading_is_known);
+    let why = if trial.name.starts_with("sim:") { SIMULATION_ENDS } else { NOTHING_COUNTS };
+    let warnings = warnings.chain((nothing_counts && is_first).then(|| why.into()));
+    let heading = lanes.iter().all(|lane| lane.tally.heading_is_known() != Some(false));
     if let Some(pen) = pen.filter(|_| is_first) {
         draw(request, pen, trial, &all, &mut lanes)?;
     }
@@ -317,9 +318,10 @@ fn draw(
     lanes: &mut [Lane],
 ) -> Result<(), ScoreError> {
     let Some(plots) = &request.plot else { return Ok(()) };
-    let ended = lanes.iter().find_map(|lane| lane.files.record.as_deref()?.ended_before_s());
-    if let Some(end_s) = ended {
-        return Err(ScoreError::FromAfterEnd { trial: trial.name.clone(), from_s: plots.from_s, end_s });
+    let nothing = lanes.iter().find_map(|lane| lane.files.record.as_deref()?.shows_nothing_until_s());
+    if let Some(end_s) = nothing {
+        let Plots { from_s, to_s, .. } = *plots;
+        return Err(ScoreError::NothingToDraw { trial: trial.name.clone(), from_s, to_s, end_s });
     }
     lanes.iter_mut().filter_map(|lane| lane.files.record.as_deref_mut()).for_each(Record::finish);
     let records: Vec<_> = lanes.iter().filter_map(|lane| lane.files.record.as_deref()).collect();
@@ -331,7 +333,9 @@ fn draw(
     if records.len() > 1 { pen.all(&together, &trial.name, &launches, &records) } else { Ok(()) }
 }
 
-const NOTHING_COUNTS: &str = "nothing is scored: no sample has a truth that counts; a recording marks them by `mov`, a simulation counts after its first seconds";
+/// Why a trial with a truth has no score.
+const SIMULATION_ENDS: &str = "nothing is scored: it ends before it counts; give it a longer duration_s";
+const NOTHING_COUNTS: &str = "nothing is scored: no sample that counts (column `mov`) has a truth; see that --reference is on the clock of the recording";
 
 /// What was refused of a trial, where anything was.
 fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
@@ -445,8 +449,10 @@ impl Lane {
         self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
     }
 
+    /// Where something is scored, at the last tick that is; else at the last.
     fn heading_is_known(&self) -> bool {
-        self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY)
+        let in_the_end = || self.newest.is_some_and(|(_, fused)| fused.course_reference != CourseReference::ARBITRARY);
+        self.tally.heading_is_known().unwrap_or_else(in_the_end)
     }
 
     fn errors(&self) -> Errors {

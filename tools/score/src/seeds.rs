@@ -74,17 +74,21 @@ pub fn joined(name: &str, of: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(of: &[(u64, TrialScore)]) -> Option<Spread> {
+    // What has a mean: of a heading that not every seed knows there is no spread.
+    let has = Errors::mean(&of.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).each().map(|it| it.is_some());
     let (_, ranked_by) = least_of(of.iter().all(|(_, score)| score.heading_is_known));
     let error = |score: &TrialScore| ranked_by(&score.error.attitude).unwrap_or(f64::NEG_INFINITY);
     let (worst_seed, worst) = of.iter().max_by(|(_, a), (_, b)| error(a).total_cmp(&error(b)))?;
     let sorted: [Vec<f64>; _] = std::array::from_fn(|at| {
-        let mut sorted: Vec<f64> = of.iter().filter_map(|(_, score)| score.error.each()[at]).collect();
+        let mut sorted: Vec<f64> =
+            of.iter().filter(|_| has[at]).filter_map(|(_, score)| score.error.each()[at]).collect();
         sorted.sort_by(f64::total_cmp);
         sorted
     });
     let errors = |of: &dyn Fn(&[f64]) -> Option<f64>| Errors::of_each(sorted.each_ref().map(|sorted| of(sorted)));
     let worst_of = |(at, name): (usize, &'static str)| {
-        let known = of.iter().filter_map(|(seed, score)| Some((seed, score.error.each()[at]?.abs())));
+        let known =
+            of.iter().filter(|_| has[at]).filter_map(|(seed, score)| Some((seed, score.error.each()[at]?.abs())));
         let (seed, _) = known.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
         Some((name, *seed))
     };

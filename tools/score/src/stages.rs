@@ -80,12 +80,14 @@ pub fn launches(choice: &Choice) -> Result<Vec<Launch>, ScoreError> {
             launches.push(launch);
         }
     }
-    for (next, setting) in (1..).zip(&choice.settings) {
-        let is_same = |other: &&Setting| (&other.of, &other.key) == (&setting.of, &setting.key);
-        if choice.settings[next..].iter().find(is_same).is_some() {
-            return Err(ScoreError::SetTwice { place: setting.place() });
+    let mut set = Vec::new();
+    for setting in &choice.settings {
+        for (launch, slot) in apply(setting, &mut launches)? {
+            if set.contains(&(launch, slot, &setting.key)) {
+                return Err(ScoreError::SetTwice { place: setting.place() });
+            }
+            set.push((launch, slot, &setting.key));
         }
-        apply(setting, &mut launches)?;
     }
     Ok(launches)
 }
@@ -108,13 +110,13 @@ fn name(
     Ok(())
 }
 
-/// Gives the setting to every launch with a stage that has the parameter.
-pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), ScoreError> {
+/// Gives the setting to every launch with a stage that has the parameter; which launches, and which slots of theirs, have it now.
+pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(usize, Service)>, ScoreError> {
     let Setting { of, key, value } = setting;
     let meant = |slot: Service, stage: &str| of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
-    let mut places: Vec<Service> = Vec::new();
+    let (mut places, mut given): (Vec<Service>, Vec<_>) = Default::default();
     let (mut known, mut others): (Vec<(Service, &str, &Parameter)>, Vec<_>) = Default::default();
-    for launch in launches {
+    for (index, launch) in launches.iter_mut().enumerate() {
         let mut stages = Stages::of(launch)?;
         for (slot, stage, parameters) in stages.parameters() {
             let list = if meant(slot, stage) { &mut known } else { &mut others };
@@ -129,13 +131,14 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<(), Sc
             let value_refused = |cause| ScoreError::Value { key: key.clone(), stage: stage.into(), cause };
             stages.set(slot, key, *value).map_err(value_refused)?;
             filling(launch, slot).set.insert(key.clone(), *value);
+            given.push((index, slot));
             if !places.contains(&slot) {
                 places.push(slot);
             }
         }
     }
     match places.len() {
-        1 => Ok(()),
+        1 => Ok(given),
         0 => {
             // Where no chosen stage is of that name, all of them are told.
             let known = if known.is_empty() { others } else { known };

@@ -153,12 +153,15 @@ impl Errors {
         Self { attitude, roll, pitch, yaw, course, gyro_bias_deg_s, drift_deg_min, drift_end_deg }
     }
 
-    /// Of each the mean size, over those that have it.
+    /// Of each the mean size, over those that have it; of total, heading and yaw none where one that has a score lacks them, so that a mean
+    /// is of the same trials as that of the inclination beside it.
     pub(crate) fn mean(of: &[Self]) -> Self {
         let mean = |at: usize| {
             let known = || of.iter().filter_map(|errors| errors.each()[at]);
             let count = known().count();
-            (count > 0).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
+            let scored = of.iter().filter(|errors| errors.attitude.inclination.is_some()).count();
+            let is_of_all = !["total", "heading", "yaw"].contains(&Self::NAMES[at]) || count == scored;
+            (count > 0 && is_of_all).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
         };
         Self::of_each(std::array::from_fn(mean))
     }
@@ -286,6 +289,17 @@ mod tests {
         let Scores { stages, .. } = scores();
         assert_eq!(stages[0].mean.attitude, ErrorsDeg { total: Some(1.5), heading: Some(1.5), inclination: Some(1.5) });
         assert_eq!(stages[0].ns_per_update, Some(100.0));
+    }
+
+    #[test]
+    fn where_one_trial_knows_no_heading_the_mean_has_none() {
+        let of = |total: Option<f64>, inclination: f64| {
+            let attitude = ErrorsDeg { total, heading: total, inclination: Some(inclination) };
+            Errors { attitude, yaw: total, roll: Some(1.0), ..Errors::default() }
+        };
+        let mean = Errors::mean(&[of(Some(3.0), 1.0), of(None, 2.0), Errors::default()]);
+        assert_eq!(mean.attitude, ErrorsDeg { inclination: Some(1.5), ..ErrorsDeg::default() });
+        assert_eq!((mean.yaw, mean.roll), (None, Some(1.0)));
     }
 
     #[test]

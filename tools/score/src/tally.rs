@@ -70,14 +70,20 @@ pub struct Tally {
     gyro_bias: Squares,
     drift: Drift,
     deviations: Deviations,
-    heading_is_known: bool,
+    /// At the last tick that counts.
+    heading_is_known: Option<bool>,
 }
 
 impl Tally {
+    /// The heading was counted from north at the last tick that counts; `None` where none does.
+    pub fn heading_is_known(&self) -> Option<bool> {
+        self.heading_is_known
+    }
+
     /// Takes a tick that counts.
     pub fn take(&mut self, moment: &Moment, output: &AttitudeOutput, fused: &FusedState) {
         let Moment { attitude, angles, turn_deg, heading_is_known, course_is_known, gyro_bias_deg_s } = moment;
-        self.heading_is_known = *heading_is_known;
+        self.heading_is_known = Some(*heading_is_known);
         let deviations = &mut self.deviations;
         deviations.inclination.push(attitude.inclination_deg, fused.inclination_sd_rad.to_degrees());
         if *heading_is_known {
@@ -103,8 +109,9 @@ impl Tally {
 
     /// The errors, beside those of the whole attitude; where heading is known in the end, there is no drift, and else neither heading nor total.
     pub fn errors(&self, attitude: ErrorsDeg) -> Errors {
-        let drift = self.drift.told().filter(|_| !self.heading_is_known);
-        let of_heading = |deg: Option<f64>| deg.filter(|_| self.heading_is_known);
+        let is_known = self.heading_is_known == Some(true);
+        let drift = self.drift.told().filter(|_| !is_known);
+        let of_heading = |deg: Option<f64>| deg.filter(|_| is_known);
         Errors {
             attitude: ErrorsDeg {
                 total: of_heading(attitude.total),

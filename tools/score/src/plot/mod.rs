@@ -9,7 +9,7 @@
 //! | `NAME.v` | v of gyro, accelerometer and fused in one panel |
 //! | `NAME.angles` | yaw, pitch, roll and course |
 //! | `NAME.bias` | the gyro's bias, estimated, and true where that is known |
-//! | `NAME.error` | inclination, heading and total error, where there is a reference |
+//! | `NAME.error` | inclination error where there is a reference, heading and total error where a heading is known |
 //! | `NAME.signed` | errors of roll, pitch, yaw and course with their signs; of a yaw that is counted from nowhere how far it has drifted |
 //! | `NAME.bias-error` | the error of the gyro's bias, where that is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |

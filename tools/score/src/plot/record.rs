@@ -146,8 +146,8 @@ impl Record {
         self.ticks += 1;
     }
 
-    /// When the run ended where that was before what is to be shown, s.
-    pub(crate) fn ended_before_s(&self) -> Option<f64> {
+    /// When the run ended, s, where no sample of it is to be shown.
+    pub(crate) fn shows_nothing_until_s(&self) -> Option<f64> {
         (self.ticks == 0).then_some(self.end_s)
     }
 

@@ -1,4 +1,4 @@
-//! The gyro's bias and scale from the levelled force: a Kalman filter of the tilt error and of both, at 5 Hz.
+//! The gyro's bias and scale from the levelled force: a Kalman filter of the tilt error and of both, at 5 Hz, of a first level faster.
 //!
 //! The gyro reads ω + b + m ∘ ω. A tilt error ε shows as a horizontal force g ε. Bias and scale drive it by
 //! −j Σ a_i (b_i + m_i ω_i), a_i the horizontal parts of the body's axes; the levelling loop takes from it what it leans, which is known:
@@ -222,10 +222,10 @@ impl GyroErrorFilter {
         libm::sqrt((BIAS..SCALE).map(|i| self.covariance[(i, i)]).fold(0.0, f64::max))
     }
 
-    /// The level begins anew, with an unknown error; bias and scale stay.
-    pub(super) fn restart(&mut self) {
+    /// The level begins anew, with an unknown error, `of_one_sample` or as it was held; bias and scale stay.
+    pub(super) fn restart(&mut self, of_one_sample: bool) {
         let known: ErrorCovariance = self.covariance.fixed_view::<ERRORS, ERRORS>(BIAS, BIAS).into();
-        *self = Self { bias_rad_s: self.bias_rad_s, scale: self.scale, ..Self::default() };
+        *self = Self { bias_rad_s: self.bias_rad_s, scale: self.scale, of_one_sample, ..Self::default() };
         self.covariance.fixed_view_mut::<ERRORS, ERRORS>(BIAS, BIAS).copy_from(&known);
     }
 
@@ -262,7 +262,7 @@ impl GyroErrorFilter {
         self.since_update_s >= least_s.min(INTERVAL_S)
     }
 
-    /// For how long innovations were seen, s, up to their memory.
+    /// For how long innovations were seen, s, up to what their memory adds to that before the first.
     #[inline]
     fn innovations_s(&self) -> f64 {
         self.force_noise.memory_s() - noise::MEMORY_BEFORE_S

@@ -86,7 +86,7 @@ impl Wz {
 
     pub(super) fn realign(&mut self) {
         self.level.restart();
-        self.gyro_errors.restart();
+        self.gyro_errors.restart(true);
         self.rest = Rest::default();
         self.heading.realign();
     }
@@ -97,7 +97,7 @@ impl Wz {
         if gyro_outage_s > 0.0 {
             self.gyro_outage_s = (self.gyro_outage_s + gyro_outage_s).min(1.0);
         } else if core::mem::take(&mut self.gyro_outage_s) > TOLD_BY_RATE_S {
-            self.gyro_errors.restart();
+            self.gyro_errors.restart(false);
             self.level.forget_velocity();
         }
     }

@@ -1,6 +1,6 @@
 //! How far the force, and the velocity that it makes, stray from what the level explains: the noise of the two measurements.
 //!
-//! Input: an innovation every fifth of a second. Output: the variance it stands for, were the next independent of it. Time: the
+//! Input: an innovation of each update. Output: the variance it stands for, were the next independent of it. Time: the
 //! updates' intervals. Failure: none.
 
 use crate::{Complex, numbers::Numbers};
