@@ -210,7 +210,7 @@ fn what_there_is_not_is_said_with_what_there_is() {
     refused(
         &["a.csv", "--set", "bogus.beta=1"],
         2,
-        &["setting bogus.beta: no chosen stage has it", "fuser.declination"],
+        &["setting bogus.beta: no chosen stage has it", "fuser.hard_iron_sd_ut of multiple-model"],
     );
     let twice = ["a.csv", "--set", "declination_deg=1", "--set", "course.declination_deg=2"];
     refused(&twice, 2, &["setting course.declination_deg: it is set twice; keep one"]);

@@ -160,7 +160,7 @@ impl Errors {
             let known = || of.iter().filter_map(|errors| errors.each()[at]);
             let count = known().count();
             let scored = of.iter().filter(|errors| errors.attitude.inclination.is_some()).count();
-            let is_of_all = !["total", "heading", "yaw"].contains(&Self::NAMES[at]) || count == scored;
+            let is_of_all = !["total", "heading", "yaw"].contains(&Self::NAMES[at]) || count >= scored;
             (count > 0 && is_of_all).then(|| known().map(f64::abs).sum::<f64>() / count as f64)
         };
         Self::of_each(std::array::from_fn(mean))
