@@ -78,7 +78,8 @@ fn pymavlink_hears_the_attitude_that_the_system_writes() {
     assert!(beats.contains(&companion(ACTIVE)), "{heard}");
     let number = |name: &str| heard[name].as_f64().unwrap();
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "single precision: {heard}");
-    assert!(number("fastest_rad_s") > 0.5 && number("rate_rad_s") < 0.05, "{heard}");
+    // From one attitude to the next there is what the stage corrects, too.
+    assert!(number("fastest_rad_s") > 0.5 && number("rate_rad_s") < 0.1, "{heard}");
     assert_eq!((&sent["unaligned"], &sent["invalid"]), (&json!(0), &json!(0)), "{sent}");
 }
 
