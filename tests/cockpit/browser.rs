@@ -58,6 +58,13 @@ impl Page {
         Some(page)
     }
 
+    /// The same, which draws as often as a screen shows.
+    pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
+        let mut page = Self::start()?;
+        page.ask(&json!({ "do": "open", "url": url, "width": 1280, "height": 720, "scheme": "light", "webgl": true, "seldom": false }));
+        Some(page)
+    }
+
     /// A browser without a page yet.
     pub(crate) fn start() -> Option<Self> {
         let folder = PACKAGES.as_ref()?;
@@ -69,11 +76,9 @@ impl Page {
         Some(Self { node, input, lines })
     }
 
-    /// The headers of the page.
+    /// Opens an address, whose page draws ten times a second; the headers of the answer.
     pub(crate) fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
-        self.ask(
-            &json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl }),
-        )
+        self.ask(&json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl, "seldom": true }))
     }
 
     pub(crate) fn eval(&mut self, code: &str) -> Value {

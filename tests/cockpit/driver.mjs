@@ -12,7 +12,7 @@ let page;
 let counting;
 
 const verbs = {
-  async open({ url, width, height, scheme, webgl }) {
+  async open({ url, width, height, scheme, webgl, seldom }) {
     const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
     page = await context.newPage();
     counting = undefined;
@@ -29,6 +29,11 @@ const verbs = {
         if (globalThis.written.length < 2000) globalThis.written.push({ canvas: this.canvas, text, style: this.fillStyle });
         own.call(this, text, ...more);
       };
+    });
+    // Without a graphics card pictures take most of the processor: ten a second show what thirty would.
+    if (seldom) await page.addInitScript(() => {
+      const own = globalThis.requestAnimationFrame;
+      globalThis.requestAnimationFrame = (draw) => setTimeout(() => own(draw), 84);
     });
     if (!webgl) await page.addInitScript(() => {
       const own = HTMLCanvasElement.prototype.getContext;

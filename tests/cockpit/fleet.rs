@@ -1,14 +1,14 @@
 //! Vehicles elsewhere on one page.
-use crate::{
+use super::{
     browser::Page,
-    common::{
-        System,
-        beyond::{endpoint, free_port, gateway},
-        plumb,
-        site::{Site, listening},
-        until,
-    },
     page::{View, row},
+};
+use crate::common::{
+    System,
+    beyond::{endpoint, free_port, gateway},
+    plumb,
+    site::{Site, listening},
+    until,
 };
 
 fn vehicle(name: &str, more: &str) -> System {

@@ -11,12 +11,12 @@ use std::{
     time::Duration,
 };
 
-use crate::{
+use super::{
     browser::{PACKAGES, run},
-    common::{System, beyond::free_port, data, plumb, python::python, signal, until},
     page::{View, row, with_cockpit},
     strangers::{UPGRADE, connected, get},
 };
+use crate::common::{System, beyond::free_port, data, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 

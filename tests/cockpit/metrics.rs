@@ -6,10 +6,8 @@ use std::{
     sync::LazyLock,
 };
 
-use crate::{
-    common::{System, python::python, signal, until},
-    page::{row, with_cockpit},
-};
+use super::page::{row, with_cockpit};
+use crate::common::{System, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -6,10 +6,8 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::{
-    browser::{PACKAGES, Page, run},
-    common::{Running, System, beyond::free_port, plumb, signal, until},
-};
+use super::browser::{PACKAGES, Page, run};
+use crate::common::{Running, System, beyond::free_port, plumb, signal, until};
 use attitude::frames::Frame;
 use rustix::process::Signal;
 use serde_json::Value;

@@ -1,9 +1,9 @@
 //! A recorded flight as a page.
-use crate::{
+use super::{
     browser::Page,
-    common::{System, beyond::free_port, plumb},
     page::{View, row},
 };
+use crate::common::{System, beyond::free_port, plumb};
 
 #[test]
 fn a_recording_is_scrubbed_to_a_known_second() {

@@ -10,11 +10,11 @@ use std::{
     time::Duration,
 };
 
-use crate::{
+use super::{
     browser::Page,
-    common::{Running, until},
     page::{address, with_cockpit},
 };
+use crate::common::{Running, until};
 
 const RATE_RAD_S: f64 = 0.5;
 const DOWN_RAD: f64 = 0.7;

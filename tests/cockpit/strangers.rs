@@ -7,10 +7,8 @@ use std::{
     time::Duration,
 };
 
-use crate::{
-    common::until,
-    page::{address, with_cockpit},
-};
+use super::page::{address, with_cockpit};
+use crate::common::until;
 
 /// The first line and the headers of the answer to a request, and the connection.
 pub(crate) fn connected(port: u16, request: &str) -> (TcpStream, String) {

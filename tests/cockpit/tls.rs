@@ -5,11 +5,8 @@ use std::{
     process::{Command, Output},
 };
 
-use crate::{
-    browser::Page,
-    common::{System, beyond::free_port, plumb, site::Site, until},
-    page::with_cockpit,
-};
+use super::{browser::Page, page::with_cockpit};
+use crate::common::{System, beyond::free_port, plumb, site::Site, until};
 
 /// Asks by the standard library of Python, which believes the authority and nobody else: the status, or what was said against it.
 fn status(site: &Site, url: &str, token: &str) -> String {

@@ -12,60 +12,60 @@ use serde_json::Value;
 use super::{System, plumb, until};
 
 /// A port that nobody has, neither for TCP nor for UDP.
-pub fn free_port() -> u16 {
+pub(crate) fn free_port() -> u16 {
     let one = || TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let mut ports = std::iter::repeat_with(one).take(100);
     ports.find(|port| UdpSocket::bind(("127.0.0.1", *port)).is_ok()).unwrap()
 }
 
 /// A system with a gateway; `more` follows in its table.
-pub fn with_gateway(port: u16, more: &str) -> System {
+pub(crate) fn with_gateway(port: u16, more: &str) -> System {
     System::new(&format!(
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[gateway]\nlisten = [\"tcp/127.0.0.1:{port}\"]\n{more}"
     ))
 }
 
-pub fn ps(system: &System) -> Vec<Value> {
+pub(crate) fn ps(system: &System) -> Vec<Value> {
     let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
     serde_json::from_slice(&output.stdout).unwrap_or_default()
 }
 
-pub fn gateway(system: &System) -> Option<Value> {
+pub(crate) fn gateway(system: &System) -> Option<Value> {
     ps(system).into_iter().find(|one| one["service"] == "gateway")
 }
 
 /// Where the gateway listens, once it does.
-pub fn endpoint(system: &System) -> String {
+pub(crate) fn endpoint(system: &System) -> String {
     let at = || Some(gateway(system)?["at"].as_str()?.to_owned());
     until("the gateway to listen", || at().is_some());
     at().unwrap()
 }
 
-pub fn station(endpoints: &[&str], more: &[&str]) -> Command {
+pub(crate) fn station(endpoints: &[&str], more: &[&str]) -> Command {
     let mut command = plumb(&["station", "--json"]);
     command.args(endpoints.iter().flat_map(|endpoint| ["--connect", endpoint]));
     command.args(more);
     command
 }
 
-pub fn seen(mut command: Command) -> Value {
+pub(crate) fn seen(mut command: Command) -> Value {
     let output = command.output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     let last = text.lines().last().unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     serde_json::from_str(last).unwrap()
 }
 
-pub fn topic<'v>(vehicle: &'v Value, name: &str) -> &'v Value {
+pub(crate) fn topic<'v>(vehicle: &'v Value, name: &str) -> &'v Value {
     let topics = vehicle["topics"].as_array().unwrap();
     topics.iter().find(|topic| topic["topic"] == name).unwrap_or_else(|| panic!("no {name}: {vehicle}"))
 }
 
-pub fn number(value: &Value, name: &str) -> u64 {
+pub(crate) fn number(value: &Value, name: &str) -> u64 {
     value[name].as_u64().unwrap_or_else(|| panic!("no {name}: {value}"))
 }
 
 /// The first column of a station's table.
-pub fn ticks(table: &Path) -> Vec<u64> {
+pub(crate) fn ticks(table: &Path) -> Vec<u64> {
     let text = fs::read_to_string(table).unwrap();
     text.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()
 }

@@ -1,11 +1,9 @@
 //! Systems for tests: real processes, each under a name of its own, so that tests run in parallel and never meet.
-#![allow(dead_code, unreachable_pub, reason = "each executable uses its part")]
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-pub mod beyond;
-pub mod python;
-pub mod site;
-pub mod terminal;
+pub(crate) mod beyond;
+pub(crate) mod python;
+pub(crate) mod site;
+pub(crate) mod terminal;
 
 use std::{
     cell::RefCell,
@@ -23,31 +21,31 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// A system of a test: its name, its folder, its launch file.
-pub struct System {
-    pub name: String,
-    pub folder: TempDir,
+pub(crate) struct System {
+    pub(crate) name: String,
+    pub(crate) folder: TempDir,
     /// `plumb`, or the executable whose services have faults.
-    pub executable: PathBuf,
+    pub(crate) executable: PathBuf,
 }
 
 /// How a run ended.
-pub struct Run {
-    pub code: Option<i32>,
-    pub json: Value,
-    pub people: String,
+pub(crate) struct Run {
+    pub(crate) code: Option<i32>,
+    pub(crate) json: Value,
+    pub(crate) people: String,
 }
 
 impl System {
     /// A system whose launch file is `text` with a name that nobody else has. Unless that says otherwise its topics hold more than usual and
     /// its readers wait for longer: how long a machine with much to do takes for a restart is not what a test is about.
-    pub fn new(text: &str) -> Self {
+    pub(crate) fn new(text: &str) -> Self {
         let patience = [("buffer_s", 6.0), ("lateness_s", 4.0)]
             .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value:?}\n") });
         Self::written(&(patience.concat() + text))
     }
 
     /// A system whose launch file is `text` from its second line on; the first is the name.
-    pub fn written(text: &str) -> Self {
+    pub(crate) fn written(text: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let folder = tempfile::tempdir().unwrap();
@@ -56,21 +54,21 @@ impl System {
     }
 
     /// A system of the executable whose course service has the fault that the launch file names.
-    pub fn with_faults(text: &str) -> Self {
+    pub(crate) fn with_faults(text: &str) -> Self {
         Self { executable: faulty(), ..Self::new(text) }
     }
 
     /// Puts more at the end of the launch file.
-    pub fn add(&self, text: &str) {
+    pub(crate) fn add(&self, text: &str) {
         let file = self.path("launch.toml");
         fs::write(&file, fs::read_to_string(&file).unwrap() + text).unwrap();
     }
 
-    pub fn path(&self, file: &str) -> PathBuf {
+    pub(crate) fn path(&self, file: &str) -> PathBuf {
         self.folder.path().join(file)
     }
 
-    pub fn command(&self, arguments: &[&str]) -> Command {
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(&self.executable);
         command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
         // What a system keeps for its next start is the test's own.
@@ -79,26 +77,26 @@ impl System {
     }
 
     /// Starts `plumb up` and does not wait for it.
-    pub fn start(&self, arguments: &[&str]) -> Running {
+    pub(crate) fn start(&self, arguments: &[&str]) -> Running {
         Running::of(self.command(arguments))
     }
 
     /// Starts `plumb up` as a shell does: in a process group of its own, which Ctrl-C goes to.
-    pub fn start_as_a_shell_does(&self, arguments: &[&str]) -> Running {
+    pub(crate) fn start_as_a_shell_does(&self, arguments: &[&str]) -> Running {
         let mut command = self.command(arguments);
         command.process_group(0);
         Running::of(command)
     }
 
     /// Runs `plumb up` to its end.
-    pub fn run(&self, arguments: &[&str]) -> Run {
+    pub(crate) fn run(&self, arguments: &[&str]) -> Run {
         let run = Run::of(self.command(arguments).output().unwrap());
         assert_eq!(self.remains(), Vec::<String>::new(), "left behind: {}", run.people);
         run
     }
 
     /// Waits until the system answers that every service runs.
-    pub fn all_run(&self) {
+    pub(crate) fn all_run(&self) {
         until("every service to run", || {
             let ps = self.ps();
             ps.len() >= 5 && ps.iter().all(|one| one["state"] == "running")
@@ -106,20 +104,20 @@ impl System {
     }
 
     /// How its services are; none where it does not answer.
-    pub fn ps(&self) -> Vec<Value> {
+    pub(crate) fn ps(&self) -> Vec<Value> {
         let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
         serde_json::from_slice(&output.stdout).unwrap_or_default()
     }
 
     /// Asks for a swap; what is answered.
-    pub fn ask_swap(&self, arguments: &[&str]) -> Value {
+    pub(crate) fn ask_swap(&self, arguments: &[&str]) -> Value {
         let output = plumb(&[&["swap", "--json", "--system", &self.name], arguments].concat()).output().unwrap();
         let said = || panic!("{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_slice(&output.stdout).unwrap_or_else(|_| said())
     }
 
     /// The same, and again where the answer asks for that, as where the machine stood still meanwhile.
-    pub fn swap(&self, arguments: &[&str]) -> Value {
+    pub(crate) fn swap(&self, arguments: &[&str]) -> Value {
         let asks_for_more = |report: &Value| {
             report["reason"].as_str().is_some_and(|why| why.contains("ask again") || why.contains("still under way"))
         };
@@ -136,7 +134,7 @@ impl System {
     }
 
     /// Ends the system, which has written `out`: nothing is lost or left behind, and the bytes are those of an undisturbed run of `launch`.
-    pub fn assert_ends_undisturbed(&self, running: Running, out: &Path, launch: &str) -> Run {
+    pub(crate) fn assert_ends_undisturbed(&self, running: Running, out: &Path, launch: &str) -> Run {
         running.interrupt();
         let run = running.wait();
         run.assert_whole();
@@ -146,7 +144,7 @@ impl System {
     }
 
     /// Shared memory and files that carry the system's name.
-    pub fn remains(&self) -> Vec<String> {
+    pub(crate) fn remains(&self) -> Vec<String> {
         let dotted = format!("plumbline.{}.", self.name);
         let folder = format!("plumbline.{}", self.name);
         let names = |path: &str| -> Vec<String> {
@@ -164,34 +162,34 @@ impl System {
 }
 
 /// A system that runs. It ends with the test.
-pub struct Running {
+pub(crate) struct Running {
     child: Option<Child>,
     /// The services that have been seen, by their processes.
     seen: RefCell<HashMap<u32, String>>,
 }
 
 impl Running {
-    pub fn of(command: Command) -> Self {
+    pub(crate) fn of(command: Command) -> Self {
         Self::telling(command, Stdio::piped())
     }
 
     /// What it says to people goes to `stderr`.
-    pub fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
+    pub(crate) fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
         let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
         Self { child: Some(child), seen: RefCell::default() }
     }
 
-    pub fn pid(&self) -> u32 {
+    pub(crate) fn pid(&self) -> u32 {
         self.child.as_ref().unwrap().id()
     }
 
     /// Where its standard input is written, once.
-    pub fn stdin(&mut self) -> ChildStdin {
+    pub(crate) fn stdin(&mut self) -> ChildStdin {
         self.child.as_mut().unwrap().stdin.take().unwrap()
     }
 
     /// The processes of the services, by name.
-    pub fn services(&self) -> Vec<(String, u32)> {
+    pub(crate) fn services(&self) -> Vec<(String, u32)> {
         let mut seen = self.seen.borrow_mut();
         children_of(self.pid())
             .into_iter()
@@ -209,7 +207,7 @@ impl Running {
             .collect()
     }
 
-    pub fn service(&self, name: &str) -> u32 {
+    pub(crate) fn service(&self, name: &str) -> u32 {
         let mut found = None;
         until("the service to start", || {
             found = self.services().into_iter().find(|(service, _)| service == name);
@@ -219,25 +217,25 @@ impl Running {
     }
 
     /// As Ctrl-C does.
-    pub fn interrupt(&self) {
+    pub(crate) fn interrupt(&self) {
         signal(self.pid(), Signal::INT);
     }
 
     /// The processes of the services, once all are there.
-    pub fn all_services(&self) -> Vec<(String, u32)> {
+    pub(crate) fn all_services(&self) -> Vec<(String, u32)> {
         until("five services", || self.services().len() == 5);
         self.services()
     }
 
-    pub fn has_ended(&mut self) -> bool {
+    pub(crate) fn has_ended(&mut self) -> bool {
         self.child.as_mut().unwrap().try_wait().unwrap().is_some()
     }
 
-    pub fn wait(self) -> Run {
+    pub(crate) fn wait(self) -> Run {
         Run::of(self.output())
     }
 
-    pub fn output(mut self) -> Output {
+    pub(crate) fn output(mut self) -> Output {
         self.child.take().unwrap().wait_with_output().unwrap()
     }
 }
@@ -255,19 +253,19 @@ impl Drop for Running {
 }
 
 impl Run {
-    pub fn of(output: Output) -> Self {
+    pub(crate) fn of(output: Output) -> Self {
         let scripts = String::from_utf8(output.stdout).unwrap();
         let json = scripts.lines().last().map_or(Value::Null, |line| serde_json::from_str(line).unwrap());
         Self { code: output.status.code(), json, people: String::from_utf8(output.stderr).unwrap() }
     }
 
-    pub fn number(&self, pointer: &str) -> f64 {
+    pub(crate) fn number(&self, pointer: &str) -> f64 {
         let value = self.json.pointer(pointer).and_then(Value::as_f64);
         value.unwrap_or_else(|| panic!("no {pointer} in {}\n{}", self.json, self.people))
     }
 
     /// Everything came out once.
-    pub fn assert_whole(&self) {
+    pub(crate) fn assert_whole(&self) {
         assert_eq!(self.code, Some(0), "{}", self.people);
         assert_eq!((self.number("/lost"), self.number("/duplicated")), (0.0, 0.0), "{}", self.people);
         assert_eq!(self.number("/ticks_in"), self.number("/ticks_out"));
@@ -275,7 +273,7 @@ impl Run {
 
     /// What it wrote to `out` is what an undisturbed run of `launch` in one process gives in as many ticks; the source is a simulation at
     /// 1 kHz.
-    pub fn assert_bytes(&self, out: &Path, launch: &str) {
+    pub(crate) fn assert_bytes(&self, out: &Path, launch: &str) {
         let system = System::new(launch);
         let (duration, undisturbed) =
             (format!("{}s", self.number("/ticks_out") / 1000.0), system.path("undisturbed.csv"));
@@ -285,19 +283,19 @@ impl Run {
     }
 
     /// The line of the report that starts with `word`.
-    pub fn line(&self, word: &str) -> &str {
+    pub(crate) fn line(&self, word: &str) -> &str {
         self.people.lines().find(|line| line.starts_with(word)).unwrap_or_else(|| panic!("no {word}: {}", self.people))
     }
 }
 
-pub fn plumb(arguments: &[&str]) -> Command {
+pub(crate) fn plumb(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
     command.args(arguments).stdin(Stdio::null());
     command
 }
 
 /// What `plumb` writes to a terminal of 24 lines and 80 columns.
-pub fn on_a_terminal(arguments: &[&str]) -> String {
+pub(crate) fn on_a_terminal(arguments: &[&str]) -> String {
     let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
     let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
@@ -306,34 +304,34 @@ pub fn on_a_terminal(arguments: &[&str]) -> String {
 }
 
 /// The service with the faults.
-pub fn faulty() -> PathBuf {
+pub(crate) fn faulty() -> PathBuf {
     example("faulty")
 }
 
 /// An example, which is built with the tests.
-pub fn example(name: &str) -> PathBuf {
+pub(crate) fn example(name: &str) -> PathBuf {
     let file = PathBuf::from(env!("CARGO_BIN_EXE_plumb")).with_file_name("examples").join(name);
     assert!(file.is_file(), "{} is not there: cargo build --release --examples", file.display());
     file
 }
 
-pub fn signal(pid: u32, signal: Signal) {
+pub(crate) fn signal(pid: u32, signal: Signal) {
     // A process that is no more needs no signal.
     let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), signal);
 }
 
 /// The process is there and not a zombie.
-pub fn lives(pid: u32) -> bool {
+pub(crate) fn lives(pid: u32) -> bool {
     fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
 }
 
-pub fn children_of(pid: u32) -> Vec<u32> {
+pub(crate) fn children_of(pid: u32) -> Vec<u32> {
     let text = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
     text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
 }
 
 /// Waits for something that must come; the limit is only there to end a failed test.
-pub fn until(what: &str, mut done: impl FnMut() -> bool) {
+pub(crate) fn until(what: &str, mut done: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while !done() {
         assert!(Instant::now() < deadline, "waited in vain for {what}");
@@ -342,7 +340,7 @@ pub fn until(what: &str, mut done: impl FnMut() -> bool) {
 }
 
 /// The folder of recordings; says that the test is skipped where there is none.
-pub fn data() -> Option<PathBuf> {
+pub(crate) fn data() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../shared/data"), PathBuf::from);
     if folder.is_dir() {
@@ -354,7 +352,7 @@ pub fn data() -> Option<PathBuf> {
 }
 
 /// `t_s` and quaternion of each line of an `--out` file.
-pub fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
+pub(crate) fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
     let text = fs::read_to_string(path).unwrap();
     let mut lines = text.lines();
     assert_eq!(lines.next(), Some("t_s,qw,qx,qy,qz"));
@@ -367,7 +365,7 @@ pub fn attitudes(path: &Path) -> Vec<(f64, [f64; 4])> {
 }
 
 /// Whatever went in: finite, of unit length, time growing.
-pub fn assert_sound(attitudes: &[(f64, [f64; 4])]) {
+pub(crate) fn assert_sound(attitudes: &[(f64, [f64; 4])]) {
     for pair in attitudes.windows(2) {
         assert!(pair[1].0 > pair[0].0, "time does not grow: {pair:?}");
     }
@@ -378,7 +376,7 @@ pub fn assert_sound(attitudes: &[(f64, [f64; 4])]) {
 }
 
 /// Angle between the up vectors of two attitudes, degrees.
-pub fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
+pub(crate) fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let (a, b) = (up(a), up(b));
     let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
@@ -386,7 +384,7 @@ pub fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
     cross.iter().map(|x| x * x).sum::<f64>().sqrt().atan2(dot).to_degrees()
 }
 
-pub fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
+pub(crate) fn rms(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
     (sum / count).sqrt()
 }

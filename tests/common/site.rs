@@ -7,10 +7,10 @@ use tempfile::TempDir;
 use super::{System, plumb};
 
 /// A folder of keys.
-pub struct Site(TempDir);
+pub(crate) struct Site(TempDir);
 
 impl Site {
-    pub fn new(parties: &[&[&str]]) -> Self {
+    pub(crate) fn new(parties: &[&[&str]]) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.keys(&["init"]);
         parties.iter().for_each(|party| site.keys(party));
@@ -22,26 +22,26 @@ impl Site {
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     }
 
-    pub fn of(&self, party: &str) -> PathBuf {
+    pub(crate) fn of(&self, party: &str) -> PathBuf {
         self.0.path().join(party)
     }
 
     /// What `[gateway]` says of a party's certificate.
-    pub fn tls(&self, party: &str) -> String {
+    pub(crate) fn tls(&self, party: &str) -> String {
         let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| self.of(party).join(file));
         format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?} }}")
     }
 }
 
 /// A system with a gateway whose table is `gateway`.
-pub fn system(gateway: &str) -> System {
+pub(crate) fn system(gateway: &str) -> System {
     System::new(&format!(
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\"]\n[ingest.sim]\nrate_hz = 100\n[gateway]\n{gateway}\n"
     ))
 }
 
 /// A vehicle that listens itself at `port`.
-pub fn listening(site: &Site, port: u16) -> System {
+pub(crate) fn listening(site: &Site, port: u16) -> System {
     let access = site.of("vehicle.alpha").join("access.json5");
     let tls = site.tls("vehicle.alpha");
     system(&format!("vehicle = \"alpha\"\nlisten = [\"quic/127.0.0.1:{port}\"]\naccess = {access:?}\n{tls}"))

@@ -22,8 +22,8 @@ use vt100::Parser;
 const END: &[u8] = b"\x1b]0;end\x07";
 
 /// A program on a terminal. It ends with the test.
-pub struct OnTerminal {
-    pub child: Child,
+pub(crate) struct OnTerminal {
+    pub(crate) child: Child,
     keys: File,
     /// The program's side, which stays open so that what is left of it can be read.
     side: File,
@@ -36,13 +36,13 @@ pub struct OnTerminal {
 
 impl OnTerminal {
     /// Starts it on a terminal of so many lines and columns.
-    pub fn start(mut command: Command, size: (u16, u16)) -> Self {
+    pub(crate) fn start(mut command: Command, size: (u16, u16)) -> Self {
         command.env("TERM", "xterm-256color").env_remove("NO_COLOR");
         Self::start_as_it_is(command, size)
     }
 
     /// The same in the environment of the command.
-    pub fn start_as_it_is(mut command: Command, (lines, columns): (u16, u16)) -> Self {
+    pub(crate) fn start_as_it_is(mut command: Command, (lines, columns): (u16, u16)) -> Self {
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&near).unwrap();
         unlockpt(&near).unwrap();
@@ -72,17 +72,17 @@ impl OnTerminal {
     }
 
     /// What is on the screen, line by line.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         self.screen.lock().unwrap().screen().contents()
     }
 
     /// Waits until what is on the screen holds all the words.
-    pub fn shows(&self, words: &[&str]) -> String {
+    pub(crate) fn shows(&self, words: &[&str]) -> String {
         self.shows_that(&format!("{words:?}"), |text| words.iter().all(|word| text.contains(word)))
     }
 
     /// The same of whatever must hold of it.
-    pub fn shows_that(&self, what: &str, holds: impl Fn(&str) -> bool) -> String {
+    pub(crate) fn shows_that(&self, what: &str, holds: impl Fn(&str) -> bool) -> String {
         let deadline = Instant::now() + Duration::from_secs(60);
         loop {
             let text = self.text();
@@ -94,27 +94,27 @@ impl OnTerminal {
         }
     }
 
-    pub fn press(&mut self, keys: &str) {
+    pub(crate) fn press(&mut self, keys: &str) {
         self.keys.write_all(keys.as_bytes()).unwrap();
     }
 
-    pub fn resize(&self, lines: u16, columns: u16) {
+    pub(crate) fn resize(&self, lines: u16, columns: u16) {
         self.screen.lock().unwrap().screen_mut().set_size(lines.try_into().unwrap(), columns.try_into().unwrap());
         tcsetwinsize(&self.keys, size(lines, columns)).unwrap();
     }
 
     /// A view has taken the terminal over.
-    pub fn is_taken_over(&self) -> bool {
+    pub(crate) fn is_taken_over(&self) -> bool {
         self.screen.lock().unwrap().screen().alternate_screen() && !self.reads_lines()
     }
 
     /// A view took it over at any time.
-    pub fn was_taken_over(&self) -> bool {
+    pub(crate) fn was_taken_over(&self) -> bool {
         self.was_taken_over.load(Ordering::SeqCst)
     }
 
     /// The terminal is as a shell wants it: its own screen, a visible cursor, and what is typed is seen and comes line by line.
-    pub fn is_given_back(&self) -> bool {
+    pub(crate) fn is_given_back(&self) -> bool {
         let screen = self.screen.lock().unwrap();
         !screen.screen().alternate_screen() && !screen.screen().hide_cursor() && self.reads_lines()
     }
@@ -125,7 +125,7 @@ impl OnTerminal {
     }
 
     /// Waits for its end and until all that it wrote is on the screen.
-    pub fn ends(&mut self) -> ExitStatus {
+    pub(crate) fn ends(&mut self) -> ExitStatus {
         let deadline = Instant::now() + Duration::from_secs(60);
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {

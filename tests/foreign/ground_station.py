@@ -4,6 +4,7 @@ standard input (ours, east-north-up and right-forward-up), and says in one line 
 
 import json
 import math
+import statistics
 import sys
 
 from pymavlink import mavutil
@@ -55,9 +56,9 @@ with open(sys.stdin.readline().strip()) as lines:
         t_s, *q = map(float, line.split(","))
         ours[math.floor(t_s * 1000 + 1e-6)] = SWAP * rotation(*q) * SWAP.transposed()
 
-apart = {"quaternion_rad": 0, "angles_rad": 0, "rate_rad_s": 0}
+apart = {"quaternion_rad": 0, "angles_rad": 0}
 times = sorted(quaternions.keys() & angles.keys() & ours.keys())
-fastest = 0
+fastest, rates_apart = 0, []
 for t in times:
     q, a = quaternions[t], angles[t]
     euler = Matrix3()
@@ -69,12 +70,13 @@ for t in times:
     if t - 1 in ours:
         rate = turn(ours[t - 1], ours[t]) * 1000
         fastest = max(fastest, rate.length())
-        found["rate_rad_s"] = max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a))
-    apart = {name: max(apart[name], found.get(name, 0)) for name in apart}
+        rates_apart.append(max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a)))
+    apart = {name: max(apart[name], found[name]) for name in apart}
 
 lost = sum((b - a - 1) % 256 for a, b in zip(numbers, numbers[1:]))
 steps = sorted({b - a for a, b in zip(times, times[1:])})
 print(json.dumps({
     "compared": len(times), "unmatched": len(quaternions) - len(times), "lost": lost, "steps_ms": steps,
     "heartbeats": heartbeats, "fastest_rad_s": fastest, **apart,
+    "rate_rad_s": max(rates_apart, default=None), "usual_rate_rad_s": statistics.median(rates_apart) if rates_apart else None,
 }))

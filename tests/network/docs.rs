@@ -12,10 +12,8 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-use crate::{
-    common::{Run, Running, System, data, plumb, signal, until},
-    foreign::PYTHON,
-};
+use super::foreign::PYTHON;
+use crate::common::{Run, Running, System, data, plumb, signal, until};
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.

@@ -23,10 +23,8 @@ use serde_json::Value;
 use wire::v1;
 use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 
-use crate::{
-    common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until},
-    drivers::pseudo_terminal,
-};
+use super::drivers::pseudo_terminal;
+use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until};
 
 const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
 const GRAVITY_M_S2: f64 = 9.80665;

@@ -1,10 +1,8 @@
 //! A stop of the whole system: the gyro's bias is there at the next start, although the body moves.
 use std::{fs, os::unix::fs::symlink, path::PathBuf};
 
-use crate::{
-    common::{Run, System, until},
-    orchestrated::{BUFFER, Bench, LAUNCH, RATE_HZ, readings},
-};
+use super::orchestrated::{BUFFER, Bench, LAUNCH, RATE_HZ, readings};
+use crate::common::{Run, System, until};
 use messages::{FusedState, HASH_START, SensorReading, hash};
 use scenario::{Errors, Motion};
 use serde_json::Value;

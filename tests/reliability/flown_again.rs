@@ -5,10 +5,8 @@ use std::{
     process::{Child, Stdio},
 };
 
-use crate::{
-    common::{Run, Running, System, plumb, signal, until},
-    damage,
-};
+use super::damage;
+use crate::common::{Run, Running, System, plumb, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 

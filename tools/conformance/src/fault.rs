@@ -38,8 +38,7 @@ pub struct Fault {
 impl Fault {
     /// The script with this fault in it.
     pub fn put_in(&self, script: &Script) -> Script {
-        let index = |t_s: f64| script.ticks.partition_point(|tick| tick.t_s < t_s - 1e-9);
-        let (begin, end) = (index(BEGIN_S), index(BEGIN_S + self.duration_s));
+        let [begin, end] = [BEGIN_S, BEGIN_S + self.duration_s].map(|t_s| script.ticks_before(t_s));
         let (before, rest) = script.ticks.split_at(begin);
         let (during, after) = rest.split_at(end - begin);
         let mut ticks = before.to_vec();
@@ -204,7 +203,7 @@ mod tests {
     fn every_fault_changes_its_own_time_and_nothing_before() {
         for fault in CATALOGUE {
             let faulty = fault.put_in(&S1);
-            let begin = S1.ticks.partition_point(|tick| tick.t_s < BEGIN_S - 1e-9);
+            let begin = S1.ticks_before(BEGIN_S);
             assert_eq!(faulty.ticks[..begin], S1.ticks[..begin], "{}", fault.name);
             assert_ne!(faulty.ticks[begin..], S1.ticks[begin..], "{}", fault.name);
             assert_eq!(faulty.ticks.last().map(|tick| tick.t_s), S1.ticks.last().map(|tick| tick.t_s));

@@ -2,8 +2,8 @@
 
 use crate::{
     report::{Check, Figure},
-    run::{angle_deg, inclination_deg, rms, unsound},
-    script::{S1, Script},
+    run::{angle_deg, flaw, inclination_deg, rms},
+    script::S1,
     slot::{Fills, Slot},
 };
 
@@ -20,22 +20,32 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     let own = make().name();
     let others = || L::NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::named(name)?)));
     let mut checks = Vec::new();
+    let inputs = L::inputs(&S1);
+    let mut giver = make();
+    step_all::<L, S>(&mut giver, &inputs[..BEFORE]);
     for (name, other) in others() {
-        checks.extend(hand_over::<L, S, L::Own>(&make(), &other, &format!("hand-over to {name}")));
+        let alone_deg = later::<L, L::Own>(&mut other.clone(), &inputs, "").rmse_deg;
+        checks.extend(hand_over::<L, S, L::Own>(&giver, &other, alone_deg, &format!("hand-over to {name}")));
     }
-    for (name, other) in others() {
-        checks.extend(hand_over::<L, L::Own, S>(&other, &make(), &format!("hand-over from {name}")));
+    let alone_deg = later::<L, S>(&mut make(), &inputs, "").rmse_deg;
+    for (name, mut other) in others() {
+        step_all::<L, L::Own>(&mut other, &inputs[..BEFORE]);
+        checks.extend(hand_over::<L, L::Own, S>(&other, &make(), alone_deg, &format!("hand-over from {name}")));
     }
-    checks.extend(hand_over::<L, S, S>(&make(), &make(), "hand-over to itself"));
+    checks.extend(hand_over::<L, S, S>(&giver, &make(), alone_deg, "hand-over to itself"));
     checks
 }
 
-fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(giver: &G, receiver: &R, what: &str) -> Vec<Check> {
-    let (mut giver, mut receiver, mut alone) = (giver.clone(), receiver.clone(), receiver.clone());
-    let inputs = L::inputs(&S1);
-    inputs[..BEFORE].iter().for_each(|(_, input)| {
-        giver.step(input);
+fn step_all<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)]) {
+    inputs.iter().for_each(|(_, input)| {
+        stage.step(input);
     });
+}
+
+/// The giver has had the inputs before; the receiver, fresh, has this error later when it is alone.
+fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(giver: &G, receiver: &R, alone_deg: f64, what: &str) -> Vec<Check> {
+    let (mut giver, mut receiver) = (giver.clone(), receiver.clone());
+    let inputs = L::inputs(&S1);
     if let Err(refusal) = receiver.adopt(&giver.common()) {
         return vec![Check::holds(what, Some(refusal.to_string()))];
     }
@@ -49,31 +59,33 @@ fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(giver: &G, receiver: &R, what: &
     let jump = Check::most(format!("{what}: the attitude goes on"), jump, || {
         format!("{:.3}° of it inclination", inclination_deg(given, taken))
     });
-    let rest = Script { name: what.into(), ticks: S1.ticks[BEFORE..].to_vec() };
-    let failed_at = unsound::<L, R>(&mut receiver.clone(), &rest);
-    let sound = Check::holds(format!("{what}: outputs are finite and rotations"), failed_at);
+    let later = later::<L, R>(&mut receiver, &inputs[BEFORE..], what);
+    let sound = Check::holds(format!("{what}: outputs are finite and rotations"), later.flaw);
     let mut checks = vec![jump, sound];
     if L::LEVELS {
-        let own = rms(alone_errors::<L, R>(&mut alone, &inputs, 0));
-        let later = rms(alone_errors::<L, R>(&mut receiver, &inputs, BEFORE));
-        let figure = Figure { value: Some(later), limit: Some(WORSE * own + WORSE_DEG), unit: "°" };
-        checks.push(Check::most(format!("{what}: later inclination RMSE"), figure, || format!("alone {own:.3}°")));
+        let figure = Figure { value: Some(later.rmse_deg), limit: Some(WORSE * alone_deg + WORSE_DEG), unit: "°" };
+        checks
+            .push(Check::most(format!("{what}: later inclination RMSE"), figure, || format!("alone {alone_deg:.3}°")));
     }
     checks
 }
 
-/// Inclination errors from [`SETTLED`] on of a stage that begins with the input `from`, degrees.
-fn alone_errors<L: Slot, S: Fills<L>>(
-    stage: &mut S,
-    inputs: &[(usize, L::Input)],
-    from: usize,
-) -> impl Iterator<Item = f64> {
-    inputs[from..]
-        .iter()
-        .map(|(i, input)| {
-            let truth = S1.ticks[*i].truth.quaternion();
-            (*i, inclination_deg(L::quaternion(&stage.step(input)), truth))
-        })
-        .filter(|(i, _)| *i >= SETTLED)
-        .map(|(_, error_deg)| error_deg)
+/// What a stage did with the inputs up to the script's end.
+struct Later {
+    /// Inclination from [`SETTLED`] on, degrees.
+    rmse_deg: f64,
+    /// The first bad output.
+    flaw: Option<String>,
+}
+
+fn later<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)], what: &str) -> Later {
+    let (mut errors_deg, mut first_flaw) = (Vec::new(), None);
+    for (i, input) in inputs {
+        let output = stage.step(input);
+        first_flaw = first_flaw.or_else(|| flaw::<L, S>(&output, stage, what, *i));
+        if *i >= SETTLED {
+            errors_deg.push(inclination_deg(L::quaternion(&output), S1.ticks[*i].truth.quaternion()));
+        }
+    }
+    Later { rmse_deg: rms(errors_deg.into_iter()), flaw: first_flaw }
 }

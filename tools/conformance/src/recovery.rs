@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use crate::{
     fault::{BEGIN_S, CATALOGUE, Fault},
     report::{Check, Figure},
-    run::{errors_deg, rms},
+    run::{Begun, rms},
     script::S1,
     slot::{Fills, Slot},
 };
@@ -40,25 +40,29 @@ fn entry<L: Slot>(row: &str, stage: &str) -> Option<f64> {
 
 pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let stage = make();
-    let quiet = errors_deg::<L, S>(&mut make(), &S1);
-    let rmse_deg = rms(quiet.iter().filter(|(t_s, _)| *t_s >= BEGIN_S).map(|(_, error_deg)| *error_deg));
+    let begun = Begun::<L, S>::new(make(), &S1, S1.ticks_before(BEGIN_S));
+    let rmse_deg = rms(begun.on(&S1).errors_deg.iter().map(|(_, error_deg)| *error_deg));
     let bound_deg = entry::<L>(FACTOR, stage.name()).unwrap_or(f64::INFINITY) * rmse_deg + ABOVE_DEG;
     let undisturbed = Figure { value: Some(rmse_deg), limit: entry::<L>(RMSE, stage.name()), unit: "°" };
     let mut checks = vec![Check::most("inclination RMSE on S1 with its errors", undisturbed, || "undisturbed".into())];
     for fault in CATALOGUE {
         let limit = entry::<L>(fault.name, stage.name());
-        let value = recovery_s(fault, &errors_deg::<L, S>(&mut make(), &fault.put_in(&S1)), bound_deg);
-        let figure = Figure { value, limit, unit: "s" };
+        let outcome = begun.on(&fault.put_in(&S1));
         let name = format!("recovers from {} to {bound_deg:.2}°", fault.name);
-        checks.push(Check::most(name, figure, || "the inclination error stays above".into()));
+        checks.push(match outcome.flaw {
+            Some(flaw) => Check::holds(name, Some(flaw)),
+            None => {
+                let figure = Figure { value: recovery_s(fault, &outcome.errors_deg, bound_deg), limit, unit: "s" };
+                Check::most(name, figure, || "the inclination error stays above".into())
+            }
+        });
     }
     checks
 }
 
-/// From the fault's end to the last error above the bound, s; `None` when the error is above it at the script's end.
+/// From the fault's end to the last error above the bound, s, of the errors from its begin on; `None` when the error is above it at the script's end.
 fn recovery_s(fault: &Fault, errors_deg: &[(f64, f64)], bound_deg: f64) -> Option<f64> {
-    let last =
-        errors_deg.iter().rposition(|(t_s, error_deg)| *t_s >= BEGIN_S && !(0.0..=bound_deg).contains(error_deg));
+    let last = errors_deg.iter().rposition(|(_, error_deg)| !(0.0..=bound_deg).contains(error_deg));
     let Some(last) = last else { return Some(0.0) };
     let (t_s, _) = errors_deg.get(last + 1)?;
     Some((t_s - BEGIN_S - fault.duration_s - ROUNDING_S).max(0.0))

@@ -21,7 +21,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     let in_faults = CATALOGUE.iter().find_map(|fault| {
         let script = fault.put_in(&S1);
         let middle_s = BEGIN_S + 0.5 * fault.duration_s;
-        resumed::<L, S>(make, &script, script.ticks.partition_point(|tick| tick.t_s < middle_s))
+        resumed::<L, S>(make, &script, script.ticks_before(middle_s))
     });
     vec![
         Check::holds("two runs give the same bits", twice),

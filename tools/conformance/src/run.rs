@@ -1,5 +1,7 @@
 //! Running a stage on a script, and what can be said of two runs.
 
+use std::marker::PhantomData;
+
 use attitude::{Quaternion, stage::Stage};
 
 use crate::{
@@ -9,11 +11,58 @@ use crate::{
 
 /// Runs a stage over a script; the first tick with a bad output, and what is wrong with it.
 pub(crate) fn unsound<L: Slot, S: Fills<L>>(stage: &mut S, script: &Script) -> Option<String> {
-    L::inputs(script).iter().find_map(|(i, input)| {
-        let flaw = L::unsound(&stage.step(input))?;
-        let failure = stage.failure().map_or(String::new(), |failure| format!(", {failure}"));
-        Some(format!("{}, tick {i}: {flaw}{failure}", script.name))
-    })
+    L::inputs(script).iter().find_map(|(i, input)| flaw::<L, S>(&stage.step(input), stage, &script.name, *i))
+}
+
+/// What is wrong with the output of a tick.
+pub(crate) fn flaw<L: Slot, S: Fills<L>>(output: &L::Output, stage: &S, script: &str, i: usize) -> Option<String> {
+    let flaw = L::unsound(output)?;
+    let failure = stage.failure().map_or(String::new(), |failure| format!(", {failure}"));
+    Some(format!("{script}, tick {i}: {flaw}{failure}"))
+}
+
+/// A stage that has run over the first ticks of a script: what differs only later begins here.
+pub(crate) struct Begun<L: Slot, S> {
+    stage: S,
+    /// Inputs of those ticks.
+    inputs: usize,
+    /// What was wrong in them.
+    flaw: Option<String>,
+    slot: PhantomData<L>,
+}
+
+/// What a stage did from there on.
+pub(crate) struct Outcome<S> {
+    pub(crate) stage: S,
+    /// Inclination error at each time, s and degrees, up to the first bad output.
+    pub(crate) errors_deg: Vec<(f64, f64)>,
+    /// What was wrong first.
+    pub(crate) flaw: Option<String>,
+}
+
+impl<L: Slot, S: Fills<L>> Begun<L, S> {
+    /// Runs over that many ticks.
+    pub(crate) fn new(mut stage: S, script: &Script, ticks: usize) -> Self {
+        let inputs = L::inputs(script);
+        let first = inputs.partition_point(|(i, _)| *i < ticks);
+        let mut step = |(i, input): &(usize, L::Input)| flaw::<L, S>(&stage.step(input), &stage, &script.name, *i);
+        let flaw = inputs[..first].iter().find_map(&mut step);
+        Self { stage, inputs: first, flaw, slot: PhantomData }
+    }
+
+    /// A copy goes on with the rest of a script that begins with the same ticks.
+    pub(crate) fn on(&self, script: &Script) -> Outcome<S> {
+        let (mut stage, mut flaw, mut errors_deg) = (self.stage.clone(), self.flaw.clone(), Vec::new());
+        for (i, input) in &L::inputs(script)[self.inputs..] {
+            if flaw.is_some() {
+                break;
+            }
+            let (tick, output) = (&script.ticks[*i], stage.step(input));
+            errors_deg.push((tick.t_s, inclination_deg(L::quaternion(&output), tick.truth.quaternion())));
+            flaw = self::flaw::<L, S>(&output, &stage, &script.name, *i);
+        }
+        Outcome { stage, errors_deg, flaw }
+    }
 }
 
 /// A number that tells one output's bits from another's: FNV-1a.
@@ -46,15 +95,6 @@ pub(crate) fn angle_deg(one: Quaternion<f64>, other: Quaternion<f64>) -> f64 {
 pub(crate) fn inclination_deg(one: Quaternion<f64>, other: Quaternion<f64>) -> f64 {
     let e = one * other.conjugate();
     (2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k))).to_degrees()
-}
-
-/// Inclination error at each tick of a script, degrees.
-pub(crate) fn errors_deg<L: Slot, S: Fills<L>>(stage: &mut S, script: &Script) -> Vec<(f64, f64)> {
-    let error = |(i, input): &(usize, L::Input)| {
-        let tick = &script.ticks[*i];
-        (tick.t_s, inclination_deg(L::quaternion(&stage.step(input)), tick.truth.quaternion()))
-    };
-    L::inputs(script).iter().map(error).collect()
 }
 
 pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {

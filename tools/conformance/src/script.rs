@@ -15,6 +15,8 @@ const FIELD_RATE_HZ: f64 = 50.0;
 const FIX_RATE_HZ: f64 = 5.0;
 const VELOCITY_NOISE_M_S: f64 = 0.05;
 const LATITUDE_RAD: f64 = 0.97;
+/// Of times that are multiples of an interval.
+const ROUNDING_S: f64 = 1e-9;
 
 /// What the sensors give at one tick, and the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,6 +97,11 @@ impl Script {
             }
         };
         Self { name: name.into(), ticks: (0..=(duration_s * rate_hz) as u64).map(tick).collect() }
+    }
+
+    /// Ticks before this time.
+    pub(crate) fn ticks_before(&self, t_s: f64) -> usize {
+        self.ticks.partition_point(|tick| tick.t_s < t_s - ROUNDING_S)
     }
 }
 

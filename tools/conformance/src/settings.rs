@@ -3,11 +3,11 @@
 use attitude::parameters::{Parameter, ParameterError};
 
 use crate::{
-    fault::CATALOGUE,
+    fault::{BEGIN_S, CATALOGUE},
     repetition::resumed,
     report::Check,
-    run::{parting, unsound},
-    script::{S1, SHORT, Script},
+    run::{Begun, parting, unsound},
+    script::{S1, SHORT},
     slot::{Fills, Slot},
 };
 
@@ -86,7 +86,11 @@ fn bad_with<L: Slot, S: Fills<L>>(make: &impl Fn() -> S, parameter: &Parameter, 
     if let Err(refusal) = set.set(parameter.name, value) {
         return Some(refusal.to_string());
     }
-    let sound = |script: &Script| unsound::<L, S>(&mut set.clone(), script);
-    let in_faults = || CATALOGUE.iter().find_map(|fault| sound(&fault.put_in(&SHORT[0])));
-    sound(&SHORT[1]).or_else(in_faults).or_else(|| resumed::<L, S>(&|| set.clone(), &S1, 500))
+    let in_faults = || {
+        let begun = Begun::<L, S>::new(set.clone(), &SHORT[0], SHORT[0].ticks_before(BEGIN_S));
+        CATALOGUE.iter().find_map(|fault| begun.on(&fault.put_in(&SHORT[0])).flaw)
+    };
+    unsound::<L, S>(&mut set.clone(), &SHORT[1])
+        .or_else(in_faults)
+        .or_else(|| resumed::<L, S>(&|| set.clone(), &S1, 500))
 }

@@ -3,9 +3,9 @@
 use attitude::{Vector3, gnss::Fix};
 
 use crate::{
-    fault::{BRIDGE_S, CATALOGUE},
+    fault::{BEGIN_S, BRIDGE_S, CATALOGUE},
     report::Check,
-    run::unsound,
+    run::{Begun, unsound},
     script::{S1, SHORT, Script, Tick},
     slot::{Fills, Slot},
 };
@@ -17,11 +17,13 @@ const ABSURD: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
 type Put = fn(&mut Tick, f64, Option<Fix>);
 
 pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
-    let scripts = || SHORT.iter().chain([&*S1]);
-    let clean = scripts().find_map(|script| unsound::<L, S>(&mut make(), script));
+    let clean = SHORT.iter().chain([&*S1]).find_map(|script| unsound::<L, S>(&mut make(), script));
     let mut checks = vec![Check::holds("outputs are finite and rotations without a fault", clean)];
+    // On S1 that is a part of the recovery.
+    let begun = SHORT.iter().map(|script| (script, Begun::<L, S>::new(make(), script, script.ticks_before(BEGIN_S))));
+    let begun: Vec<_> = begun.collect();
     for fault in CATALOGUE {
-        let failed_at = scripts().find_map(|script| unsound::<L, S>(&mut make(), &fault.put_in(script)));
+        let failed_at = begun.iter().find_map(|(script, begun)| begun.on(&fault.put_in(script)).flaw);
         checks.push(Check::holds(format!("outputs are finite and rotations under {}", fault.name), failed_at));
     }
     let mut from_the_start = S1.clone();
@@ -42,7 +44,8 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
 
 /// Absurd numbers, each by itself in every place, for some ticks in the midst of a good run.
 fn absurd<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Option<String> {
-    let good = &S1.ticks[..1500];
+    let good = Script { name: "good".into(), ticks: S1.ticks[..1500].to_vec() };
+    let begun = Begun::<L, S>::new(make(), &good, 1000);
     let fix = S1.ticks[0].fix;
     let places: [(&str, Put); 6] = [
         ("rate", |tick, x, _| tick.rate_rad_s = Some(Vector3::new(x, -x, 0.1))),
@@ -64,18 +67,18 @@ fn absurd<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Option<String> {
     for (place, put) in places {
         for x in ABSURD {
             for dt_s in [0.01, 0.0, BRIDGE_S] {
-                let mut ticks = good.to_vec();
+                let mut ticks = good.ticks.clone();
                 for tick in &mut ticks[1000..1010] {
                     put(tick, x, fix);
                     tick.dt_s = dt_s;
                 }
                 let script = Script { name: format!("{place} {x:e}, interval {dt_s} s"), ticks };
-                let mut stage = make();
-                let refused = |stage: &S| {
-                    let refusal = make().restore(&stage.snapshot()).err()?;
+                let outcome = begun.on(&script);
+                let refused = || {
+                    let refusal = make().restore(&outcome.stage.snapshot()).err()?;
                     Some(format!("{}: then its own record is refused: {refusal}", script.name))
                 };
-                let failed_at = unsound::<L, S>(&mut stage, &script).or_else(|| refused(&stage));
+                let failed_at = outcome.flaw.clone().or_else(refused);
                 if failed_at.is_some() {
                     return failed_at;
                 }

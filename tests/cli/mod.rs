@@ -1,8 +1,4 @@
 //! The command line as people use it.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-#[path = "../common/mod.rs"]
-mod common;
 
 mod calibrate;
 mod keys;

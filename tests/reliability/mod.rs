@@ -1,8 +1,4 @@
 //! What disturbs a running system: kills, freezes, swaps that succeed and that fail, stages of one's own.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-#[path = "../common/mod.rs"]
-mod common;
 
 mod aborted;
 mod damage;

@@ -1,8 +1,4 @@
 //! Beyond the board: links, sessions and their certificates, gateway, stations, split systems, foreign clients, rough networks.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-#[path = "../common/mod.rs"]
-mod common;
 
 mod bridge;
 mod certificates;

@@ -1,8 +1,4 @@
 //! The data path on real processes: recordings, bad input, determinism, conventions, scores.
-#![allow(clippy::unwrap_used, reason = "a test may panic")]
-
-#[path = "../common/mod.rs"]
-mod common;
 
 mod bad_input;
 mod conventions;
