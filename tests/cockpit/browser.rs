@@ -76,7 +76,7 @@ impl Page {
         Some(Self { node, input, lines })
     }
 
-    /// Opens an address, whose page draws ten times a second; the headers of the answer.
+    /// Opens an address, whose page draws six times a second; the headers of the answer.
     pub(crate) fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
         self.ask(&json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl, "seldom": true }))
     }

@@ -3,7 +3,7 @@ import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
 
 const { chromium } = createRequire(`${process.argv[2]}/`)("playwright-core");
-const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--disable-accelerated-2d-canvas"];
 const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software] });
 /** What must not be: errors, and requests to others. */
 const troubles = [];
@@ -30,10 +30,10 @@ const verbs = {
         own.call(this, text, ...more);
       };
     });
-    // Without a graphics card pictures take most of the processor: ten a second show what thirty would.
+    // Without a graphics card pictures take most of the processor: six a second show what thirty would.
     if (seldom) await page.addInitScript(() => {
       const own = globalThis.requestAnimationFrame;
-      globalThis.requestAnimationFrame = (draw) => setTimeout(() => own(draw), 84);
+      globalThis.requestAnimationFrame = (draw) => setTimeout(() => own(draw), 140);
     });
     if (!webgl) await page.addInitScript(() => {
       const own = HTMLCanvasElement.prototype.getContext;

@@ -141,31 +141,36 @@ fn bytes(compiler: &str, arguments: &[&str], disturb: impl FnOnce(&System)) -> (
 
 #[test]
 fn a_stage_whose_program_or_service_is_killed_or_frozen_changes_no_byte() {
-    for compiler in ["python3", "cc"] {
-        let (undisturbed, _) = bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
-        let (disturbed, people) = bytes(compiler, &[], |system| {
-            system.all_run();
-            for (program, how) in
-                [(false, Signal::KILL), (true, Signal::KILL), (false, Signal::STOP), (true, Signal::STOP)]
-            {
-                let fuser = pid(system, "fuser");
-                signal(if program { children_of(fuser)[0] } else { fuser }, how);
-                until("another incarnation", || {
-                    let now = service(system, "fuser");
-                    now["state"] == "running" && now["pid"] != fuser
-                });
-            }
-            // A machine with too much to do may have cost another.
-            assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
-            assert_eq!(swapped(system, "fuser", "my-fuser")["jump_deg"], 0.0);
-        });
-        for said in ["was ended by signal 9", "ended with signal: 9 (SIGKILL) when", "has said nothing for"] {
-            assert!(people.contains(said), "{said}: {people}");
+    thread::scope(|scope| {
+        for compiler in ["python3", "cc"] {
+            scope.spawn(move || disturbed_as_undisturbed(compiler));
         }
-        let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
-        let differing = lines(&undisturbed).into_iter().zip(lines(&disturbed)).find(|(one, other)| one != other);
-        assert!(disturbed == undisturbed, "the bytes differ: {differing:?}\n{people}");
+    });
+}
+
+fn disturbed_as_undisturbed(compiler: &str) {
+    let (undisturbed, _) = bytes(compiler, &["--in-process", "--speed", "max"], |_| {});
+    let (disturbed, people) = bytes(compiler, &[], |system| {
+        system.all_run();
+        for (program, how) in [(false, Signal::KILL), (true, Signal::KILL), (false, Signal::STOP), (true, Signal::STOP)]
+        {
+            let fuser = pid(system, "fuser");
+            signal(if program { children_of(fuser)[0] } else { fuser }, how);
+            until("another incarnation", || {
+                let now = service(system, "fuser");
+                now["state"] == "running" && now["pid"] != fuser
+            });
+        }
+        // A machine with too much to do may have cost another.
+        assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
+        assert_eq!(swapped(system, "fuser", "my-fuser")["jump_deg"], 0.0);
+    });
+    for said in ["was ended by signal 9", "ended with signal: 9 (SIGKILL) when", "has said nothing for"] {
+        assert!(people.contains(said), "{said}: {people}");
     }
+    let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
+    let differing = lines(&undisturbed).into_iter().zip(lines(&disturbed)).find(|(one, other)| one != other);
+    assert!(disturbed == undisturbed, "the bytes differ: {differing:?}\n{people}");
 }
 
 #[test]

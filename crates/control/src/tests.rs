@@ -109,10 +109,15 @@ fn whoever_waits_for_an_answer_stays() {
 #[test]
 fn a_supervisor_that_says_nothing_is_not_waited_for_and_does_not_do_it_later() {
     let mut house = House::new();
-    for question in [ControlRequest::Ps, ControlRequest::ServiceConfig, shadow()] {
-        let error = ask::<u32>(&house.1, &question).unwrap_err();
-        assert!(matches!(error, ControlError::Silent { .. }), "{error}");
-    }
+    thread::scope(|scope| {
+        for question in [ControlRequest::Ps, ControlRequest::ServiceConfig, shadow()] {
+            let name = &house.1;
+            scope.spawn(move || {
+                let error = ask::<u32>(name, &question).unwrap_err();
+                assert!(matches!(error, ControlError::Silent { .. }), "{error}");
+            });
+        }
+    });
     assert_eq!(house.2.requests(), []);
 }
 

@@ -176,6 +176,10 @@ mod tests {
         let (_reader, mut out) = slow_disk();
         let ended = (0..).find_map(|_| add(&mut out).err()).unwrap();
         assert!(ended.to_string().contains("taken nothing for 5 s"), "{ended}");
+    }
+
+    #[test]
+    fn a_disk_that_takes_nothing_at_the_end_is_given_up() {
         let (_reader, mut out) = slow_disk();
         (0..10_000).for_each(|_| add(&mut out).unwrap());
         assert!(out.finish().is_err());

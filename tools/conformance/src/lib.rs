@@ -21,13 +21,14 @@
 //! | `recovery` | be level again after a fault, in the time that `recovery.csv` allows |
 //! | [`script`], [`fault`] | what the sensors give, and what goes wrong with them |
 //! | `slot`, `run` | what the kit knows of a slot; running a stage |
-//! | `program` | a stage that is a program of its own, and what a step of it costs |
+//! | `program`, `processor` | a stage that is a program of its own, and what a step of it costs |
 //! | [`golden`] | what a stage gave when its mathematics was last looked at |
 #![forbid(unsafe_code)]
 
 pub mod fault;
 pub mod golden;
 mod hand_over;
+mod processor;
 mod program;
 mod recovery;
 mod refusal;

@@ -11,6 +11,7 @@ use host::{HostError, Hosted, HostedBy, child::START_LIMIT};
 use launch::{Program, Service};
 
 use crate::{
+    processor::OneProcessor,
     report::{Check, Figure, Report},
     script::S1,
     slot::{AccelSlot, CourseSlot, Fills, FuserSlot, GyroSlot, Slot},
@@ -39,10 +40,13 @@ where
     L::Own: HostedBy,
     Hosted<L::Own>: Fills<L>,
 {
-    let stage = Hosted::<L::Own>::start(name, program, START_LIMIT)?;
-    let mut report = crate::report::<L, _>(&|| stage.clone(), on_begin);
+    let mut report = {
+        let _one = OneProcessor::keep_to();
+        let stage = Hosted::<L::Own>::start(name, program, START_LIMIT)?;
+        crate::report::<L, _>(&|| stage.clone(), on_begin)
+    };
     on_begin("cost");
-    report.checks.extend(costs::<L>(stage.clone()));
+    report.checks.extend(costs::<L>(Hosted::start(name, program, START_LIMIT)?));
     Ok(report)
 }
 

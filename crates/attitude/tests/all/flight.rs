@@ -3,6 +3,7 @@
 //! `cargo test --release -p attitude flight:: -- --nocapture` prints every figure.
 use std::{io::Read, path::PathBuf};
 
+use crate::common::Once;
 use attitude::{
     Quaternion, Vector3,
     accel::Projector,
@@ -125,6 +126,11 @@ fn flown(name: &str) -> Errors {
 
 /// All seeds of a scenario, two at a time.
 fn flown_by(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
+    static FLOWN: Once<Errors> = Once::new();
+    FLOWN.of(&format!("{fuser} {name} {settings:?}"), || fly_seeds(fuser, name, settings))
+}
+
+fn fly_seeds(fuser: &str, name: &str, settings: &[(&str, f64)]) -> Errors {
     let seeds: Vec<u64> = SEEDS.collect();
     let fly_all = |seeds: &[u64]| {
         let each = seeds.iter().map(|seed| fly(&Scenario::named(name).unwrap().with_seed(*seed), fuser, settings));

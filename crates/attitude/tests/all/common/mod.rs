@@ -2,7 +2,12 @@
 
 pub(crate) mod ulog;
 
-use std::{io::Read, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    io::Read,
+    path::PathBuf,
+    sync::{Arc, Mutex, OnceLock},
+};
 
 use attitude::{
     Quaternion, Vector3,
@@ -23,6 +28,21 @@ pub(crate) struct Row {
 
 /// Interval of BROAD's sensor, s.
 pub(crate) const DT_S: f64 = 0.0035;
+
+/// What several tests ask for, and is found out once.
+pub(crate) struct Once<T>(Mutex<BTreeMap<String, Arc<OnceLock<T>>>>);
+
+impl<T: Copy> Once<T> {
+    pub(crate) const fn new() -> Self {
+        Self(Mutex::new(BTreeMap::new()))
+    }
+
+    /// What there is under this name; `find` is called for the first who asks, and the others wait.
+    pub(crate) fn of(&self, name: &str, find: impl FnOnce() -> T) -> T {
+        let found = self.0.lock().unwrap().entry(name.into()).or_default().clone();
+        *found.get_or_init(find)
+    }
+}
 
 /// The trials; `None`, and a word on the standard error, where there are none.
 pub(crate) fn broad() -> Option<Vec<Vec<Row>>> {
