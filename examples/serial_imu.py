@@ -2,6 +2,7 @@
 
 The line is a pseudo-terminal, to which `imu` is made a symbolic link. MOTION is what a hand does with the unit: `rest`, `sides`
 (each side up in turn), `turns` (about all axes), `poses` (the vehicle level, then nose down), each for ever, or `drive`, which ends after 60 s.
+It begins when the line is first opened.
 
 Lines are `t,gx,gy,gz,ax,ay,az,mx,my,mz` at 100 Hz: s, °/s, g, µT, in the unit's axes. The unit has errors: biases, scales, iron beside the
 magnetometer, noise; and it sits in the vehicle turned by 90° and tilted by 3°. `--truth FILE` writes the vehicle's attitude as
@@ -132,10 +133,13 @@ def main():
     if truth:
         print("t_s,qw,qx,qy,qz", file=truth)
     dice = random.Random(options.motion)
-    # One clock for all starts, so that the unit's time goes on.
-    began = time.monotonic()
     before = None
     try:
+        # The hand begins when somebody hears the unit.
+        while any(what & select.POLLHUP for _, what in line.poll(1000)):
+            time.sleep(0.01)
+        # One clock for all starts, so that the unit's time goes on.
+        began = time.monotonic()
         for n, attitude in enumerate(MOTIONS[options.motion]()):
             t_s = round(began * options.speed, 2) + n * STEP_S
             numbers = ",".join(f"{number:.6f}" for number in said(before or attitude, attitude, dice))

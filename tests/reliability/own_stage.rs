@@ -194,7 +194,8 @@ fn a_program_ends_with_its_service_however_that_ends() {
 
 #[test]
 fn a_stage_of_ones_own_tells_its_difference_as_a_shadow() {
-    let system = system_with_stage("python3", SIM);
+    // Slow enough for a stage in Python beside all that else goes on.
+    let system = system_with_stage("python3", "[ingest.sim]\nrate_hz = 50\n");
     let running = started(&system, &[]);
     let shadowed = |seconds: &str| -> Value {
         let arguments = ["shadow", "fuser", "my-fuser", "--json", "--for", seconds, "--system", &system.name];

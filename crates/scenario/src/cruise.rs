@@ -48,6 +48,14 @@ struct Turning {
     course_rad: f64,
 }
 
+/// Where the flight is along its plan.
+struct Moment {
+    t_s: f64,
+    course_rad: f64,
+    course_rate_rad_s: f64,
+    speed_m_s: f64,
+}
+
 #[derive(Debug, Clone)]
 struct Air {
     wind_m_s: Vector3<f64>,
@@ -76,31 +84,42 @@ impl Plan {
 
     pub(crate) fn at(&mut self, t_s: f64) -> Truth {
         let (before_s, after_s) = (t_s - DIFFERENCE_S, t_s + DIFFERENCE_S);
-        let (before, attitude, after) = (self.attitude(before_s), self.attitude(t_s), self.attitude(after_s));
+        let [before, now, after] = [before_s, t_s, after_s].map(|t_s| self.moment(t_s));
+        let attitude = self.attitude(&now);
         let step_s = 2.0 * DIFFERENCE_S;
-        let rotation = Turn::between(before, after).quaternion();
+        let rotation = Turn::between(self.attitude(&before), self.attitude(&after)).quaternion();
         let angle = 2.0 * libm::asin(rotation.imag().norm());
         let rate_rad_s = rotation.imag().try_normalize(0.0).unwrap_or_default()
             * (angle / step_s * if rotation.w < 0.0 { -1.0 } else { 1.0 });
-        let acceleration_m_s2 = (self.velocity_m_s(after_s) - self.velocity_m_s(before_s)) / step_s;
+        let acceleration_m_s2 = (self.velocity_then_m_s(&after) - self.velocity_then_m_s(&before)) / step_s;
         let force_m_s2 = attitude.matrix() * (acceleration_m_s2 + Vector3::z() * GRAVITY_M_S2);
         Truth { attitude, rate_rad_s, force_m_s2 }
     }
 
     /// Velocity over ground, m/s, east, north, up.
     pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
-        let (course_rad, _) = self.course(t_s);
+        let moment = self.moment(t_s);
+        self.velocity_then_m_s(&moment)
+    }
+
+    fn moment(&mut self, t_s: f64) -> Moment {
+        let (course_rad, course_rate_rad_s) = self.course(t_s);
+        Moment { t_s, course_rad, course_rate_rad_s, speed_m_s: self.speed_m_s(t_s) }
+    }
+
+    fn velocity_then_m_s(&self, moment: &Moment) -> Vector3<f64> {
+        let Moment { t_s, course_rad, speed_m_s, .. } = *moment;
         let slip_rad = self.air.as_ref().map_or(0.0, |air| air.slip_rad(t_s));
         let (sin, cos) = libm::sincos(course_rad + slip_rad);
-        let through_air = Vector3::new(sin, cos, 0.0) * self.speed_m_s(t_s);
+        let through_air = Vector3::new(sin, cos, 0.0) * speed_m_s;
         through_air + self.air.as_ref().map_or(Vector3::zeros(), |air| air.velocity_m_s(t_s))
     }
 
-    fn attitude(&mut self, t_s: f64) -> Attitude {
-        let (course_rad, course_rate_rad_s) = self.course(t_s);
+    fn attitude(&self, moment: &Moment) -> Attitude {
+        let Moment { t_s, course_rad, course_rate_rad_s, speed_m_s } = *moment;
         let [_, _, roll_phase, slow_phase, fast_phase] = self.phases;
         let sway = |period_s: f64, phase: f64| libm::sin(TAU * t_s / period_s + phase);
-        let bank_rad = libm::atan(self.speed_m_s(t_s) * course_rate_rad_s / GRAVITY_M_S2);
+        let bank_rad = libm::atan(speed_m_s * course_rate_rad_s / GRAVITY_M_S2);
         Attitude::of_angles(Angles {
             yaw_rad: -course_rad,
             pitch_rad: (2.0 + 3.0 * sway(55.0, slow_phase) + 0.7 * sway(5.1, fast_phase)).to_radians(),
@@ -121,8 +140,8 @@ impl Plan {
         let begun = self.turns[next..].iter().take_while(|turn| turn.from_s - reach_s < t_s);
         begun.fold((self.turns[next].course_rad, 0.0), |(course_rad, rate_rad_s), turn| {
             let (since, until) = ((t_s - turn.from_s) / EDGE_S, (t_s - turn.to_s) / EDGE_S);
-            let share = logistic(since) - logistic(until);
-            let turned_s = EDGE_S * (logistic_integral(since) - logistic_integral(until));
+            let ((since, turned_since), (until, turned_until)) = (logistic(since), logistic(until));
+            let (share, turned_s) = (since - until, EDGE_S * (turned_since - turned_until));
             (course_rad + turn.rate_rad_s * turned_s, rate_rad_s + turn.rate_rad_s * share)
         })
     }
@@ -161,11 +180,13 @@ impl Air {
     }
 }
 
-fn logistic(x: f64) -> f64 {
-    1.0 / (1.0 + libm::exp(-x))
-}
-
-/// ln(1 + eˣ), the integral of the logistic function.
-fn logistic_integral(x: f64) -> f64 {
-    x.max(0.0) + libm::log1p(libm::exp(-libm::fabs(x)))
+/// The logistic function and its integral, ln(1 + eˣ).
+fn logistic(x: f64) -> (f64, f64) {
+    // From here on both are 1 and x to the last digit.
+    if x > 40.0 {
+        return (1.0, x);
+    }
+    let small = libm::exp(-libm::fabs(x));
+    let other = if x < 0.0 { libm::exp(-x) } else { small };
+    (1.0 / (1.0 + other), x.max(0.0) + libm::log1p(small))
 }

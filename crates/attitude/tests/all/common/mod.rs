@@ -6,7 +6,7 @@ use std::{
     collections::BTreeMap,
     io::Read,
     path::PathBuf,
-    sync::{Arc, Mutex, OnceLock},
+    sync::{Arc, LazyLock, Mutex, OnceLock},
 };
 
 use attitude::{
@@ -44,8 +44,13 @@ impl<T: Copy> Once<T> {
     }
 }
 
-/// The trials; `None`, and a word on the standard error, where there are none.
-pub(crate) fn broad() -> Option<Vec<Vec<Row>>> {
+/// The trials, read once; `None`, and a word on the standard error, where there are none.
+pub(crate) fn broad() -> Option<&'static [Vec<Row>]> {
+    static TRIALS: LazyLock<Option<Vec<Vec<Row>>>> = LazyLock::new(read_broad);
+    TRIALS.as_deref()
+}
+
+fn read_broad() -> Option<Vec<Vec<Row>>> {
     let here = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);
     let Ok(files) = folder.join("broad").read_dir() else {

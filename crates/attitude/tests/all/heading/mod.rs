@@ -35,7 +35,7 @@ fn heading_is_better_than_that_of_vqf() {
     let Some(trials) = trials() else { return };
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     println!("RMSE, degrees: total, heading, inclination of wz; of VQF 9D");
-    for trial in &trials {
+    for trial in trials {
         ours.push(of_wz(&trial.rows, 0.0));
         theirs.push(of_vqf(&trial.rows, 0.0));
         println!("{} | {} | {}", ours[ours.len() - 1], theirs[theirs.len() - 1], trial.name);
@@ -90,7 +90,7 @@ fn a_start_in_the_middle_of_the_movement_is_survived() {
     let Some(trials) = trials() else { return };
     for unscored_s in [0.0, 20.0] {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-        for trial in &trials {
+        for trial in trials {
             let (from, to) = trial.movement();
             let rows = &trial.rows[(from + to) / 2..];
             ours.push(of_wz(rows, unscored_s));
@@ -108,7 +108,7 @@ fn a_start_in_the_middle_of_the_movement_is_survived() {
 fn the_field_of_another_place_does_no_more_harm_than_its_own() {
     let Some(trials) = trials() else { return };
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-    for movement in &trials {
+    for movement in trials {
         for place in trials.iter().filter(|trial| CLEAN.contains(&trial.number())) {
             let rows = crossed::crossed(movement, place, 1);
             ours.push(of_wz(&rows, 0.0));

@@ -8,7 +8,10 @@ use attitude::{
     stage::Stage,
 };
 use recording::{Reader, Row};
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::LazyLock,
+};
 use vqf_rs::VQF;
 
 /// BROAD's sampling interval, s.
@@ -23,8 +26,13 @@ pub(crate) struct Trial {
     pub(crate) rows: Vec<Row>,
 }
 
-/// The trials, or `None` with a word about it where there is no data.
-pub(crate) fn trials() -> Option<Vec<Trial>> {
+/// The trials, read once, or `None` with a word about it where there is no data.
+pub(crate) fn trials() -> Option<&'static [Trial]> {
+    static TRIALS: LazyLock<Option<Vec<Trial>>> = LazyLock::new(read_trials);
+    TRIALS.as_deref()
+}
+
+fn read_trials() -> Option<Vec<Trial>> {
     let folder = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from)
         .join("broad");
