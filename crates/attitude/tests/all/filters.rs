@@ -122,13 +122,13 @@ fn broad_gives_the_published_figures() {
         ("madgwick-improved", default("madgwick-improved"), [6.45, 5.36, 3.29]),
         ("vqf", default("vqf"), [2.42, 2.27, 0.66]),
     ] {
-        let Rmse { total, heading, inclination } = mean(&beta, &trials, true);
+        let Rmse { total, heading, inclination } = mean(&beta, trials, true);
         println!("BROAD, {name}, 9D: {total:.2}/{heading:.2}/{inclination:.3}");
         for (got, published) in [total, heading, inclination].into_iter().zip(published) {
             assert!((got / published - 1.0).abs() < 0.05, "{name}: {got}°, published {published}°");
         }
     }
-    let inclination = mean(&default("vqf"), &trials, false).inclination;
+    let inclination = mean(&default("vqf"), trials, false).inclination;
     println!("BROAD, vqf, 6D: {inclination:.3}");
     assert!((inclination - 0.665).abs() < 0.002, "{inclination}");
 }
