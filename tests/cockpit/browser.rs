@@ -1,10 +1,12 @@
 //! Chromium, driven from Rust through playwright-core, in a folder of its own.
 
 use std::{
+    cell::OnceCell,
     io::{BufRead as _, BufReader, Lines, Write as _},
     path::{Path, PathBuf},
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
-    sync::LazyLock,
+    sync::{Condvar, LazyLock, Mutex},
+    thread,
 };
 
 use serde_json::{Value, json};
@@ -36,6 +38,35 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
+/// Browsers that draw at a time: as many as there are processors, for each draws without a graphics card.
+static SEATS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
+
+/// The seat of a test; it is free again when the test's thread has ended.
+struct Seat;
+
+impl Seat {
+    fn take() -> Self {
+        let (taken, freed) = &SEATS;
+        let most = thread::available_parallelism().map_or(1, usize::from);
+        *freed.wait_while(taken.lock().unwrap(), |taken| *taken >= most).unwrap() += 1;
+        Self
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        let (taken, freed) = &SEATS;
+        *taken.lock().unwrap() -= 1;
+        freed.notify_one();
+    }
+}
+
+/// Waits until this test may have its browser.
+pub(crate) fn seated() {
+    thread_local!(static SEAT: OnceCell<Seat> = const { OnceCell::new() });
+    SEAT.with(|seat| _ = seat.get_or_init(Seat::take));
+}
+
 /// Runs a program to its end; what it said where it failed.
 pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     let output = command.stdin(Stdio::null()).output().map_err(|cause| format!("{command:?}: {cause}"))?;
@@ -61,12 +92,13 @@ impl Page {
     /// The same, which draws as often as a screen shows.
     pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
         let mut page = Self::start()?;
-        page.ask(&json!({ "do": "open", "url": url, "width": 1280, "height": 720, "scheme": "light", "webgl": true, "seldom": false }));
+        page.show(url, (1280, 720), "light", true, false);
         Some(page)
     }
 
     /// A browser without a page yet.
     pub(crate) fn start() -> Option<Self> {
+        seated();
         let folder = PACKAGES.as_ref()?;
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/driver.mjs");
         let mut node = Command::new("node");
@@ -77,8 +109,13 @@ impl Page {
     }
 
     /// Opens an address, whose page draws six times a second; the headers of the answer.
-    pub(crate) fn goto(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool) -> Value {
-        self.ask(&json!({ "do": "open", "url": url, "width": width, "height": height, "scheme": scheme, "webgl": webgl, "seldom": true }))
+    pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
+        self.show(url, size, scheme, webgl, true)
+    }
+
+    fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, seldom: bool) -> Value {
+        let look = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "seldom": seldom });
+        self.ask(&json!({ "do": "open", "url": url, "look": look }))
     }
 
     pub(crate) fn eval(&mut self, code: &str) -> Value {

@@ -3,21 +3,21 @@ use std::{
     fs,
     io::{Read as _, Write as _},
     net::TcpStream,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering::SeqCst},
-    },
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering::SeqCst},
     thread,
     time::{Duration, Instant},
 };
 
 use super::{
     browser::Page,
-    page::{address, with_cockpit},
+    page::{address, looked_at, with_cockpit},
     strangers::UPGRADE,
 };
 use crate::common::until;
+use rustix::net::sockopt::set_socket_recv_buffer_size;
 
+/// More than the buffers of a connection hold at both ends, bytes.
+const KEPT_FOR_ONE: usize = 300_000;
 const SECOND: Duration = Duration::from_secs(1);
 
 /// How long each figure is looked at, s: a moment where the test runs, longer where the figures count.
@@ -50,7 +50,7 @@ fn figures(port: u16) -> String {
 
 fn median(mut figures: Vec<f64>) -> f64 {
     figures.sort_by(f64::total_cmp);
-    figures[figures.len() / 2]
+    figures.get(figures.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Processor time of a process meanwhile, share of one core, %.
@@ -62,14 +62,14 @@ fn core_percent(pid: u32) -> f64 {
 
 #[test]
 fn a_viewer_is_sent_little() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = system.start(&[]);
     system.all_run();
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     // Where the figures count, the strips are as full as they get.
-    let filled_s = if looked_s() < 10 { 1 } else { 55 };
+    let filled_s = if looked_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"
     ));
@@ -120,40 +120,41 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
             stream
         })
         .collect();
-    let over = Arc::new(AtomicBool::new(false));
     // The tenth takes nothing.
-    let readers: Vec<_> = viewers[..9]
-        .iter()
-        .map(|viewer| {
-            let (mut viewer, over) = (viewer.try_clone().unwrap(), over.clone());
-            thread::spawn(move || {
-                let (mut bytes, mut taken) = (vec![0; 65_536], 0);
+    set_socket_recv_buffer_size(&viewers[9], 4096).unwrap();
+    let (over, taken) = (AtomicBool::new(false), [const { AtomicUsize::new(0) }; 9]);
+    let with_us = thread::scope(|scope| {
+        for (mut viewer, taken) in viewers.iter().zip(&taken) {
+            let over = &over;
+            scope.spawn(move || {
+                let mut bytes = vec![0; 65_536];
                 while !over.load(SeqCst) {
-                    taken += viewer.read(&mut bytes).unwrap();
+                    taken.fetch_add(viewer.read(&mut bytes).unwrap(), SeqCst);
                 }
-                taken
-            })
-        })
-        .collect();
-    let with_us = p99_us();
-    over.store(true, SeqCst);
-    let taken: Vec<_> = readers.into_iter().map(|reader| reader.join().unwrap()).collect();
+            });
+        }
+        let with_us = p99_us();
+        until("more than is kept for one who takes nothing", || {
+            taken.iter().all(|bytes| bytes.load(SeqCst) > KEPT_FOR_ONE)
+        });
+        over.store(true, SeqCst);
+        with_us
+    });
     println!(
         "p99 from birth to attitude, median of {} s: {without_us:.0} µs without a viewer, {with_us:.0} µs with ten; taken {taken:?} bytes",
         looked_s()
     );
-    assert!(taken.iter().all(|bytes| *bytes > 10_000), "{taken:?}");
     running.interrupt();
     running.wait().assert_whole();
 }
 
 #[test]
 fn a_session_does_not_grow_in_the_browser_or_on_board() {
-    let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(40.0, |text| text.parse().unwrap());
-    let (system, port) = with_cockpit("");
+    let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(30.0, |text| text.parse().unwrap());
+    let (system, port) = looked_at("");
     let running = system.start(&[]);
     system.all_run();
-    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
     // A short session keeps less of the past, so that it, too, begins with as much as it ends with.
     let kept_s = if session_s < 100.0 { 3.0 } else { 60.0 };
@@ -179,7 +180,7 @@ fn a_session_does_not_grow_in_the_browser_or_on_board() {
     let last = look(session_s);
     // A page that kept what it was sent would have grown by 3 KiB 30 times a second.
     let sent = 90.0 * (session_s - kept_s - 5.0);
-    assert!(last.0 - first.0 < 0.3 * sent.max(1000.0), "{first:?} → {last:?} KiB");
+    assert!(last.0 - first.0 < (0.3 * sent).max(1200.0), "{first:?} → {last:?} KiB");
     assert!(last.1 - first.1 < 2048.0, "{first:?} → {last:?} KiB");
     page.assert_clean();
     running.interrupt();

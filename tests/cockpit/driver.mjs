@@ -12,7 +12,7 @@ let page;
 let counting;
 
 const verbs = {
-  async open({ url, width, height, scheme, webgl, seldom }) {
+  async open({ url, look: { width, height, scheme, webgl, seldom } }) {
     const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
     page = await context.newPage();
     counting = undefined;

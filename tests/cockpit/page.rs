@@ -6,7 +6,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use super::browser::{PACKAGES, Page, run};
+use super::browser::{PACKAGES, Page, run, seated};
 use crate::common::{Running, System, beyond::free_port, plumb, signal, until};
 use attitude::frames::Frame;
 use rustix::process::Signal;
@@ -22,6 +22,12 @@ pub(crate) fn with_cockpit(more: &str) -> (System, u16) {
     let port = free_port();
     let services = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"cockpit\"]";
     (System::new(&format!("{services}\ncockpit.listen = \"127.0.0.1:{port}\"\n{more}")), port)
+}
+
+/// The same, of a test that looks at it with a browser.
+pub(crate) fn looked_at(more: &str) -> (System, u16) {
+    seated();
+    with_cockpit(more)
 }
 
 pub(crate) fn address(system: &System, port: u16) -> String {
@@ -80,7 +86,7 @@ pub(crate) fn row(file: &Path, tick: u64) -> Vec<f64> {
 
 #[test]
 fn every_view_shows_what_was_sent() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     let Some(mut page) = Page::start() else { return };
@@ -141,7 +147,7 @@ fn every_view_shows_what_was_sent() {
 
 #[test]
 fn without_webgl_it_is_drawn_flat_and_says_why() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::start() else { return };
     page.goto(&address(&system, port), (1280, 720), "light", false);
@@ -165,7 +171,7 @@ fn without_webgl_it_is_drawn_flat_and_says_why() {
 
 #[test]
 fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
-    let (system, port) = with_cockpit(PATIENT);
+    let (system, port) = looked_at(PATIENT);
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
@@ -200,7 +206,7 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
 
 #[test]
 fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
-    let (system, port) = with_cockpit(PATIENT);
+    let (system, port) = looked_at(PATIENT);
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
@@ -254,7 +260,7 @@ fn a_shadow_is_drawn_beside_the_body_as_far_from_it_as_it_says() {
 
 #[test]
 fn what_happens_to_the_system_is_seen_and_the_page_comes_back_by_itself() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live'");
@@ -340,7 +346,7 @@ fn every_event_is_on_one_time_line_whose_cursor_all_views_share() {
 
 #[test]
 fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     // The services come one after the other: the first pictures have no angles yet.
@@ -383,7 +389,7 @@ fn what_is_under_the_cursor_is_copied_as_values_and_in_the_frame_that_is_chosen(
 
 #[test]
 fn a_page_that_stays_open_does_not_grow() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     // A minute of pictures is kept; a source that goes faster brings it sooner.
@@ -402,7 +408,7 @@ fn a_page_that_stays_open_does_not_grow() {
 
 #[test]
 fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.drawn()?.quaternion");
@@ -430,7 +436,7 @@ fn a_time_that_is_looked_at_is_paused_and_an_address_of_nobody_says_so() {
 
 #[test]
 fn what_stood_when_it_was_paused_stays_however_long_and_the_page_does_not_grow() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = started(&system, &[]);
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.data.frames.length > 100");

@@ -12,7 +12,7 @@ use std::{
 
 use super::{
     browser::Page,
-    page::{address, with_cockpit},
+    page::{address, looked_at},
 };
 use crate::common::{Running, until};
 
@@ -55,7 +55,7 @@ fn begun(page: &mut Page, what: &str) {
 
 #[test]
 fn calibration_shows_what_is_missing_and_the_mounting_is_checked_and_found() {
-    let (system, port) = with_cockpit("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100\n");
+    let (system, port) = looked_at("ingest.source = \"stdin\"\ningest.stdin.rate_hz = 100\n");
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
     let mut running = Running::of(command);
@@ -103,7 +103,7 @@ fn a_unit_that_sits_on_its_side_is_told_apart() {
     // Forward of the body is the unit's right: nose down raises the body's side.
     let mounting =
         "[ingest]\nsource = \"stdin\"\nstdin.rate_hz = 100\n[ingest.mounting]\naxes = \"x-forward-y-left\"\n";
-    let (system, port) = with_cockpit(mounting);
+    let (system, port) = looked_at(mounting);
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
     let mut running = Running::of(command);
@@ -126,7 +126,7 @@ fn a_unit_that_sits_on_its_side_is_told_apart() {
 
 #[test]
 fn a_simulation_whose_readings_are_not_published_says_what_to_do() {
-    let (system, port) = with_cockpit("");
+    let (system, port) = looked_at("");
     let running = system.start(&[]);
     system.all_run();
     let Some(mut page) = Page::open(&address(&system, port)) else { return };

@@ -5,7 +5,7 @@ use std::{
     process::{Command, Output},
 };
 
-use super::{browser::Page, page::with_cockpit};
+use super::{browser::Page, page::looked_at};
 use crate::common::{System, beyond::free_port, plumb, site::Site, until};
 
 /// Asks by the standard library of Python, which believes the authority and nobody else: the status, or what was said against it.
@@ -32,7 +32,7 @@ fn secured() -> (Site, System, u16) {
     let site = Site::new(&[&["vehicle", "alpha", "--host", "127.0.0.1"]]);
     let folder = site.of("vehicle.alpha");
     let [cert, key] = ["cert.pem", "key.pem"].map(|file| folder.join(file));
-    let (system, port) = with_cockpit(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
+    let (system, port) = looked_at(&format!("cockpit.tls = {{ cert = {cert:?}, key = {key:?} }}\n"));
     (site, system, port)
 }
 

@@ -219,7 +219,7 @@ pub(crate) fn pseudo_terminal() -> (File, PathBuf) {
 #[test]
 fn a_serial_line_is_read_and_opened_again_when_the_device_comes_back() {
     // Beside all that else goes on a service may be late, and is not started again for it.
-    let system = System::new("restart.silence_s = 10.0");
+    let system = System::new("restart.silence_s = 3.0");
     let port = system.path("imu");
     let line = format!("serial:{}?rate_hz=100&baud=230400", port.display());
     let told = Told::start(&system, &["--source", &line]);

@@ -1,7 +1,7 @@
 //! What the report and the file of attitudes lack is said, counted and the exit code, and the attitude itself is never the price.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
 
-use crate::common::{Run, Running, System, attitudes, plumb, signal, until};
+use crate::common::{Run, Running, System, attitudes, lives, plumb, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -140,7 +140,9 @@ fn a_terminal_that_stands_still_is_not_waited_for() {
     let gyro = running.service("gyro");
     signal(gyro, Signal::KILL);
     until("another incarnation", || system.ps().iter().any(|one| one["service"] == "gyro" && one["restarts"] == 1));
+    let services = running.services();
     running.interrupt();
+    until("the services to end", || !services.iter().any(|(_, pid)| lives(*pid)));
     let people = thread::spawn(move || io::read_to_string(&mut reader).unwrap());
     let run = running.wait();
     run.assert_whole();

@@ -2,7 +2,7 @@
 
 use crate::{
     report::{Check, Figure},
-    run::{angle_deg, flaw, inclination_deg, rms},
+    run::{angle_deg, inclination_deg, rms, unsound_at},
     script::S1,
     slot::{Fills, Slot},
 };
@@ -24,10 +24,10 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     let mut giver = make();
     step_all::<L, S>(&mut giver, &inputs[..BEFORE]);
     for (name, other) in others() {
-        let alone_deg = later::<L, L::Own>(&mut other.clone(), &inputs, "").rmse_deg;
+        let alone_deg = alone_deg::<L, L::Own>(other.clone(), &inputs);
         checks.extend(hand_over::<L, S, L::Own>(&giver, &other, alone_deg, &format!("hand-over to {name}")));
     }
-    let alone_deg = later::<L, S>(&mut make(), &inputs, "").rmse_deg;
+    let alone_deg = alone_deg::<L, S>(make(), &inputs);
     for (name, mut other) in others() {
         step_all::<L, L::Own>(&mut other, &inputs[..BEFORE]);
         checks.extend(hand_over::<L, L::Own, S>(&other, &make(), alone_deg, &format!("hand-over from {name}")));
@@ -40,6 +40,11 @@ fn step_all<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)]) {
     inputs.iter().for_each(|(_, input)| {
         stage.step(input);
     });
+}
+
+/// The later error of a stage that has had every input, where its level counts.
+fn alone_deg<L: Slot, S: Fills<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
+    if L::LEVELS { later::<L, S>(&mut stage, inputs, "alone").rmse_deg } else { 0.0 }
 }
 
 /// The giver has had the inputs before; the receiver, fresh, has this error later when it is alone.
@@ -79,13 +84,13 @@ struct Later {
 }
 
 fn later<L: Slot, S: Fills<L>>(stage: &mut S, inputs: &[(usize, L::Input)], what: &str) -> Later {
-    let (mut errors_deg, mut first_flaw) = (Vec::new(), None);
+    let (mut errors_deg, mut flaw) = (Vec::new(), None);
     for (i, input) in inputs {
         let output = stage.step(input);
-        first_flaw = first_flaw.or_else(|| flaw::<L, S>(&output, stage, what, *i));
+        flaw = flaw.or_else(|| unsound_at::<L, S>(&output, stage, what, *i));
         if *i >= SETTLED {
             errors_deg.push(inclination_deg(L::quaternion(&output), S1.ticks[*i].truth.quaternion()));
         }
     }
-    Later { rmse_deg: rms(errors_deg.into_iter()), flaw: first_flaw }
+    Later { rmse_deg: rms(errors_deg.into_iter()), flaw }
 }

@@ -18,7 +18,7 @@
 //! | `hand_over` | go on where another stage was |
 //! | `tumbling` | turn over without a jump |
 //! | `settings` | stay sound with every allowed parameter |
-//! | `recovery` | be level again after a fault, in the time that `recovery.csv` allows |
+//! | `recovery` | be level again after a fault, in the time that `recovery.csv` allows, and sound until then |
 //! | [`script`], [`fault`] | what the sensors give, and what goes wrong with them |
 //! | `slot`, `run` | what the kit knows of a slot; running a stage |
 //! | `program`, `processor` | a stage that is a program of its own, and what a step of it costs |

@@ -3,7 +3,7 @@
 //! Input: none. Output: while the value lives, this thread and what it starts keep to one processor. Time: none. Failure: where the
 //! system refuses, nothing changes.
 
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 
 /// Gives back what was allowed before when it goes.
 pub(crate) struct OneProcessor {
@@ -11,19 +11,12 @@ pub(crate) struct OneProcessor {
 }
 
 impl OneProcessor {
-    /// Of those allowed, the one that the process's number gives: judges side by side are spread over them.
+    /// The one that this thread is on now.
     pub(crate) fn keep_to() -> Self {
-        let kept = sched_getaffinity(None).ok().filter(|allowed| {
-            let place = std::process::id() % allowed.count().max(1);
-            let mut one = CpuSet::new();
-            (0..CpuSet::MAX_CPU)
-                .filter(|cpu| allowed.is_set(*cpu))
-                .nth(place as usize)
-                .into_iter()
-                .for_each(|cpu| one.set(cpu));
-            sched_setaffinity(None, &one).is_ok()
-        });
-        Self { before: kept }
+        let mut one = CpuSet::new();
+        one.set(sched_getcpu());
+        let before = sched_getaffinity(None).ok().filter(|_| sched_setaffinity(None, &one).is_ok());
+        Self { before }
     }
 }
 
@@ -33,5 +26,21 @@ impl Drop for OneProcessor {
             // It is slower where that fails, and nothing else.
             let _ = sched_setaffinity(None, before);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_one_processor_while_it_lives_and_all_that_were_allowed_later() {
+        let allowed = || sched_getaffinity(None).map(|set| set.count()).ok();
+        let before = allowed();
+        {
+            let _one = OneProcessor::keep_to();
+            assert_eq!(allowed(), Some(1));
+        }
+        assert_eq!(allowed(), before);
     }
 }

@@ -46,7 +46,10 @@ where
         crate::report::<L, _>(&|| stage.clone(), on_begin)
     };
     on_begin("cost");
-    report.checks.extend(costs::<L>(Hosted::start(name, program, START_LIMIT)?));
+    match Hosted::start(name, program, START_LIMIT) {
+        Ok(stage) => report.checks.extend(costs::<L>(stage)),
+        Err(cause) => report.checks.push(Check::holds("it starts once more", Some(cause.to_string()))),
+    }
     Ok(report)
 }
 

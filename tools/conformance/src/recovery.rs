@@ -1,4 +1,4 @@
-//! How long after a fault the inclination is as good as without it.
+//! How long after a fault the inclination is as good as without it; a bad output fails as well.
 //!
 //! What is demanded of which stage is one table, `recovery.csv`; a fuser that it does not name is measured against the column `any`, a
 //! stage of another slot against the slot's first: a gyro by itself never recovers.
@@ -9,12 +9,10 @@ use crate::{
     fault::{BEGIN_S, CATALOGUE, Fault},
     report::{Check, Figure},
     run::{Begun, rms},
-    script::S1,
+    script::{ROUNDING_S, S1},
     slot::{Fills, Slot},
 };
 
-/// Of times that are multiples of an interval.
-const ROUNDING_S: f64 = 1e-9;
 /// Added to the multiple of the undisturbed RMSE, degrees.
 const ABOVE_DEG: f64 = 0.05;
 /// The column for every fuser that has none.
@@ -41,7 +39,11 @@ fn entry<L: Slot>(row: &str, stage: &str) -> Option<f64> {
 pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> {
     let stage = make();
     let begun = Begun::<L, S>::new(make(), &S1, S1.ticks_before(BEGIN_S));
-    let rmse_deg = rms(begun.on(&S1).errors_deg.iter().map(|(_, error_deg)| *error_deg));
+    let undisturbed = begun.on(&S1);
+    if undisturbed.flaw.is_some() {
+        return vec![Check::holds("recovers from faults on S1 with its errors", undisturbed.flaw)];
+    }
+    let rmse_deg = rms(undisturbed.errors_deg.iter().map(|(_, error_deg)| *error_deg));
     let bound_deg = entry::<L>(FACTOR, stage.name()).unwrap_or(f64::INFINITY) * rmse_deg + ABOVE_DEG;
     let undisturbed = Figure { value: Some(rmse_deg), limit: entry::<L>(RMSE, stage.name()), unit: "°" };
     let mut checks = vec![Check::most("inclination RMSE on S1 with its errors", undisturbed, || "undisturbed".into())];
@@ -60,7 +62,8 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     checks
 }
 
-/// From the fault's end to the last error above the bound, s, of the errors from its begin on; `None` when the error is above it at the script's end.
+/// From the fault's end to the last error above the bound, s; `None` when the error is above it at the script's end. The errors are
+/// those from the fault's begin on.
 fn recovery_s(fault: &Fault, errors_deg: &[(f64, f64)], bound_deg: f64) -> Option<f64> {
     let last = errors_deg.iter().rposition(|(_, error_deg)| !(0.0..=bound_deg).contains(error_deg));
     let Some(last) = last else { return Some(0.0) };

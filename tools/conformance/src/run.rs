@@ -11,17 +11,23 @@ use crate::{
 
 /// Runs a stage over a script; the first tick with a bad output, and what is wrong with it.
 pub(crate) fn unsound<L: Slot, S: Fills<L>>(stage: &mut S, script: &Script) -> Option<String> {
-    L::inputs(script).iter().find_map(|(i, input)| flaw::<L, S>(&stage.step(input), stage, &script.name, *i))
+    L::inputs(script).iter().find_map(|(i, input)| unsound_at::<L, S>(&stage.step(input), stage, &script.name, *i))
 }
 
 /// What is wrong with the output of a tick.
-pub(crate) fn flaw<L: Slot, S: Fills<L>>(output: &L::Output, stage: &S, script: &str, i: usize) -> Option<String> {
+pub(crate) fn unsound_at<L: Slot, S: Fills<L>>(
+    output: &L::Output,
+    stage: &S,
+    script: &str,
+    i: usize,
+) -> Option<String> {
     let flaw = L::unsound(output)?;
     let failure = stage.failure().map_or(String::new(), |failure| format!(", {failure}"));
     Some(format!("{script}, tick {i}: {flaw}{failure}"))
 }
 
-/// A stage that has run over the first ticks of a script: what differs only later begins here.
+/// A stage that has run over the first ticks of a script: what differs only later begins here. Of a program that is another process with
+/// the same state; what a program keeps beside its state is found by `repetition`.
 pub(crate) struct Begun<L: Slot, S> {
     stage: S,
     /// Inputs of those ticks.
@@ -45,7 +51,8 @@ impl<L: Slot, S: Fills<L>> Begun<L, S> {
     pub(crate) fn new(mut stage: S, script: &Script, ticks: usize) -> Self {
         let inputs = L::inputs(script);
         let first = inputs.partition_point(|(i, _)| *i < ticks);
-        let mut step = |(i, input): &(usize, L::Input)| flaw::<L, S>(&stage.step(input), &stage, &script.name, *i);
+        let mut step =
+            |(i, input): &(usize, L::Input)| unsound_at::<L, S>(&stage.step(input), &stage, &script.name, *i);
         let flaw = inputs[..first].iter().find_map(&mut step);
         Self { stage, inputs: first, flaw, slot: PhantomData }
     }
@@ -59,7 +66,7 @@ impl<L: Slot, S: Fills<L>> Begun<L, S> {
             }
             let (tick, output) = (&script.ticks[*i], stage.step(input));
             errors_deg.push((tick.t_s, inclination_deg(L::quaternion(&output), tick.truth.quaternion())));
-            flaw = self::flaw::<L, S>(&output, &stage, &script.name, *i);
+            flaw = unsound_at::<L, S>(&output, &stage, &script.name, *i);
         }
         Outcome { stage, errors_deg, flaw }
     }

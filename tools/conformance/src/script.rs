@@ -16,7 +16,7 @@ const FIX_RATE_HZ: f64 = 5.0;
 const VELOCITY_NOISE_M_S: f64 = 0.05;
 const LATITUDE_RAD: f64 = 0.97;
 /// Of times that are multiples of an interval.
-const ROUNDING_S: f64 = 1e-9;
+pub(crate) const ROUNDING_S: f64 = 1e-9;
 
 /// What the sensors give at one tick, and the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -25,6 +25,8 @@ enum Mistake {
     Deaf,
     /// A parameter that divides by its least value.
     Parameter,
+    /// Tells no number long after a stamp stood.
+    Late,
 }
 
 #[derive(Debug, Clone)]
@@ -33,6 +35,8 @@ struct Bad {
     inner: WzClosed,
     count: f64,
     divisor: f64,
+    /// When a stamp stood.
+    stood: f64,
 }
 
 const PARAMETER: &[Parameter] =
@@ -40,7 +44,7 @@ const PARAMETER: &[Parameter] =
 
 impl Bad {
     fn with(mistake: Mistake) -> Self {
-        Self { mistake, inner: WzClosed::default(), count: 0.0, divisor: 1.0 }
+        Self { mistake, inner: WzClosed::default(), count: 0.0, divisor: 1.0, stood: f64::INFINITY }
     }
 }
 
@@ -76,6 +80,8 @@ impl Stage for Bad {
             Mistake::Interval => fused.innovation_rad *= dt_s * dt_s.recip(),
             Mistake::Forgotten | Mistake::Unchecked => fused.inclination_sd_rad += (self.count * 1e-3).sqrt() * 1e-6,
             Mistake::Parameter => fused.innovation_rad /= self.divisor,
+            Mistake::Late if self.count > 1.0 && dt_s == 0.0 => self.stood = self.count,
+            Mistake::Late if self.count > self.stood + 4000.0 => fused.innovation_rad = f64::NAN,
             _ => (),
         }
         fused
@@ -132,8 +138,12 @@ fn each_mistake_fails_the_check_that_is_made_for_it() {
         (Mistake::Credulous, "an estimate that is none is not taken over"),
         (Mistake::Deaf, "tumbling: largest inclination error with exact sensors"),
         (Mistake::Parameter, "sound and resumable with divisor = 0"),
+        (Mistake::Late, "recovers from stamps that stand to "),
     ] {
         let failures = failures(mistake);
-        assert!(failures.iter().any(|failure| failure == check), "{mistake:?}: {check} passed; failed: {failures:?}");
+        assert!(
+            failures.iter().any(|failure| failure.starts_with(check)),
+            "{mistake:?}: {check} passed; failed: {failures:?}"
+        );
     }
 }
