@@ -25,14 +25,20 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     step_all::<L, S>(&mut giver, &inputs[..BEFORE]);
     for (name, other) in others() {
         let alone_deg = alone_deg::<L, L::Own>(other.clone(), &inputs);
-        checks.extend(hand_over::<L, S, L::Own>(&giver, &other, alone_deg, &format!("hand-over to {name}")));
+        checks.extend(hand_over::<L, S, L::Own>(&giver, &other, &inputs, alone_deg, &format!("hand-over to {name}")));
     }
     let alone_deg = alone_deg::<L, S>(make(), &inputs);
     for (name, mut other) in others() {
         step_all::<L, L::Own>(&mut other, &inputs[..BEFORE]);
-        checks.extend(hand_over::<L, L::Own, S>(&other, &make(), alone_deg, &format!("hand-over from {name}")));
+        checks.extend(hand_over::<L, L::Own, S>(
+            &other,
+            &make(),
+            &inputs,
+            alone_deg,
+            &format!("hand-over from {name}"),
+        ));
     }
-    checks.extend(hand_over::<L, S, S>(&giver, &make(), alone_deg, "hand-over to itself"));
+    checks.extend(hand_over::<L, S, S>(&giver, &make(), &inputs, alone_deg, "hand-over to itself"));
     checks
 }
 
@@ -48,9 +54,14 @@ fn alone_deg<L: Slot, S: Fills<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -
 }
 
 /// The giver has had the inputs before; the receiver, fresh, has this error later when it is alone.
-fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(giver: &G, receiver: &R, alone_deg: f64, what: &str) -> Vec<Check> {
+fn hand_over<L: Slot, G: Fills<L>, R: Fills<L>>(
+    giver: &G,
+    receiver: &R,
+    inputs: &[(usize, L::Input)],
+    alone_deg: f64,
+    what: &str,
+) -> Vec<Check> {
     let (mut giver, mut receiver) = (giver.clone(), receiver.clone());
-    let inputs = L::inputs(&S1);
     if let Err(refusal) = receiver.adopt(&giver.common()) {
         return vec![Check::holds(what, Some(refusal.to_string()))];
     }
