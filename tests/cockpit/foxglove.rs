@@ -4,9 +4,8 @@ use std::{
     fs,
     io::{BufRead as _, BufReader},
     net::TcpStream,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Stdio},
-    sync::LazyLock,
     thread,
     time::Duration,
 };
@@ -19,11 +18,6 @@ use super::{
 use crate::common::{System, beyond::free_port, data, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
-
-/// A Python with what the client needs, made once.
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
-    python("foxglove-venv", "websockets.sync.client, google.protobuf", &["websockets==16.0", "protobuf==7.36.2"])
-});
 
 fn client(python: &Path, port: u16, protocol: &str, what: &str) -> Command {
     let mut command = Command::new(python);
@@ -69,7 +63,7 @@ fn the_client_that_foxglove_publishes_sees_the_attitude_that_plumb_wrote() {
 
 #[test]
 fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
@@ -126,7 +120,7 @@ fn a_viewer_sees_the_attitude_that_plumb_wrote_and_sixty_of_it_a_second() {
 
 #[test]
 fn where_a_receiver_is_is_on_the_map_of_a_viewer() {
-    let (Some(python), Some(data)) = (&*PYTHON, data()) else { return };
+    let (Some(python), Some(data)) = (python(), data()) else { return };
     let (system, port) = with_cockpit("");
     let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
     let running = system.start(&["--replay", recording.to_str().unwrap(), "--speed", "1"]);
@@ -150,7 +144,7 @@ fn where_a_receiver_is_is_on_the_map_of_a_viewer() {
 
 #[test]
 fn a_system_that_begins_anew_is_another_session_for_whoever_stays() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new("");
     let running = system.start(&[]);
     system.all_run();

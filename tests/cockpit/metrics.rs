@@ -1,19 +1,10 @@
 //! The figures for Prometheus are those of the system.
-use std::{
-    collections::BTreeSet,
-    path::{Path, PathBuf},
-    process::Command,
-    sync::LazyLock,
-};
+use std::{collections::BTreeSet, path::Path, process::Command};
 
 use super::page::{row, with_cockpit};
 use crate::common::{System, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
-
-/// A Python with the parser of Prometheus' own client, made once.
-static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("metrics-venv", "prometheus_client.parser", &["prometheus_client==0.26.0"]));
 
 /// What /metrics says: each sample with its name and labels.
 struct Figures(Vec<(String, Value, f64)>);
@@ -72,7 +63,7 @@ const PATH: [&str; 5] = ["ingest", "gyro", "accel", "fuser", "course"];
 
 #[test]
 fn prometheus_reads_what_plumb_ps_says() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let (system, port) = with_cockpit("");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);

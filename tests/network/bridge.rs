@@ -2,22 +2,13 @@
 use std::{
     io::{BufRead, BufReader, Write},
     net::UdpSocket,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Child, Command, Stdio},
-    sync::LazyLock,
 };
 
 use crate::common::{System, attitudes, beyond::free_port, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::{Value, json};
-
-/// A Python with what hears MAVLink, made once; says why where there is none.
-static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("mavlink-venv", "pymavlink.mavutil", &["pymavlink==2.4.50"]));
-
-/// A Python with Zenoh and what reads the messages of ROS 2.
-static ROS: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("ros-venv", "zenoh, rosbags", &["eclipse-zenoh==1.10.2", "rosbags==0.11.9"]));
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
 /// A heartbeat's place of MAV_STATE, and a frame's of its message, its system and its component.
@@ -47,7 +38,7 @@ fn ticks(system: &System) -> u64 {
 
 #[test]
 fn pymavlink_hears_the_attitude_that_the_system_writes() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ground_station.py");
@@ -86,7 +77,7 @@ fn pymavlink_hears_the_attitude_that_the_system_writes() {
 
 #[test]
 fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
-    let Some(python) = &*ROS else { return };
+    let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = free_port();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_node.py");
@@ -134,7 +125,7 @@ fn a_node_of_rmw_zenoh_hears_the_attitude_as_rosbags_reads_it() {
 
 #[test]
 fn a_node_of_rmw_zenoh_gives_the_readings_of_a_system() {
-    let Some(python) = &*ROS else { return };
+    let Some(python) = python() else { return };
     let port = free_port();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_imu.py");
     let mut node = Command::new(python);

@@ -12,8 +12,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
 };
 
-use super::foreign::PYTHON;
-use crate::common::{Run, Running, System, data, plumb, signal, until};
+use crate::common::{Run, Running, System, data, plumb, python::python, signal, until};
 use rustix::process::Signal;
 
 /// Lines of a shell that do not run here, by how they begin, and why.
@@ -373,7 +372,7 @@ fn every_line_of_a_shell_runs() {
 
 #[test]
 fn every_client_in_python_prints_what_arrives() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let mut scratch = Scratch::new();
     scratch.start("plumb up");
     scratch.all_run();

@@ -2,9 +2,8 @@
 use std::{
     fs,
     io::{BufRead, BufReader, Write},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Stdio},
-    sync::LazyLock,
 };
 
 use crate::common::{
@@ -14,10 +13,6 @@ use crate::common::{
     python::python,
 };
 use serde_json::Value;
-
-/// A Python with what the client needs, made once; says why where there is none.
-pub(crate) static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("foreign-venv", "zenoh, google.protobuf", &["eclipse-zenoh==1.10.2", "protobuf==7.36.2"]));
 
 /// The vehicle boat.
 fn boat(gateway: &str) -> System {
@@ -70,7 +65,7 @@ fn assert_reads_and_asks(mut client: Command, running: Running, commands: bool) 
 
 #[test]
 fn a_client_that_knows_nothing_of_us_reads_and_asks_and_commands_nobody_over_plain_tcp() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = boat(&format!("listen = [\"tcp/127.0.0.1:{}\"]", free_port()));
     let running = system.start(&[]);
     assert_reads_and_asks(client(python, &endpoint(&system), None), running, false);
@@ -78,7 +73,7 @@ fn a_client_that_knows_nothing_of_us_reads_and_asks_and_commands_nobody_over_pla
 
 #[test]
 fn over_quic_it_commands_as_well_with_a_certificate_and_gets_nothing_without() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let keys = tempfile::tempdir().unwrap();
     let of = |party: &str| keys.path().join(party);
     for arguments in [&["init"][..], &["vehicle", "boat", "--host", "127.0.0.1"], &["operator", "ann"]] {

@@ -1,16 +1,13 @@
 //! The scores in Python: the notebook shows what `plumb score` tells, and the module refuses what it did not write.
 use std::{
     fs,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Output},
-    sync::LazyLock,
 };
 
 use super::score::{folder_with, scores};
 use crate::common::python::python;
 use serde_json::Value;
-
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("numpy-venv", "numpy", &["numpy==2.4.6"]));
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -31,7 +28,7 @@ fn last_line(output: &Output) -> &str {
 
 #[test]
 fn the_notebook_shows_what_the_scores_say() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let output = run(python, root(), &["tests/foreign/notebook.py", "docs/s1.ipynb"]);
     let said: Value = serde_json::from_str(last_line(&output)).unwrap();
     assert_eq!(said["pictures"], serde_json::json!(["errors-over-time", "plane-of-w", "sweep", "yaw-over-time"]));
@@ -39,7 +36,7 @@ fn the_notebook_shows_what_the_scores_say() {
 
 #[test]
 fn the_example_in_the_chapter_prints_the_same_error_twice() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let chapter = fs::read_to_string(root().join("docs/scoring.md")).unwrap();
     let lines = chapter.lines().skip_while(|line| !line.starts_with("    from plumbscore"));
     let example = lines.map_while(|line| line.strip_prefix("    ").or(line.is_empty().then_some("")));
@@ -62,7 +59,7 @@ fn refusal(python: &Path, folder: &Path, read: &str) -> String {
 
 #[test]
 fn a_damaged_table_is_refused_with_its_place_and_the_remedy() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let folder = folder_with(&[]);
     scores(folder.path(), &["sim:s1?duration_s=0.05", "--csv", "."]);
     let whole = fs::read_to_string(folder.path().join("sim_s1_duration_s_0.05.csv")).unwrap();
@@ -87,7 +84,7 @@ fn a_damaged_table_is_refused_with_its_place_and_the_remedy() {
 
 #[test]
 fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let folder = folder_with(&[]);
     let plumb = format!("{:?}", env!("CARGO_BIN_EXE_plumb"));
     for (read, said) in [
@@ -112,7 +109,7 @@ fn what_is_no_score_and_a_run_that_fails_are_refused_with_the_remedy() {
 
 #[test]
 fn angles_go_the_short_way_round_and_a_point_is_seen_from_either_chart() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let program = "
 import numpy as np
 import plumbscore as p

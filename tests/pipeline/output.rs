@@ -134,7 +134,7 @@ for row in zip(topic['timestamp'], *(topic[f'q[{i}]'] for i in range(4))):
 fn what_is_given_as_ned_frd_is_what_px4_estimates_of_the_same_flight() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");
-    let Some(interpreter) = python("ulog-venv", "pyulog", &["pyulog"]) else { return };
+    let Some(interpreter) = python() else { return };
     let read = std::process::Command::new(interpreter).args(["-c", READ]).arg(&log).output().unwrap();
     assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
     let px4 = estimates(&String::from_utf8(read.stdout).unwrap());
@@ -189,7 +189,7 @@ fn error_deg(ours: &[(f64, [f64; 4])], theirs: &[(f64, [f64; 4])]) -> [f64; 2] {
 
 #[test]
 fn a_robot_of_ros_reads_what_is_given_as_enu_flu() {
-    let Some(interpreter) = python("scipy-venv", "scipy", &["scipy"]) else { return };
+    let Some(interpreter) = python() else { return };
     let system =
         System::new("output = { frame = \"enu-flu\", quaternion = \"xyzw\" }\ningest.sim.scenario = \"tumble\"");
     let out = system.path("given.csv");

@@ -2,9 +2,9 @@
 use std::{
     fs,
     io::{BufRead, BufReader},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Child, Command, Stdio},
-    sync::{LazyLock, mpsc},
+    sync::mpsc,
     thread,
 };
 
@@ -13,8 +13,6 @@ use bus::{Bus, SystemName};
 use messages::{Message, ReceiverReading, SensorReading, TakenReading};
 use rustix::process::Signal;
 use serde_json::Value;
-
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("sensor-venv", "iceoryx2", &["iceoryx2==0.10.0"]));
 
 const FROM_THE_BUS: &str = "[ingest]\nsource = \"bus\"\nbus.rate_hz = 200\n";
 
@@ -72,7 +70,7 @@ fn bits(value: &Value) -> Option<[u64; 3]> {
 
 #[test]
 fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&["--readings"]);
     let (feeder, said) = joined(python, &system);
@@ -116,7 +114,7 @@ fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
 
 #[test]
 fn the_program_goes_on_when_the_system_has_begun_anew() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&[]);
     let (feeder, _) = joined(python, &system);
@@ -171,7 +169,7 @@ fn feeds(mut program: Command) {
 #[test]
 fn the_examples_are_sensors() {
     feeds(Command::new(crate::common::example("driver")));
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut program = Command::new(python);
     program.arg(here.join("examples/sensor.py")).env("PYTHONPATH", here.join("crates/sdk/python"));
@@ -180,7 +178,7 @@ fn the_examples_are_sensors() {
 
 #[test]
 fn a_system_that_takes_no_readings_is_named_with_the_remedy() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new("");
     assert!(Feeder::start(python, &system.name).line().contains("it does not run; start it with `plumb up`"));
     assert!(Feeder::start(python, "No Name").line().contains("use 1 to 32 of a-z"));

@@ -4,10 +4,10 @@ use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream, UdpSocket},
-    path::{Path, PathBuf},
+    path::Path,
     process::{Child, Command, Stdio},
     sync::{
-        Arc, LazyLock,
+        Arc,
         atomic::{AtomicBool, Ordering},
     },
     thread,
@@ -26,13 +26,8 @@ use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 use super::drivers::pseudo_terminal;
 use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until};
 
-const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
 const GRAVITY_M_S2: f64 = 9.80665;
 const LEVEL: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
-
-/// Made once; says why where there is none.
-static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("sources-venv", "pymavlink, pyubx2, pynmeagps", &PACKAGES));
 
 /// Something that is done until it is dropped.
 struct Doing {
@@ -77,7 +72,7 @@ impl Device {
     /// None where there is no Python for it. One that serves is ready when this returns.
     fn start(kind: &str, port: u16, serves: bool) -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/devices.py");
-        let mut command = Command::new(PYTHON.as_ref()?);
+        let mut command = Command::new(python()?);
         let mut child = command
             .arg(script)
             .args([kind, &port.to_string()])

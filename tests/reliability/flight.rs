@@ -3,18 +3,11 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::{Command, Stdio},
-    sync::LazyLock,
 };
 
 use crate::common::{Run, Running, System, data, lives, plumb, python::python, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
-
-/// A Python with the packages of MCAP.
-static PYTHON: LazyLock<Option<PathBuf>> = LazyLock::new(|| {
-    let packages = ["mcap==1.6.0", "mcap-protobuf-support==0.6.0", "protobuf==7.36.2"];
-    python("flight-venv", "mcap, mcap_protobuf, lz4", &packages)
-});
 
 /// What a reader of others finds in a flight.
 fn read_by_others(python: &Path, flight: &Path, attitudes: Option<&Path>) -> Value {
@@ -62,7 +55,7 @@ fn assert_every_tick(found: &Value, ticks: u64) {
 
 #[test]
 fn where_a_receiver_was_is_on_the_map_of_viewers() {
-    let (Some(python), Some(data)) = (&*PYTHON, data()) else { return };
+    let (Some(python), Some(data)) = (python(), data()) else { return };
     let system = System::new("");
     let flights = system.path("flights");
     let recording = data.join("flights/apm_plane_log2_imu.csv.gz");
@@ -83,7 +76,7 @@ fn where_a_receiver_was_is_on_the_map_of_viewers() {
 
 #[test]
 fn a_flight_has_every_tick_though_services_are_killed_and_a_stage_is_swapped() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new("");
     let (flights, out) = (system.path("flights"), system.path("out.csv"));
     let running = system.start(&["--record", flights.to_str().unwrap(), "--out", out.to_str().unwrap()]);
@@ -132,7 +125,7 @@ fn a_flight_has_every_tick_though_services_are_killed_and_a_stage_is_swapped() {
 
 #[test]
 fn a_flight_as_fast_as_it_goes_is_whole_as_well() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new("");
     let (flights, out) = (system.path("flights"), system.path("out.csv"));
     let [flights_at, out_at] = [&flights, &out].map(|path| path.to_str().unwrap());
@@ -144,7 +137,7 @@ fn a_flight_as_fast_as_it_goes_is_whole_as_well() {
 
 #[test]
 fn a_recorder_that_is_killed_leaves_a_file_that_opens_with_what_was_flown() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let system = System::new("");
     let running = system.start(&[]);
     system.all_run();
@@ -178,7 +171,7 @@ fn a_recorder_that_is_killed_leaves_a_file_that_opens_with_what_was_flown() {
 
 #[test]
 fn a_disk_that_fills_ends_the_flight_with_a_whole_chunk_and_costs_no_tick() {
-    let Some(python) = &*PYTHON else { return };
+    let Some(python) = python() else { return };
     let namespace = ["--map-root-user", "--mount"];
     let allowed = Command::new("unshare").args(namespace).arg("true").output();
     if !allowed.as_ref().is_ok_and(|output| output.status.success()) {

@@ -209,7 +209,11 @@ fn program() -> io::Result<PathBuf> {
 /// A thread that reaps what it is sent; it ends with the sender.
 fn reaping_thread() -> Option<SyncSender<Child>> {
     let (dead, sent) = mpsc::sync_channel::<Child>(DEAD_MAX);
-    let work = move || sent.into_iter().for_each(|mut child| drop(child.wait()));
+    let work = move || {
+        // The kernel may compute for long to clear up after a process: everybody else goes first.
+        scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
+        sent.into_iter().for_each(|mut child| drop(child.wait()));
+    };
     thread::Builder::new().name("reaping".into()).spawn(work).ok().map(|_| dead)
 }
 

@@ -22,8 +22,8 @@ const SUPERVISOR_NS: u64 = 1_000_000;
 /// By how much a process beside the path is nicer: a tenth of the weight, so that it starts on a loaded machine too.
 const NICER: i32 = 10;
 const NICEST: i32 = 19;
-/// To the kernel, whoever asks.
-const OWN: u32 = 0;
+/// To the kernel, the thread that asks.
+pub(crate) const OWN: u32 = 0;
 
 /// Standings of processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub(crate) enum SchedulingClass {
     Leaving,
 }
 
-/// Gives a process its standing. One that starts and could not be given the path's again is no nicer than others.
+/// Gives a process, or the thread that asks, its standing. One that starts and could not be given the path's again is no nicer than others.
 pub(crate) fn set(pid: u32, class: SchedulingClass) {
     let Ok(own) = scheduling_of(OWN) else { return };
     let class = if class == SchedulingClass::Starting && !may_return(&own) { SchedulingClass::Beside } else { class };

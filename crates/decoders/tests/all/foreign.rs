@@ -1,11 +1,6 @@
 //! Bytes as pymavlink, pyubx2 and pynmeagps encode them, and as packages for WitMotion sensors and the BNO08x read them.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-    sync::LazyLock,
-};
+use std::{fs, path::Path, process::Command};
 
 use decoders::{
     Counts, Decoder, DeviceTime, Framed, Measurement, Place, Value,
@@ -18,21 +13,9 @@ use decoders::{
 
 use crate::{python::python, streams::decoded};
 
-const PACKAGES: [&str; 3] = ["pymavlink==2.4.50", "pyubx2==1.4.0", "pynmeagps==1.1.8"];
-/// They only read: their dependencies are for the pins of boards.
-const READERS: [&str; 4] =
-    ["--no-deps", "witmotion==0.0.1.dev0", "pyserial==3.5", "adafruit-circuitpython-bno08x-rvc==1.0.24"];
-
-/// Made once; says why where there is none.
-static PYTHON: LazyLock<Option<PathBuf>> =
-    LazyLock::new(|| python("devices-venv", "pymavlink, pyubx2, pynmeagps", &PACKAGES));
-
-static PYTHON_OF_READERS: LazyLock<Option<PathBuf>> = LazyLock::new(|| python("readers-venv", "witmotion", &READERS));
-
 /// The bytes of `kind`, and what is to come of them; none for a measurement that is not compared.
 fn encoded(kind: &str) -> Option<(Vec<u8>, Vec<Option<Measurement>>)> {
-    let python = if matches!(kind, "witmotion" | "rvc") { &PYTHON_OF_READERS } else { &PYTHON };
-    let python = python.as_ref()?;
+    let python = python()?;
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/all/foreign.py");
     let file = tempfile::NamedTempFile::new().unwrap();
     let output = Command::new(python).arg(script).arg(kind).arg(file.path()).output().unwrap();

@@ -6,7 +6,8 @@ use import::{Format, Note};
 
 use crate::{
     common::{Bytes, Folder},
-    readers::{PYTHON, lines},
+    python::python,
+    readers::lines,
 };
 
 /// A DataFlash log, message by message.
@@ -90,7 +91,7 @@ pub(crate) fn flash(rows: u32) -> Flash {
 
 #[test]
 fn the_samples_of_a_log_are_those_of_pymavlink() {
-    if PYTHON.is_none() {
+    if python().is_none() {
         return;
     }
     let folder = Folder::new();

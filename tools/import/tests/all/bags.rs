@@ -6,7 +6,8 @@ use import::{Format, Note, Options, convert};
 
 use crate::{
     common::{Folder, Imported},
-    readers::{PYTHON, lines},
+    python::python,
+    readers::lines,
 };
 
 const NAMES: [&str; 6] = ["none", "zstd", "sqlite3", "packed", "lz4.mcap", "bare.mcap"];
@@ -63,7 +64,7 @@ fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
 
 #[test]
 fn the_samples_of_bags_are_those_of_rosbags() {
-    if PYTHON.is_none() {
+    if python().is_none() {
         return;
     }
     let folder = Folder::new();
@@ -110,7 +111,7 @@ fn the_samples_of_bags_are_those_of_rosbags() {
 
 #[test]
 fn a_bag_of_several_files_is_one_and_what_is_cut_of_it_is_told() {
-    if PYTHON.is_none() {
+    if python().is_none() {
         return;
     }
     let folder = Folder::new();
@@ -175,7 +176,7 @@ fn a_database_with_views_in_place_of_its_tables_runs_nothing() {
 
 #[test]
 fn progress_of_a_bag_grows_to_the_whole() {
-    if PYTHON.is_none() {
+    if python().is_none() {
         return;
     }
     let folder = Folder::new();

@@ -6,7 +6,8 @@ use import::Format;
 
 use crate::{
     common::{Folder, Imported, log},
-    readers::{PYTHON, lines},
+    python::python,
+    readers::lines,
 };
 
 /// The samples of each topic: time in µs, and fields.
@@ -74,7 +75,7 @@ fn the_samples_of_real_logs_are_those_of_pyulog() {
     for (name, rows, expected) in
         [("px4_sample.ulg", 17_070, (6_459, 6_551, 0)), ("px4_small.ulg", 1_298, (1_298, 319, 32))]
     {
-        let (Some(path), Some(_)) = (log(name), PYTHON.as_ref()) else { return };
+        let (Some(path), Some(_)) = (log(name), python()) else { return };
         let folder = Folder::new();
         let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
         assert_eq!((imported.summary.format, imported.rows.len()), (Format::Ulog, rows));
