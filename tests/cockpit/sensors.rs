@@ -50,7 +50,7 @@ fn fed(running: &mut Running) -> Arc<AtomicBool> {
 fn begun(page: &mut Page, what: &str) {
     page.eval(&format!("document.getElementById('calibrated').value = '{what}'"));
     page.click("#calibrate");
-    page.until(&format!("plumb.drawn()?.calibration.what === '{what}'"));
+    page.until(&format!("plumb.drawn()?.calibration?.what === '{what}'"));
 }
 
 #[test]

@@ -40,21 +40,30 @@ pub(crate) struct Hypothesis {
     pub(crate) left: f64,
 }
 
+/// The hypotheses of one unit and one hand. Axes `A` with the determinant ±1 make of the turn `t` the rotation `A R(±t) Aᵀ`: all of them share
+/// its product over the window.
+#[derive(Debug, Clone)]
+struct Hand {
+    scale: f64,
+    sign: f64,
+    /// By the rotations so far, from the body's axes to where the window began.
+    back: Matrix3<f64>,
+    /// Sums of `back` times a component of the force, for each of the three.
+    moments: [Matrix3<f64>; 3],
+    lanes: Vec<Lane>,
+}
+
 /// One hypothesis at work.
 #[derive(Debug, Clone)]
 struct Lane {
     axes: Matrix3<f64>,
-    scale: f64,
-    /// From the body's axes to where the window began.
-    back: Matrix3<f64>,
-    force: Vector3<f64>,
     spread: f64,
 }
 
 /// The hypotheses side by side.
 #[derive(Debug, Clone)]
 pub(crate) struct Turning {
-    lanes: Vec<Lane>,
+    hands: Vec<Hand>,
     step: Step,
     window_s: f64,
     count: f64,
@@ -76,15 +85,13 @@ struct Step {
 
 impl Default for Turning {
     fn default() -> Self {
-        let zero = Vector3::zeros();
-        let lane = |(axes, scale)| Lane { axes, scale, back: Matrix3::identity(), force: zero, spread: 0.0 };
-        let all = signed_permutations().flat_map(|axes| SCALES.map(|scale| (axes, scale)));
+        let hands = SCALES.iter().flat_map(|scale| [1.0, -1.0].map(|sign| Hand::new(*scale, sign)));
         Self {
-            lanes: all.map(lane).collect(),
+            hands: hands.collect(),
             step: Step::default(),
             window_s: 0.0,
             count: 0.0,
-            force: zero,
+            force: Vector3::zeros(),
             squares: 0.0,
             windows: 0,
             spread: 0.0,
@@ -111,9 +118,7 @@ impl Turning {
 
     fn begin(&mut self) {
         (self.window_s, self.count, self.squares, self.force) = (0.0, 0.0, 0.0, Vector3::zeros());
-        for lane in &mut self.lanes {
-            (lane.back, lane.force) = (Matrix3::identity(), Vector3::zeros());
-        }
+        self.hands.iter_mut().for_each(Hand::begin);
     }
 
     pub(crate) fn take(&mut self, dt_s: f64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) {
@@ -134,10 +139,7 @@ impl Turning {
         self.count += 1.0;
         self.force += force;
         self.squares += force.norm_squared();
-        for lane in &mut self.lanes {
-            lane.back *= turned(lane.axes * turn_rad * lane.scale);
-            lane.force += lane.back * force;
-        }
+        self.hands.iter_mut().for_each(|hand| hand.take(turn_rad, force));
         if self.window_s >= WINDOW_S {
             self.close();
         }
@@ -151,9 +153,7 @@ impl Turning {
         if still > TURNED && still.is_finite() {
             self.windows += 1;
             self.spread += still;
-            for lane in &mut self.lanes {
-                lane.spread += 1.0 - lane.force.norm_squared() / whole;
-            }
+            self.hands.iter_mut().for_each(|hand| hand.close(spread));
         }
         self.begin();
     }
@@ -162,8 +162,7 @@ impl Turning {
         if !self.is_enough() {
             return None;
         }
-        let left = |lane: &Lane| Hypothesis { axes: lane.axes, scale: lane.scale, left: lane.spread / self.spread };
-        let mut all: Vec<_> = self.lanes.iter().map(left).collect();
+        let mut all: Vec<_> = self.hands.iter().flat_map(|hand| hand.hypotheses(self.spread)).collect();
         all.sort_by(|one, other| one.left.total_cmp(&other.left));
         let is_as_is = |hypothesis: &&Hypothesis| hypothesis.scale == 1.0 && hypothesis.axes == Matrix3::identity();
         let (best, as_is) = (all.first()?.left, all.iter().find(is_as_is)?.left);
@@ -175,6 +174,39 @@ impl Turning {
         all.retain(|hypothesis| hypothesis.left < AS_WELL * best + AS_WELL_BY);
         all.sort_by(|one, other| simplicity(other).total_cmp(&simplicity(one)).then(one.left.total_cmp(&other.left)));
         Some(finding::turning(as_is, self.seconds(), &all))
+    }
+}
+
+impl Hand {
+    fn new(scale: f64, sign: f64) -> Self {
+        let of_this_hand = signed_permutations().filter(|axes| axes.determinant() * sign > 0.0);
+        let lanes = of_this_hand.map(|axes| Lane { axes, spread: 0.0 }).collect();
+        Self { scale, sign, back: Matrix3::identity(), moments: [Matrix3::zeros(); 3], lanes }
+    }
+
+    fn begin(&mut self) {
+        (self.back, self.moments) = (Matrix3::identity(), [Matrix3::zeros(); 3]);
+    }
+
+    fn take(&mut self, turn_rad: Vector3<f64>, force: Vector3<f64>) {
+        self.back *= turned(turn_rad * self.sign * self.scale);
+        self.moments.iter_mut().zip(force.iter()).for_each(|(moment, force)| *moment += self.back * *force);
+    }
+
+    /// Ends a window; `spread` is that of a sum of forces.
+    fn close(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
+        let Self { sign, moments, lanes, .. } = self;
+        for lane in lanes {
+            // The sum in the turned axes, as long as that in the body's.
+            let terms = moments.iter().zip(lane.axes.row_iter());
+            let force = terms.map(|(moment, row)| moment * row.transpose() * *sign).sum();
+            lane.spread += spread(&force);
+        }
+    }
+
+    /// Its hypotheses, where `spread` is the sum in the body's axes.
+    fn hypotheses(&self, spread: f64) -> impl Iterator<Item = Hypothesis> {
+        self.lanes.iter().map(move |lane| Hypothesis { axes: lane.axes, scale: self.scale, left: lane.spread / spread })
     }
 }
 

@@ -35,6 +35,8 @@ pub(crate) struct Out {
     /// `None` once it has said how it ended.
     writer: Option<JoinHandle<io::Result<()>>>,
     written_bytes: Arc<AtomicU64>,
+    /// How long the disk may take nothing while it is waited for.
+    still_limit: Duration,
 }
 
 impl Out {
@@ -45,15 +47,15 @@ impl Out {
         if fs::metadata(path).is_ok_and(|at_path| at_path.file_type().is_fifo()) {
             return Err(failed(io::Error::other("it is a pipe; name a file")));
         }
-        File::create(path).and_then(|file| Self::new(path, file, head)).map_err(failed)
+        File::create(path).and_then(|file| Self::new(path, file, head, STILL_LIMIT)).map_err(failed)
     }
 
-    fn new(path: &Path, file: File, lines: String) -> io::Result<Self> {
+    fn new(path: &Path, file: File, lines: String, still_limit: Duration) -> io::Result<Self> {
         let (batches, taken) = mpsc::sync_channel(BATCHES_MAX);
         let written_bytes = Arc::new(AtomicU64::new(0));
         let written = written_bytes.clone();
         let writer = thread::Builder::new().name("out".into()).spawn(move || write_all(file, &taken, &written))?;
-        Ok(Self { path: path.into(), lines, batches: Some(batches), writer: Some(writer), written_bytes })
+        Ok(Self { path: path.into(), lines, batches: Some(batches), writer: Some(writer), written_bytes, still_limit })
     }
 
     /// Where a line is added.
@@ -100,8 +102,8 @@ impl Out {
             if std::mem::replace(&mut written, now) != now {
                 since = Instant::now();
             }
-            if since.elapsed() > STILL_LIMIT {
-                let cause = format!("the disk has taken nothing for {} s", STILL_LIMIT.as_secs());
+            if since.elapsed() > self.still_limit {
+                let cause = format!("the disk has taken nothing for {} s", self.still_limit.as_secs());
                 return Err(self.ends(io::Error::new(io::ErrorKind::TimedOut, cause)));
             }
             thread::sleep(POLL);
@@ -146,10 +148,12 @@ mod tests {
 
     use super::*;
 
+    const LIMIT: Duration = Duration::from_secs(1);
+
     /// A disk that takes what a pipe holds, 64 KiB, and the rest when somebody reads.
     fn slow_disk() -> (io::PipeReader, Out) {
         let (reader, writer) = io::pipe().unwrap();
-        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into()).unwrap())
+        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), LIMIT).unwrap())
     }
 
     fn add(out: &mut Out) -> Result<(), CollectorError> {
@@ -175,7 +179,7 @@ mod tests {
     fn a_disk_that_takes_nothing_more_is_given_up() {
         let (_reader, mut out) = slow_disk();
         let ended = (0..).find_map(|_| add(&mut out).err()).unwrap();
-        assert!(ended.to_string().contains("taken nothing for 5 s"), "{ended}");
+        assert!(ended.to_string().contains("taken nothing for 1 s"), "{ended}");
     }
 
     #[test]

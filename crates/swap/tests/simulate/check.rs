@@ -103,6 +103,21 @@ impl Tally {
         }
     }
 
+    /// This and what was met in other worlds.
+    pub(crate) fn with(mut self, other: Self) -> Self {
+        for (why, times) in other.ended {
+            *self.ended.entry(why).or_default() += times;
+        }
+        Self {
+            ticks: self.ticks + other.ticks,
+            restarts: self.restarts + other.restarts,
+            replaced: self.replaced + other.replaced,
+            repeated: self.repeated + other.repeated,
+            held_max: self.held_max.max(other.held_max),
+            ..self
+        }
+    }
+
     /// A simulation that never meets a case proves nothing about it.
     pub(crate) fn everything_was_seen(&self) {
         for case in CASES {

@@ -12,6 +12,8 @@ mod reader;
 mod supervisor;
 mod world;
 
+use std::{panic, thread};
+
 use check::Tally;
 use world::World;
 
@@ -24,21 +26,36 @@ fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_swap()
         return;
     }
     let seeds = number("SWAP_SEEDS").unwrap_or(SEEDS);
-    let mut tally = Tally::default();
-    let mut failures = Vec::new();
-    for seed in 0..seeds {
-        match std::panic::catch_unwind(|| World::new(seed, false).run()) {
-            Ok(Ok(world)) => tally.add(&world),
-            Ok(Err(failure)) => failures.push(format!("seed {seed}: {failure}")),
-            Err(_) => failures.push(format!("seed {seed}: panic")),
-        }
-    }
+    let threads = thread::available_parallelism().unwrap().get() as u64;
+    let lived = thread::scope(|scope| {
+        let all: Vec<_> =
+            (0..threads).map(|first| scope.spawn(move || live((first..seeds).step_by(threads as usize)))).collect();
+        all.into_iter().map(|each| each.join().unwrap()).collect::<Vec<_>>()
+    });
+    let (tally, failures) =
+        lived.into_iter().fold((Tally::default(), Vec::new()), |(tally, failures), (more, failed)| {
+            (tally.with(more), [failures, failed].concat())
+        });
     println!("{seeds} worlds\n{tally}");
     let first: Vec<_> = failures.iter().take(20).map(String::as_str).collect();
     assert!(failures.is_empty(), "{} of {seeds} worlds:\n{}", failures.len(), first.join("\n"));
     if seeds >= SEEDS {
         tally.everything_was_seen();
     }
+}
+
+/// Lives through worlds: what was met, and what failed.
+fn live(seeds: impl Iterator<Item = u64>) -> (Tally, Vec<String>) {
+    let mut tally = Tally::default();
+    let mut failures = Vec::new();
+    for seed in seeds {
+        match panic::catch_unwind(|| World::new(seed, false).run()) {
+            Ok(Ok(world)) => tally.add(&world),
+            Ok(Err(failure)) => failures.push(format!("seed {seed}: {failure}")),
+            Err(_) => failures.push(format!("seed {seed}: panic")),
+        }
+    }
+    (tally, failures)
 }
 
 /// A number from the environment.
