@@ -175,8 +175,17 @@ impl Running {
 
     /// What it says to people goes to `stderr`.
     pub(crate) fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
-        let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
-        Self { child: Some(child), seen: RefCell::default() }
+        command.stdout(Stdio::piped()).stderr(stderr);
+        let mut child = command.spawn();
+        // A program that was just copied: what another test started meanwhile has it open until it is another program.
+        for _ in 0..100 {
+            if !child.as_ref().is_err_and(|error| error.kind() == std::io::ErrorKind::ExecutableFileBusy) {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+            child = command.spawn();
+        }
+        Self { child: Some(child.unwrap()), seen: RefCell::default() }
     }
 
     pub(crate) fn pid(&self) -> u32 {

@@ -66,7 +66,8 @@ fn driven(pieces: &str) -> [f64; 2] {
     let system = System::new(pieces);
     let (port, truth, flights) = (system.path("imu"), system.path("truth.csv"), system.path("flights"));
     let running = system.start(&["--source", &source(&port), "--record", flights.to_str().unwrap()]);
-    until("the system to answer", || !system.ps().is_empty());
+    // What comes before ingest listens nobody gets.
+    system.all_run();
     let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
     until("the end of the drive", || moved.0.0.try_wait().unwrap().is_some());
     running.interrupt();
@@ -86,7 +87,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new("");
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    until("the system to answer", || !system.ps().is_empty());
+    system.all_run();
     let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
         .map(|(what, motion)| piece(&system, &port, what, motion));
     running.interrupt();
@@ -97,7 +98,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new(&sensors);
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    until("the system to answer", || !system.ps().is_empty());
+    system.all_run();
     let mounting = piece(&system, &port, "mounting", "poses");
     running.interrupt();
     running.wait();
