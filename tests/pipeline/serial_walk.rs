@@ -43,6 +43,14 @@ fn source(port: &Path) -> String {
     format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
 }
 
+/// Waits until every service is there for what comes: what a unit says before that, nobody gets.
+fn all_listen(system: &System) {
+    until("every service to be ready", || {
+        let ps = system.ps();
+        ps.len() > 5 && ps.iter().all(|one| one["state"] == "ready" || one["state"] == "running")
+    });
+}
+
 /// The piece of a launch file, found while the unit is moved: from when it is read, so that the first pose is the first that is seen.
 fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
     let arguments = ["calibrate", what, "--live", "--for", "40s", "--json", "--system", &system.name];
@@ -66,8 +74,7 @@ fn driven(pieces: &str) -> [f64; 2] {
     let system = System::new(pieces);
     let (port, truth, flights) = (system.path("imu"), system.path("truth.csv"), system.path("flights"));
     let running = system.start(&["--source", &source(&port), "--record", flights.to_str().unwrap()]);
-    // What comes before ingest listens nobody gets.
-    system.all_run();
+    all_listen(&system);
     let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
     until("the end of the drive", || moved.0.0.try_wait().unwrap().is_some());
     running.interrupt();
@@ -87,7 +94,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new("");
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    system.all_run();
+    all_listen(&system);
     let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
         .map(|(what, motion)| piece(&system, &port, what, motion));
     running.interrupt();
@@ -98,7 +105,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new(&sensors);
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    system.all_run();
+    all_listen(&system);
     let mounting = piece(&system, &port, "mounting", "poses");
     running.interrupt();
     running.wait();
