@@ -149,6 +149,7 @@ fn ten_viewers_one_of_whom_is_frozen_cost_no_tick() {
 }
 
 #[test]
+#[ignore = "long: a session, in a browser that draws without a GPU"]
 fn a_session_does_not_grow_in_the_browser_or_on_board() {
     let session_s: f64 = std::env::var("PLUMBLINE_SESSION_S").map_or(30.0, |text| text.parse().unwrap());
     let (system, port) = looked_at("");

@@ -266,6 +266,7 @@ fn judged(name: &str, launch: &Path) -> (bool, Vec<String>) {
 }
 
 #[test]
+#[ignore = "long: the whole kit four times, each tick to another process and back"]
 fn a_new_stage_in_c_is_judged_sound_in_every_slot() {
     let system = System::new("");
     for (slot, _) in SLOTS {
@@ -409,6 +410,7 @@ const QUICK: [&str; 5] = [
 ];
 
 #[test]
+#[ignore = "long: builds four programs and what they need"]
 fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot() {
     let stage = |slot: &str| format!("[stages.my-{slot}]\nslot = \"{slot}\"\ncommand = [\"./my-{slot}-program\"]\n");
     let system = System::new(&SLOTS.map(|(slot, _)| stage(slot)).concat());

@@ -103,6 +103,7 @@ fn at_rest_without_a_receiver_it_finds_the_bias_and_stays_level() {
 }
 
 #[test]
+#[ignore = "long: two days of flight"]
 fn a_day_of_flight_ends_as_the_first_hour_did() {
     for (query, limit_deg) in [("gnss=gaps", 0.1), ("gnss=never", 0.8)] {
         let scenario = Scenario::named(&format!("cruise?rate_hz=20&duration_s=86400&{query}")).unwrap();

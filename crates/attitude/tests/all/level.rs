@@ -151,6 +151,7 @@ fn a_steady_spin_about_the_vertical_keeps_its_level() {
 
 /// A day at 100 Hz of a scenario that repeats itself every 360 s: inclination RMSE of its first and of its last hour.
 #[test]
+#[ignore = "long: a day of every fuser"]
 fn a_day_does_not_let_the_error_of_any_fuser_grow() {
     const HOUR: u64 = 360_000;
     let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
