@@ -8,7 +8,7 @@ use std::{
 
 use rustix::process::Signal;
 
-use crate::common::{Run, Running, System, plumb, signal, until};
+use crate::common::{Run, Running, System, copied, plumb, signal, until};
 
 /// The user `nobody`.
 const NOBODY: &str = "65534";
@@ -122,7 +122,7 @@ fn who_asks_another_users_system_is_told_whose_it_is() {
     fs::create_dir(&folder).unwrap();
     fs::set_permissions(&folder, fs::Permissions::from_mode(0o755)).unwrap();
     let copy = folder.join("plumb");
-    fs::copy(env!("CARGO_BIN_EXE_plumb"), &copy).unwrap();
+    copied(Path::new(env!("CARGO_BIN_EXE_plumb")), &copy);
     for question in [["ps"].as_slice(), &["top", "--count", "1"], &["swap", "fuser", "vqf"], &["topic", "list"]] {
         let mut command = Command::new("setpriv");
         command.args(["--reuid", NOBODY, "--regid", NOBODY, "--clear-groups"]).arg(&copy).args(question);

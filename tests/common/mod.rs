@@ -97,9 +97,18 @@ impl System {
 
     /// Waits until the system answers that every service runs.
     pub(crate) fn all_run(&self) {
-        until("every service to run", || {
+        self.all_are(&["running"]);
+    }
+
+    /// Waits until every service listens: what a device says before that, nobody gets.
+    pub(crate) fn all_listen(&self) {
+        self.all_are(&["ready", "running"]);
+    }
+
+    fn all_are(&self, states: &[&str]) {
+        until(&format!("every service to be {}", states.join(" or ")), || {
             let ps = self.ps();
-            ps.len() >= 5 && ps.iter().all(|one| one["state"] == "running")
+            ps.len() >= 5 && ps.iter().all(|one| one["state"].as_str().is_some_and(|state| states.contains(&state)))
         });
     }
 
@@ -161,6 +170,11 @@ impl System {
     }
 }
 
+/// Copies a program, by a process of its own: what another test starts meanwhile would have the copy open, which could not be run then.
+pub(crate) fn copied(program: &Path, to: &Path) {
+    assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
+}
+
 /// A system that runs. It ends with the test.
 pub(crate) struct Running {
     child: Option<Child>,
@@ -175,17 +189,8 @@ impl Running {
 
     /// What it says to people goes to `stderr`.
     pub(crate) fn telling(mut command: Command, stderr: impl Into<Stdio>) -> Self {
-        command.stdout(Stdio::piped()).stderr(stderr);
-        let mut child = command.spawn();
-        // A program that was just copied: what another test started meanwhile has it open until it is another program.
-        for _ in 0..100 {
-            if !child.as_ref().is_err_and(|error| error.kind() == std::io::ErrorKind::ExecutableFileBusy) {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(10));
-            child = command.spawn();
-        }
-        Self { child: Some(child.unwrap()), seen: RefCell::default() }
+        let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
+        Self { child: Some(child), seen: RefCell::default() }
     }
 
     pub(crate) fn pid(&self) -> u32 {

@@ -4,7 +4,7 @@ use std::{
     env, fs,
     hash::{DefaultHasher, Hash, Hasher},
     path::{Path, PathBuf},
-    process::Command,
+    process::{self, Command},
     sync::LazyLock,
 };
 
@@ -12,14 +12,15 @@ const PACKAGES: &str = include_str!("../foreign/requirements.txt");
 const READERS: &str = include_str!("../foreign/readers.txt");
 const INSTALL: [&str; 5] = ["-m", "pip", "--disable-pip-version-check", "install", "--quiet"];
 
-/// One environment for all tests, made once for what the lists say.
+/// One environment for all tests, made once for this Python and what the lists say.
 static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
-    let mut lists = DefaultHasher::new();
-    [PACKAGES, READERS].hash(&mut lists);
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{:016x}", lists.finish()));
+    let version = run(Command::new("python3").arg("--version"))?;
+    let mut of = DefaultHasher::new();
+    [PACKAGES, READERS, &version].hash(&mut of);
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("python-{:016x}", of.finish()));
     if !folder.exists() {
         // Under its name there is a whole one only.
-        let part = folder.with_extension("part");
+        let part = folder.with_extension(process::id().to_string());
         run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&part))?;
         for (list, name, dependencies) in
             [(PACKAGES, "requirements.txt", None), (READERS, "readers.txt", Some("--no-deps"))]
@@ -28,7 +29,11 @@ static PYTHON: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
             fs::write(&file, list).map_err(|cause| cause.to_string())?;
             run(Command::new(part.join("bin/python")).args(INSTALL).args(dependencies).arg("-r").arg(file))?;
         }
-        fs::rename(&part, &folder).map_err(|cause| cause.to_string())?;
+        match fs::rename(&part, &folder) {
+            // Somebody else made the same meanwhile.
+            Err(_) if folder.exists() => _ = fs::remove_dir_all(part),
+            renamed => renamed.map_err(|cause| cause.to_string())?,
+        }
     }
     Ok(folder.join("bin/python"))
 });
@@ -38,14 +43,17 @@ pub(crate) fn python() -> Option<&'static Path> {
     match &*PYTHON {
         Ok(python) => Some(python),
         Err(cause) => {
-            assert!(env::var_os("CI").is_none(), "no Python with the packages of tests/foreign: {cause}");
-            eprintln!("skipped: no Python with the packages of tests/foreign: {cause}");
+            let said = format!("no Python 3.11 or later with all packages of tests/foreign: {cause}");
+            assert!(env::var_os("CI").is_none(), "{said}");
+            eprintln!("skipped: {said}");
             None
         }
     }
 }
 
-fn run(command: &mut Command) -> Result<(), String> {
-    let output = command.output().map_err(|cause| cause.to_string())?;
-    if output.status.success() { Ok(()) } else { Err(String::from_utf8_lossy(&output.stderr).into_owned()) }
+/// What it said.
+fn run(command: &mut Command) -> Result<String, String> {
+    let output = command.output().map_err(|cause| format!("{command:?}: {cause}"))?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stderr)) }
 }

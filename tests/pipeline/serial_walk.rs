@@ -43,14 +43,6 @@ fn source(port: &Path) -> String {
     format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
 }
 
-/// Waits until every service is there for what comes: what a unit says before that, nobody gets.
-fn all_listen(system: &System) {
-    until("every service to be ready", || {
-        let ps = system.ps();
-        ps.len() > 5 && ps.iter().all(|one| one["state"] == "ready" || one["state"] == "running")
-    });
-}
-
 /// The piece of a launch file, found while the unit is moved: from when it is read, so that the first pose is the first that is seen.
 fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
     let arguments = ["calibrate", what, "--live", "--for", "40s", "--json", "--system", &system.name];
@@ -74,7 +66,7 @@ fn driven(pieces: &str) -> [f64; 2] {
     let system = System::new(pieces);
     let (port, truth, flights) = (system.path("imu"), system.path("truth.csv"), system.path("flights"));
     let running = system.start(&["--source", &source(&port), "--record", flights.to_str().unwrap()]);
-    all_listen(&system);
+    system.all_listen();
     let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
     until("the end of the drive", || moved.0.0.try_wait().unwrap().is_some());
     running.interrupt();
@@ -94,7 +86,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new("");
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    all_listen(&system);
+    system.all_listen();
     let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
         .map(|(what, motion)| piece(&system, &port, what, motion));
     running.interrupt();
@@ -105,7 +97,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let system = System::new(&sensors);
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
-    all_listen(&system);
+    system.all_listen();
     let mounting = piece(&system, &port, "mounting", "poses");
     running.interrupt();
     running.wait();

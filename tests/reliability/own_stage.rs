@@ -6,7 +6,7 @@ use std::{
     thread,
 };
 
-use crate::common::{Running, System, attitudes, children_of, faulty, plumb, signal, until};
+use crate::common::{Running, System, attitudes, children_of, copied, faulty, plumb, signal, until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -400,7 +400,7 @@ fn what_no_program_can_do_is_said() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// How a stage is built here: what it computes with is optimised, all else is built sooner without.
+/// How a stage is built here: its mathematics is optimised, what judges it a little, all else is built sooner without.
 const QUICK: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",
@@ -430,7 +430,7 @@ fn a_new_stage_in_rust_builds_conforms_and_is_swapped_in_and_out_in_every_slot()
             let said = [output.stdout, output.stderr].map(|said| String::from_utf8_lossy(&said).into_owned()).concat();
             assert!(output.status.success() && !said.contains("warning"), "{said}");
         }
-        fs::copy(target.join("release").join(&name), system.path(&format!("{name}-program"))).unwrap();
+        copied(&target.join("release").join(&name), &system.path(&format!("{name}-program")));
     };
     // Cargo builds one after the other; one is tested while another is built.
     thread::scope(|scope| {

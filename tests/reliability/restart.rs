@@ -1,10 +1,11 @@
 //! Services that die, freeze or cannot live: every tick comes out once, in order, with the bytes of an undisturbed run.
 use std::{
     fs,
+    path::Path,
     time::{Duration, Instant},
 };
 
-use crate::common::{Run, Running, System, signal, until};
+use crate::common::{Run, Running, System, copied, signal, until};
 use rustix::process::Signal;
 
 /// Runs `launch`, disturbs it, ends it, and holds what came out against an undisturbed run of as many ticks.
@@ -85,9 +86,9 @@ fn a_service_that_somebody_else_asks_to_end_goes_on_and_that_is_said() {
 fn an_upgrade_of_the_program_under_a_running_system_changes_nothing_until_its_next_start() {
     let mut system = System::new("");
     let (installed, another) = (system.path("plumb"), system.path("another"));
-    fs::copy(&system.executable, &installed).unwrap();
+    copied(&system.executable, &installed);
     // Whatever is installed there now, it is no service.
-    fs::copy("/bin/false", &another).unwrap();
+    copied(Path::new("/bin/false"), &another);
     system.executable = installed.clone();
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);

@@ -195,11 +195,11 @@ impl Hand {
 
     /// Ends a window; `spread` is that of a sum of forces.
     fn close(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
-        let Self { sign, moments, lanes, .. } = self;
+        let Self { moments, lanes, .. } = self;
         for lane in lanes {
-            // The sum in the turned axes, as long as that in the body's.
+            // The sum in the turned axes but for its sign: it is as long as that in the body's.
             let terms = moments.iter().zip(lane.axes.row_iter());
-            let force = terms.map(|(moment, row)| moment * row.transpose() * *sign).sum();
+            let force = terms.map(|(moment, row)| moment * row.transpose()).sum();
             lane.spread += spread(&force);
         }
     }

@@ -148,12 +148,10 @@ mod tests {
 
     use super::*;
 
-    const LIMIT: Duration = Duration::from_secs(1);
-
     /// A disk that takes what a pipe holds, 64 KiB, and the rest when somebody reads.
-    fn slow_disk() -> (io::PipeReader, Out) {
+    fn slow_disk(limit: Duration) -> (io::PipeReader, Out) {
         let (reader, writer) = io::pipe().unwrap();
-        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), LIMIT).unwrap())
+        (reader, Out::new(Path::new("slow"), File::from(OwnedFd::from(writer)), "t_s\n".into(), limit).unwrap())
     }
 
     fn add(out: &mut Out) -> Result<(), CollectorError> {
@@ -163,7 +161,7 @@ mod tests {
 
     #[test]
     fn a_disk_that_stands_still_for_a_while_holds_up_nobody_and_has_everything_later() {
-        let (mut reader, mut out) = slow_disk();
+        let (mut reader, mut out) = slow_disk(STILL_LIMIT);
         let lines = 100_000;
         (0..lines).for_each(|_| add(&mut out).unwrap());
         let all = thread::spawn(move || {
@@ -177,14 +175,14 @@ mod tests {
 
     #[test]
     fn a_disk_that_takes_nothing_more_is_given_up() {
-        let (_reader, mut out) = slow_disk();
+        let (_reader, mut out) = slow_disk(Duration::from_secs(1));
         let ended = (0..).find_map(|_| add(&mut out).err()).unwrap();
         assert!(ended.to_string().contains("taken nothing for 1 s"), "{ended}");
     }
 
     #[test]
     fn a_disk_that_takes_nothing_at_the_end_is_given_up() {
-        let (_reader, mut out) = slow_disk();
+        let (_reader, mut out) = slow_disk(Duration::from_secs(1));
         (0..10_000).for_each(|_| add(&mut out).unwrap());
         assert!(out.finish().is_err());
     }

@@ -210,7 +210,7 @@ fn program() -> io::Result<PathBuf> {
 fn reaping_thread() -> Option<SyncSender<Child>> {
     let (dead, sent) = mpsc::sync_channel::<Child>(DEAD_MAX);
     let work = move || {
-        // The kernel may compute for long to clear up after a process: everybody else goes first.
+        // The kernel may compute for long to clear up after a process.
         scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
         sent.into_iter().for_each(|mut child| drop(child.wait()));
     };

@@ -34,7 +34,7 @@ pub(crate) enum SchedulingClass {
     Beside,
     /// It starts, to be on the path later: the path runs first.
     Starting,
-    /// It leaves for good: likewise.
+    /// It leaves for good, or clears up after one that has: likewise.
     Leaving,
 }
 

@@ -2,18 +2,19 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 #[path = "../../../tests/common/terminal.rs"]
-#[allow(dead_code, unreachable_pub, reason = "each executable uses its part")]
+#[allow(dead_code, reason = "each executable uses its part")]
 mod terminal;
 
-use std::{process::Command, thread, time::Duration};
+use std::{env, process::Command, thread, time::Duration};
 
 use dashboard::{Picture, Screen};
 use terminal::OnTerminal;
 
-/// Is run by the test below, in a process of its own.
-#[test]
-#[ignore = "it panics on the terminal of another test"]
-fn panics_while_it_draws() {
+/// In the environment of the process that panics.
+const PANICS: &str = "PLUMBLINE_PANICS_WHILE_IT_DRAWS";
+
+/// Of the process that the test starts.
+fn panic_while_it_draws() {
     let mut screen = Screen::open().unwrap();
     screen.draw(&Picture { name: "boat".into(), ..Picture::default() }).unwrap();
     // Until the picture has been seen.
@@ -25,8 +26,11 @@ fn panics_while_it_draws() {
 
 #[test]
 fn a_panic_gives_the_terminal_back_and_is_read_there() {
-    let mut command = Command::new(std::env::current_exe().unwrap());
-    command.args(["--exact", "panics_while_it_draws", "--ignored", "--nocapture"]);
+    if env::var_os(PANICS).is_some() {
+        return panic_while_it_draws();
+    }
+    let mut command = Command::new(env::current_exe().unwrap());
+    command.args(["--exact", "a_panic_gives_the_terminal_back_and_is_read_there", "--nocapture"]).env(PANICS, "");
     let mut terminal = OnTerminal::start(command, (24, 80));
     terminal.shows(&["boat  connecting"]);
     assert!(terminal.is_taken_over());

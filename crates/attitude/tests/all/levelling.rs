@@ -1,6 +1,6 @@
 //! The levelling stages and the course by track on the flight of an aircraft in cruise: with satellite velocity, in gaps, without.
 //!
-//! `cargo test --release -p attitude levelling:: -- --nocapture` prints every figure.
+//! `cargo test --release -p attitude levelling:: -- --include-ignored --nocapture` prints every figure.
 use crate::common::Once;
 use attitude::{
     Vector3,

@@ -32,12 +32,13 @@ fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_swap()
             (0..threads).map(|first| scope.spawn(move || live((first..seeds).step_by(threads as usize)))).collect();
         all.into_iter().map(|each| each.join().unwrap()).collect::<Vec<_>>()
     });
-    let (tally, failures) =
+    let (tally, mut failures) =
         lived.into_iter().fold((Tally::default(), Vec::new()), |(tally, failures), (more, failed)| {
             (tally.with(more), [failures, failed].concat())
         });
     println!("{seeds} worlds\n{tally}");
-    let first: Vec<_> = failures.iter().take(20).map(String::as_str).collect();
+    failures.sort();
+    let first: Vec<_> = failures.iter().take(20).map(|(seed, failure)| format!("seed {seed}: {failure}")).collect();
     assert!(failures.is_empty(), "{} of {seeds} worlds:\n{}", failures.len(), first.join("\n"));
     if seeds >= SEEDS {
         tally.everything_was_seen();
@@ -45,14 +46,14 @@ fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_swap()
 }
 
 /// Lives through worlds: what was met, and what failed.
-fn live(seeds: impl Iterator<Item = u64>) -> (Tally, Vec<String>) {
+fn live(seeds: impl Iterator<Item = u64>) -> (Tally, Vec<(u64, String)>) {
     let mut tally = Tally::default();
     let mut failures = Vec::new();
     for seed in seeds {
         match panic::catch_unwind(|| World::new(seed, false).run()) {
             Ok(Ok(world)) => tally.add(&world),
-            Ok(Err(failure)) => failures.push(format!("seed {seed}: {failure}")),
-            Err(_) => failures.push(format!("seed {seed}: panic")),
+            Ok(Err(failure)) => failures.push((seed, failure)),
+            Err(_) => failures.push((seed, "panic".into())),
         }
     }
     (tally, failures)
