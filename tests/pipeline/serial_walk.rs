@@ -72,6 +72,7 @@ fn driven(pieces: &str) -> [f64; 2] {
     running.interrupt();
     let run = running.wait();
     assert_eq!((run.code, run.number("/lost")), (Some(0), 0.0), "{}", run.people);
+    println!("{}", run.people);
     let flight: PathBuf = fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
     let output =
         plumb(&["score", "--json", "--reference"]).arg(&truth).arg(&flight).current_dir(&flights).output().unwrap();
