@@ -4,17 +4,20 @@ import { createInterface } from "node:readline";
 
 const { chromium } = createRequire(`${process.argv[2]}/`)("playwright-core");
 const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--disable-accelerated-2d-canvas"];
-const browser = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software] });
+/** How long a browser may take to show an empty page, and how often that is tried: on a busy machine one has been seen that never did. */
+const BEGIN_LIMIT_MS = 30_000;
+const BEGIN_TRIES = 3;
+/** How long anything that is asked may take; what waits for something in the page has a shorter limit of its own. */
+const LIMIT_MS = 120_000;
 /** What must not be: errors, and requests to others. */
 const troubles = [];
-let page;
+let browser, page;
 /** The session that counts: each begins at 0. */
 let counting;
 
 const verbs = {
   async open({ url, look: { width, height, scheme, webgl, seldom } }) {
-    const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
-    page = await context.newPage();
+    page = await emptyPage({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
     counting = undefined;
     page.on("console", (said) => ["error", "warning"].includes(said.type()) && troubles.push(said.text()));
     page.on("pageerror", (error) => troubles.push(String(error)));
@@ -70,8 +73,30 @@ const verbs = {
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   },
   async troubles() { return troubles; },
-  async close() { await browser.close(); return null; },
+  async close() { await browser?.close(); return null; },
 };
+
+/** A page without an address, of the browser that there is or of a new one. */
+async function emptyPage(look) {
+  for (let tries = 1; ; tries += 1) {
+    browser ??= await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
+    try {
+      return await within(BEGIN_LIMIT_MS, browser.newContext(look).then((context) => context.newPage()));
+    } catch (error) {
+      const silent = browser;
+      browser = undefined;
+      await within(BEGIN_LIMIT_MS, silent.close()).catch(() => {});
+      if (tries === BEGIN_TRIES) throw error;
+    }
+  }
+}
+
+/** The same, or an error when it takes longer. */
+function within(limit_ms, promise) {
+  let timer;
+  const late = new Promise((_, reject) => { timer = setTimeout(() => reject(new Error(`not within ${limit_ms / 1000} s`)), limit_ms); });
+  return Promise.race([promise, late]).finally(() => clearTimeout(timer));
+}
 
 /** Runs in the page: of its text, and of what its canvases were told to write since the last time. */
 function tooPale() {
@@ -110,10 +135,10 @@ function tooPale() {
 for await (const line of createInterface({ input: process.stdin })) {
   const asked = JSON.parse(line);
   try {
-    console.log(JSON.stringify({ ok: await verbs[asked.do](asked) }));
+    console.log(JSON.stringify({ ok: await within(LIMIT_MS, verbs[asked.do](asked)) }));
   } catch (error) {
     console.log(JSON.stringify({ error: String(error) }));
   }
   if (asked.do === "close") process.exit(0);
 }
-await browser.close();
+await browser?.close();

@@ -77,7 +77,7 @@ impl Told {
     }
 }
 
-fn restarts(run: &Run) -> u64 {
+pub(crate) fn restarts(run: &Run) -> u64 {
     let services = run.json["services"].as_array().unwrap();
     services.iter().find(|one| one["name"] == "drivers").unwrap()["restarts"].as_u64().unwrap()
 }
@@ -206,14 +206,16 @@ fn a_port_that_is_taken_is_told_with_the_remedy_and_opened_once_it_is_free() {
     told.end();
 }
 
-/// The two ends of a line: where the device writes, and the device file that the drivers read.
-pub(crate) fn pseudo_terminal() -> (File, PathBuf) {
+/// The end of a line where the device writes; the drivers read the other by this name, which is to be removed before the device is closed: the
+/// system's own name may be another test's as soon as it is free.
+pub(crate) fn plugged_in(port: &Path) -> File {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&device).unwrap();
     unlockpt(&device).unwrap();
     let name = ptsname(&device, Vec::new()).unwrap().into_string().unwrap();
-    (device.into(), name.into())
+    std::os::unix::fs::symlink(name, port).unwrap();
+    device.into()
 }
 
 #[test]
@@ -226,15 +228,13 @@ fn a_serial_line_is_read_and_opened_again_when_the_device_comes_back() {
     told.await_saying("imu: No such file or directory (os error 2); plug the device in");
     let mut t = 0;
     for plugged in 1..=2 {
-        let (mut device, file) = pseudo_terminal();
-        std::os::unix::fs::symlink(file, &port).unwrap();
+        let mut device = plugged_in(&port);
         until("readings", || {
             t += 1;
             writeln!(device, "{},0,0,0.1,0,0,9.8", t as f64 / 100.0).unwrap();
             sleep(Duration::from_millis(5));
             status(&system, "ingest").is_some_and(|ingest| ingest["ticks"].as_u64() >= Some(50 * plugged))
         });
-        // Its name may be another's as soon as it is free.
         fs::remove_file(&port).unwrap();
         drop(device);
         told.await_times("imu: No such file", 1 + plugged as usize);

@@ -23,7 +23,7 @@ use serde_json::Value;
 use wire::v1;
 use xsens_mti::prelude::{BusId, Frame, MessageId, PayloadLength};
 
-use super::drivers::pseudo_terminal;
+use super::drivers::plugged_in;
 use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, python::python, signal, until};
 
 const GRAVITY_M_S2: f64 = 9.80665;
@@ -232,14 +232,16 @@ fn sensors_on_a_serial_line_need_one_command() {
     for (format, rate_hz, sent) in sensors {
         let system = System::new("");
         let out = system.path("out.csv");
-        let (mut device, file) = pseudo_terminal();
-        let line = format!("serial:{}?format={format}&baud=115200&rate_hz={rate_hz}", file.display());
+        let port = system.path("imu");
+        let mut device = plugged_in(&port);
+        let line = format!("serial:{}?format={format}&baud=115200&rate_hz={rate_hz}", port.display());
         let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
         let pause = Duration::from_secs(1) / rate_hz;
         let doing = Doing::start(pause, move |n| device.write_all(&sent(n)).is_ok());
         await_ticks(&system, 300);
         assert_eq!(source_troubles(&system), Vec::<String>::new(), "{format}");
         running.interrupt();
+        fs::remove_file(&port).unwrap();
         drop(doing);
         let run = end_level(running, &out);
         assert_eq!(run.number("/lost"), 0.0, "{format}");
@@ -444,9 +446,8 @@ fn a_device_of_industrial_io_is_switched_on_and_read() {
 fn what_is_wrong_with_a_device_is_named_by_the_doctor_and_told_once() {
     // Of another speed: bytes, and no message among them.
     let system = System::new("");
-    let (mut device, file) = pseudo_terminal();
     let port = system.path("imu");
-    std::os::unix::fs::symlink(file, &port).unwrap();
+    let mut device = plugged_in(&port);
     let line = format!("serial:{}?format=witmotion&rate_hz=200", port.display());
     let running = system.start(&["--source", &line]);
     let garbage = Doing::start(Duration::from_millis(5), move |n| {
@@ -512,8 +513,9 @@ fn a_host_that_is_not_there_is_named_and_found_when_it_comes() {
 #[test]
 fn a_device_that_falls_silent_is_named() {
     let system = System::new("");
-    let (mut device, file) = pseudo_terminal();
-    let running = system.start(&["--source", &format!("serial:{}?format=rvc&rate_hz=100", file.display())]);
+    let port = system.path("imu");
+    let mut device = plugged_in(&port);
+    let running = system.start(&["--source", &format!("serial:{}?format=rvc&rate_hz=100", port.display())]);
     await_trouble(&system, "is open, and nothing comes");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
