@@ -194,7 +194,7 @@ fn a_client_that_declares_without_end_ends_a_gateway_that_says_so_and_the_board_
     let endpoint = endpoint(&system);
     // Several, as each takes the longer for a declaration the more it has made.
     let sessions: Vec<_> = (0..32).map(|_| stranger(&endpoint, "client")).collect();
-    let long = "x".repeat(30_000);
+    let long = "x".repeat(60_000);
     let mut declared = Vec::new();
     for (number, session) in sessions.iter().cycle().enumerate() {
         declared.push(session.declare_subscriber(format!("plumbline/v1/{number}/{long}")).wait().unwrap());

@@ -26,7 +26,7 @@ use launch::{Service, Source};
 use runtime::{ServiceConfig, clock::cpu_ns, stderr_tail::StderrTail};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
-    process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, waitid},
+    process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, WaitIdStatus, kill_process, pidfd_open, waitid},
 };
 
 use crate::scheduling::{self, SchedulingClass};
@@ -38,13 +38,16 @@ const GRACE: Duration = Duration::from_millis(800);
 
 /// Dead processes that may wait to be reaped beside the supervisor.
 const DEAD_MAX: usize = 64;
+/// From a death until the process is reaped: its threads have cleared up after themselves by then. Whoever reaps it before that computes in the kernel
+/// until they have, and takes the processor that they need for it.
+const DEAD_PAUSE: Duration = Duration::from_millis(300);
 
 /// The processes that have not ended, by incarnation.
 #[derive(Debug, Default)]
 pub(crate) struct Processes {
     all: BTreeMap<u32, Process>,
     /// To whom the dead go: to take one out of the kernel's table can last for seconds while somebody looks into its folder of `/proc`.
-    dead: Option<SyncSender<Child>>,
+    dead: Option<SyncSender<Dead>>,
 }
 
 /// A process that has ended.
@@ -56,6 +59,9 @@ pub(crate) struct Exit {
     /// The end of what it said on standard error.
     pub(crate) stderr: String,
 }
+
+/// A process that has ended, and when that was seen.
+type Dead = (Child, Instant);
 
 #[derive(Debug)]
 struct Process {
@@ -99,10 +105,10 @@ impl Processes {
     fn reap_beside(&mut self, child: Child) {
         self.dead = self.dead.take().or_else(reaping_thread);
         let sent = match &self.dead {
-            Some(dead) => dead.try_send(child),
-            None => Err(TrySendError::Disconnected(child)),
+            Some(dead) => dead.try_send((child, Instant::now())),
+            None => Err(TrySendError::Disconnected((child, Instant::now()))),
         };
-        if let Err(TrySendError::Full(mut child) | TrySendError::Disconnected(mut child)) = sent {
+        if let Err(TrySendError::Full((mut child, _)) | TrySendError::Disconnected((mut child, _))) = sent {
             // It has ended, so this is no wait for it.
             let _ = child.wait();
         }
@@ -125,15 +131,17 @@ impl Processes {
         let _ = poll(&mut fds, Some(&limit));
     }
 
-    /// Kills and reaps all of them.
+    /// Kills all of them.
     pub(crate) fn kill(&mut self) {
         self.all.values().for_each(|process| process.signal(Signal::KILL));
-        // A killed process ends; the wait is for the kernel only.
-        self.all.values_mut().for_each(|process| drop(process.child.wait()));
-        self.all.clear();
+        for process in std::mem::take(&mut self.all).into_values() {
+            // A killed process ends; the wait is for the kernel only.
+            let _ = process.state(WaitIdOptions::EXITED | WaitIdOptions::NOWAIT);
+            self.reap_beside(process.child);
+        }
     }
 
-    /// Ends and reaps all of them.
+    /// Ends all of them.
     pub(crate) fn end(&mut self) {
         let deadline = Instant::now() + GRACE;
         self.all.values().for_each(|process| process.signal(Signal::TERM));
@@ -184,10 +192,13 @@ impl Process {
 
     /// How it has ended, if it has; it stays in the kernel's table.
     fn ended(&self) -> Option<ExitStatus> {
-        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
-        let status = waitid(WaitId::Pid(Pid::from_raw(self.pid as i32)?), options).ok()??;
+        let status = self.state(WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)?;
         let raw = status.exit_status().map(|code| code << 8).or(status.terminating_signal())?;
         Some(ExitStatus::from_raw(raw))
+    }
+
+    fn state(&self, options: WaitIdOptions) -> Option<WaitIdStatus> {
+        waitid(WaitId::Pid(Pid::from_raw(self.pid as i32)?), options).ok()?
     }
 
     fn signal(&self, signal: Signal) {
@@ -207,12 +218,15 @@ fn program() -> io::Result<PathBuf> {
 }
 
 /// A thread that reaps what it is sent; it ends with the sender.
-fn reaping_thread() -> Option<SyncSender<Child>> {
-    let (dead, sent) = mpsc::sync_channel::<Child>(DEAD_MAX);
+fn reaping_thread() -> Option<SyncSender<Dead>> {
+    let (dead, sent) = mpsc::sync_channel::<Dead>(DEAD_MAX);
     let work = move || {
         // The kernel may compute for long to clear up after a process.
         scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
-        sent.into_iter().for_each(|mut child| drop(child.wait()));
+        for (mut child, since) in sent {
+            thread::sleep(DEAD_PAUSE.saturating_sub(since.elapsed()));
+            let _ = child.wait();
+        }
     };
     thread::Builder::new().name("reaping".into()).spawn(work).ok().map(|_| dead)
 }
