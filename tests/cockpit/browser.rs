@@ -1,12 +1,18 @@
-//! Chromium, driven from Rust through playwright-core, in a folder of its own.
+//! Chromium, driven from Rust through playwright-core, in a folder of its own: one for all tests.
 
 use std::{
     cell::OnceCell,
-    io::{BufRead as _, BufReader, Lines, Write as _},
+    collections::HashMap,
+    io::{BufRead as _, BufReader, Write as _},
     path::{Path, PathBuf},
-    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
-    sync::{Condvar, LazyLock, Mutex},
+    process::{ChildStdin, Command, Stdio},
+    sync::{
+        Arc, Condvar, LazyLock, Mutex,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{self, SyncSender},
+    },
     thread,
+    time::Duration,
 };
 
 use serde_json::{Value, json};
@@ -38,7 +44,7 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
-/// Browsers that draw at a time: as many as there are processors, for each draws without a graphics card.
+/// Tests whose pages draw at a time: as many as there are processors, for they draw without a graphics card.
 static SEATS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 /// The seat of a test; it is free again when the test's thread has ended.
@@ -61,7 +67,7 @@ impl Drop for Seat {
     }
 }
 
-/// Waits until this test may have its browser.
+/// Waits until this test may have its pages.
 pub(crate) fn seated() {
     thread_local!(static SEAT: OnceCell<Seat> = const { OnceCell::new() });
     SEAT.with(|seat| _ = seat.get_or_init(Seat::take));
@@ -74,11 +80,61 @@ pub(crate) fn run(command: &mut Command) -> Result<String, String> {
     if output.status.success() { Ok(text(&output.stdout)) } else { Err(text(&output.stdout) + &text(&output.stderr)) }
 }
 
-/// A page in a browser of its own.
+/// The browser of all tests: to begin one takes as long as many a test.
+struct Browser {
+    input: Mutex<ChildStdin>,
+    /// Who waits for the answer of a number.
+    asked: Arc<Mutex<HashMap<u64, SyncSender<Value>>>>,
+    next: AtomicU64,
+}
+
+/// It ends with its standard input, and so with the tests.
+static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
+
+/// An answer that takes longer does not come: the browser has shorter limits.
+const ANSWER_LIMIT: Duration = Duration::from_secs(150);
+
+impl Browser {
+    fn start(folder: &Path) -> Self {
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/driver.mjs");
+        let mut node = Command::new("node");
+        let node = node.arg(script).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut node = node.spawn().unwrap();
+        let (input, output) = (node.stdin.take().unwrap(), node.stdout.take().unwrap());
+        let asked = Arc::<Mutex<HashMap<u64, SyncSender<Value>>>>::default();
+        let waiting = asked.clone();
+        thread::spawn(move || {
+            for line in BufReader::new(output).lines() {
+                let answer: Value = serde_json::from_str(&line.unwrap()).unwrap();
+                let asker = waiting.lock().unwrap().remove(&answer["number"].as_u64().unwrap());
+                asker.map(|asker| asker.send(answer));
+            }
+            // Nobody waits for a browser that has ended.
+            waiting.lock().unwrap().clear();
+            let _ = node.wait();
+        });
+        Self { input: Mutex::new(input), asked, next: AtomicU64::new(0) }
+    }
+
+    fn number(&self) -> u64 {
+        self.next.fetch_add(1, Ordering::SeqCst)
+    }
+
+    /// What it answers; `None` where it does not.
+    fn ask(&self, page: u64, mut asked: Value) -> Option<Value> {
+        let number = self.number();
+        (asked["number"], asked["page"]) = (number.into(), page.into());
+        let (asker, answer) = mpsc::sync_channel(1);
+        self.asked.lock().unwrap().insert(number, asker);
+        writeln!(self.input.lock().unwrap(), "{asked}").ok()?;
+        answer.recv_timeout(ANSWER_LIMIT).ok()
+    }
+}
+
+/// A page, which knows nothing of the others.
 pub(crate) struct Page {
-    node: Child,
-    input: ChildStdin,
-    lines: Lines<BufReader<ChildStdout>>,
+    browser: &'static Browser,
+    number: u64,
 }
 
 impl Page {
@@ -96,16 +152,11 @@ impl Page {
         Some(page)
     }
 
-    /// A browser without a page yet.
+    /// A page without an address yet.
     pub(crate) fn start() -> Option<Self> {
         seated();
-        let folder = PACKAGES.as_ref()?;
-        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cockpit/driver.mjs");
-        let mut node = Command::new("node");
-        let node = node.arg(script).arg(folder).stdin(Stdio::piped()).stdout(Stdio::piped());
-        let mut node = node.spawn().unwrap();
-        let (input, lines) = (node.stdin.take().unwrap(), BufReader::new(node.stdout.take().unwrap()).lines());
-        Some(Self { node, input, lines })
+        let browser = BROWSER.as_ref()?;
+        Some(Self { browser, number: browser.number() })
     }
 
     /// Opens an address, whose page draws six times a second; the headers of the answer.
@@ -189,9 +240,7 @@ impl Page {
     }
 
     fn ask(&mut self, asked: &Value) -> Value {
-        writeln!(self.input, "{asked}").unwrap();
-        let line = self.lines.next().expect("the browser has ended").unwrap();
-        let mut answer: Value = serde_json::from_str(&line).unwrap();
+        let mut answer = self.browser.ask(self.number, asked.clone()).expect("the browser answers");
         assert!(answer.get("error").is_none(), "{asked}: {answer}");
         answer["ok"].take()
     }
@@ -199,7 +248,7 @@ impl Page {
 
 impl Drop for Page {
     fn drop(&mut self) {
-        let _ = writeln!(self.input, "{}", json!({ "do": "close" }));
-        let _ = self.node.wait();
+        // A browser that has ended has closed it.
+        let _ = self.browser.ask(self.number, json!({ "do": "close" }));
     }
 }

@@ -1,4 +1,4 @@
-// A browser on strings: one JSON object a line in, one out. `node driver.mjs FOLDER`, whose node_modules has playwright-core.
+// A browser on strings: one JSON object a line in, one out, for any number of pages. `node driver.mjs FOLDER`, whose node_modules has playwright-core.
 import { createRequire } from "node:module";
 import { createInterface } from "node:readline";
 
@@ -9,21 +9,24 @@ const BEGIN_LIMIT_MS = 30_000;
 const BEGIN_TRIES = 3;
 /** How long anything that is asked may take; what waits for something in the page has a shorter limit of its own. */
 const LIMIT_MS = 120_000;
-/** What must not be: errors, and requests to others. */
-const troubles = [];
-let browser, page;
-/** The session that counts: each begins at 0. */
-let counting;
+
+/** The browser of all pages, from the first one on. */
+let browser;
+/** By number: the page, its context, its troubles (errors, and requests to others), and the session that counts, for each begins at 0. */
+const pages = new Map();
 
 const verbs = {
-  async open({ url, look: { width, height, scheme, webgl, seldom } }) {
-    page = await emptyPage({ viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] });
-    counting = undefined;
-    page.on("console", (said) => ["error", "warning"].includes(said.type()) && troubles.push(said.text()));
-    page.on("pageerror", (error) => troubles.push(String(error)));
+  async open(own, { url, look: { width, height, scheme, webgl, seldom } }) {
+    await own.context?.close();
+    const look = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
+    own.context = await (await (browser ??= begun())).newContext(look);
+    const page = (own.page = await own.context.newPage());
+    own.counting = undefined;
+    page.on("console", (said) => ["error", "warning"].includes(said.type()) && own.troubles.push(said.text()));
+    page.on("pageerror", (error) => own.troubles.push(String(error)));
     page.on("request", (request) => {
       const at = new URL(request.url());
-      if (at.hostname !== "127.0.0.1") troubles.push(`a request to ${at.host}`);
+      if (at.hostname !== "127.0.0.1") own.troubles.push(`a request to ${at.host}`);
     });
     await page.addInitScript(() => {
       globalThis.written = [];
@@ -45,47 +48,50 @@ const verbs = {
     const answer = await page.goto(url);
     return answer.headers();
   },
-  async eval({ code }) { return (await page.evaluate(code)) ?? null; },
+  async eval({ page }, { code }) { return (await page.evaluate(code)) ?? null; },
   // The page's policy forbids what waitForFunction does.
-  async until({ code }) {
+  async until({ page }, { code }) {
     for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
       if (await page.evaluate(code)) return null;
     }
     throw new Error("waited in vain");
   },
-  async key({ key }) { await page.keyboard.press(key); return null; },
-  async click({ at }) { await page.click(at); return null; },
-  async shot({ file }) { await page.screenshot({ path: file }); return null; },
-  async heap() {
+  async key({ page }, { key }) { await page.keyboard.press(key); return null; },
+  async click({ page }, { at }) { await page.click(at); return null; },
+  async shot({ page }, { file }) { await page.screenshot({ path: file }); return null; },
+  async heap({ page }) {
     const session = await page.context().newCDPSession(page);
     await session.send("HeapProfiler.collectGarbage");
     return (await session.send("Runtime.getHeapUsage")).usedSize;
   },
   /** Texts that stand out too little from what is behind them: below a contrast ratio of 4.5 (WCAG 2.2, 1.4.3). */
-  async contrast() { return page.evaluate(tooPale); },
+  async contrast({ page }) { return page.evaluate(tooPale); },
   /** Script time since this was first asked, s, and what else Chromium counts; of the page's thread, not of the clock. */
-  async metrics() {
-    if (!counting) {
-      counting = await page.context().newCDPSession(page);
-      await counting.send("Performance.enable", { timeDomain: "threadTicks" });
+  async metrics(own) {
+    if (!own.counting) {
+      own.counting = await own.context.newCDPSession(own.page);
+      await own.counting.send("Performance.enable", { timeDomain: "threadTicks" });
     }
-    const { metrics } = await counting.send("Performance.getMetrics");
+    const { metrics } = await own.counting.send("Performance.getMetrics");
     return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
   },
-  async troubles() { return troubles; },
-  async close() { await browser?.close(); return null; },
+  async troubles({ troubles }) { return troubles; },
+  async close(own, asked) {
+    pages.delete(asked.page);
+    await own.context?.close();
+    return null;
+  },
 };
 
-/** A page without an address, of the browser that there is or of a new one. */
-async function emptyPage(look) {
+/** A browser that has shown an empty page. */
+async function begun() {
   for (let tries = 1; ; tries += 1) {
-    browser ??= await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
+    const one = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
     try {
-      return await within(BEGIN_LIMIT_MS, browser.newContext(look).then((context) => context.newPage()));
+      await within(BEGIN_LIMIT_MS, one.newPage().then((page) => page.close()));
+      return one;
     } catch (error) {
-      const silent = browser;
-      browser = undefined;
-      await within(BEGIN_LIMIT_MS, silent.close()).catch(() => {});
+      await within(BEGIN_LIMIT_MS, one.close()).catch(() => {});
       if (tries === BEGIN_TRIES) throw error;
     }
   }
@@ -96,6 +102,17 @@ function within(limit_ms, promise) {
   let timer;
   const late = new Promise((_, reject) => { timer = setTimeout(() => reject(new Error(`not within ${limit_ms / 1000} s`)), limit_ms); });
   return Promise.race([promise, late]).finally(() => clearTimeout(timer));
+}
+
+/** Answers under the number of the question. */
+async function answer(asked) {
+  if (!pages.has(asked.page)) pages.set(asked.page, { troubles: [] });
+  const { number } = asked;
+  try {
+    console.log(JSON.stringify({ number, ok: await within(LIMIT_MS, verbs[asked.do](pages.get(asked.page), asked)) }));
+  } catch (error) {
+    console.log(JSON.stringify({ number, error: String(error) }));
+  }
 }
 
 /** Runs in the page: of its text, and of what its canvases were told to write since the last time. */
@@ -132,13 +149,7 @@ function tooPale() {
   return { looked, found: [...new Set(found)] };
 }
 
-for await (const line of createInterface({ input: process.stdin })) {
-  const asked = JSON.parse(line);
-  try {
-    console.log(JSON.stringify({ ok: await within(LIMIT_MS, verbs[asked.do](asked)) }));
-  } catch (error) {
-    console.log(JSON.stringify({ error: String(error) }));
-  }
-  if (asked.do === "close") process.exit(0);
-}
-await browser?.close();
+// The pages do not wait for each other.
+for await (const line of createInterface({ input: process.stdin })) answer(JSON.parse(line));
+await (await browser)?.close();
+process.exit(0);
