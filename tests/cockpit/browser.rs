@@ -92,7 +92,7 @@ struct Browser {
 static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
 
 /// An answer that takes longer does not come: the browser has shorter limits.
-const ANSWER_LIMIT: Duration = Duration::from_secs(150);
+const ANSWER_LIMIT: Duration = Duration::from_secs(200);
 
 impl Browser {
     fn start(folder: &Path) -> Self {
@@ -104,9 +104,10 @@ impl Browser {
         let asked = Arc::<Mutex<HashMap<u64, SyncSender<Value>>>>::default();
         let waiting = asked.clone();
         thread::spawn(move || {
-            for line in BufReader::new(output).lines() {
-                let answer: Value = serde_json::from_str(&line.unwrap()).unwrap();
-                let asker = waiting.lock().unwrap().remove(&answer["number"].as_u64().unwrap());
+            for line in BufReader::new(output).lines().map_while(Result::ok) {
+                // The last line of one that is killed is cut.
+                let Ok(answer) = serde_json::from_str::<Value>(&line) else { continue };
+                let asker = answer["number"].as_u64().and_then(|number| waiting.lock().unwrap().remove(&number));
                 asker.map(|asker| asker.send(answer));
             }
             // Nobody waits for a browser that has ended.
@@ -220,7 +221,7 @@ impl Page {
         self.ask(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
     }
 
-    /// What was copied last.
+    /// What was copied last, in whichever page.
     pub(crate) fn clipboard(&mut self) -> String {
         self.text("navigator.clipboard.readText()")
     }

@@ -4,13 +4,14 @@ import { createInterface } from "node:readline";
 
 const { chromium } = createRequire(`${process.argv[2]}/`)("playwright-core");
 const software = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", "--disable-accelerated-2d-canvas"];
-/** How long a browser may take to show an empty page, and how often that is tried: on a busy machine one has been seen that never did. */
-const BEGIN_LIMIT_MS = 30_000;
+/** How long a browser may take to begin, and to show an empty page, and how often that is tried: on a busy machine one has been seen that never did. */
+const BEGIN_LIMIT_MS = 20_000;
 const BEGIN_TRIES = 3;
-/** How long anything that is asked may take; what waits for something in the page has a shorter limit of its own. */
-const LIMIT_MS = 120_000;
+const END_LIMIT_MS = 5_000;
+/** How long anything that is asked may take, a browser that begins three times included. */
+const LIMIT_MS = 180_000;
 
-/** The browser of all pages, from the first one on. */
+/** The browser of all pages, from the first one on; after one that has ended another one. */
 let browser;
 /** By number: the page, its context, its troubles (errors, and requests to others), and the session that counts, for each begins at 0. */
 const pages = new Map();
@@ -21,6 +22,8 @@ const verbs = {
     const look = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
     own.context = await (await (browser ??= begun())).newContext(look);
     const page = (own.page = await own.context.newPage());
+    // Whoever asked waits no more.
+    if (own.closed) return own.context.close();
     own.counting = undefined;
     page.on("console", (said) => ["error", "warning"].includes(said.type()) && own.troubles.push(said.text()));
     page.on("pageerror", (error) => own.troubles.push(String(error)));
@@ -78,6 +81,7 @@ const verbs = {
   async troubles({ troubles }) { return troubles; },
   async close(own, asked) {
     pages.delete(asked.page);
+    own.closed = true;
     await own.context?.close();
     return null;
   },
@@ -86,13 +90,18 @@ const verbs = {
 /** A browser that has shown an empty page. */
 async function begun() {
   for (let tries = 1; ; tries += 1) {
-    const one = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
+    let one;
     try {
+      one = await chromium.launch({ executablePath: "/usr/bin/chromium", args: ["--no-sandbox", ...software], timeout: BEGIN_LIMIT_MS });
       await within(BEGIN_LIMIT_MS, one.newPage().then((page) => page.close()));
+      one.on("disconnected", () => { browser = undefined; });
       return one;
     } catch (error) {
-      await within(BEGIN_LIMIT_MS, one.close()).catch(() => {});
-      if (tries === BEGIN_TRIES) throw error;
+      if (one) await within(END_LIMIT_MS, one.close()).catch(() => {});
+      if (tries === BEGIN_TRIES) {
+        browser = undefined;
+        throw error;
+      }
     }
   }
 }
@@ -151,5 +160,6 @@ function tooPale() {
 
 // The pages do not wait for each other.
 for await (const line of createInterface({ input: process.stdin })) answer(JSON.parse(line));
-await (await browser)?.close();
+// What has not ended by then ends with this process.
+await within(END_LIMIT_MS, Promise.resolve(browser).then((one) => one?.close())).catch(() => {});
 process.exit(0);

@@ -191,7 +191,7 @@ fn a_stage_is_swapped_by_a_click_and_only_with_the_token() {
     page.shot("system-swapped.png");
     page.assert_clean();
 
-    // Another browser, without the token.
+    // Another page, without the token.
     let mut stranger = Page::open(&format!("http://127.0.0.1:{port}/")).unwrap();
     stranger.until("plumb.state().kind === 'live'");
     stranger.key("4");

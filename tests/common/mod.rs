@@ -16,7 +16,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open},
+};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -202,11 +205,12 @@ impl Running {
         self.child.as_mut().unwrap().stdin.take().unwrap()
     }
 
-    /// The processes of the services, by name.
+    /// The processes of the services that live, by name.
     pub(crate) fn services(&self) -> Vec<(String, u32)> {
         let mut seen = self.seen.borrow_mut();
         children_of(self.pid())
             .into_iter()
+            .filter(|pid| lives(*pid))
             .filter_map(|pid| {
                 // Each is looked at until it says what it is: whoever is in the folder of a dying process holds up its parent.
                 if let Some(name) = seen.get(&pid) {
@@ -334,9 +338,11 @@ pub(crate) fn signal(pid: u32, signal: Signal) {
     let _ = kill_process(Pid::from_raw(pid as i32).unwrap(), signal);
 }
 
-/// The process is there and not a zombie.
+/// The process is there and has not ended.
 pub(crate) fn lives(pid: u32) -> bool {
-    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| !stat.contains(") Z "))
+    let process = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+    // It can be read once the process has ended, whether or not that has been reaped.
+    process.is_some_and(|fd| poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&Timespec::default())) == Ok(0))
 }
 
 pub(crate) fn children_of(pid: u32) -> Vec<u32> {

@@ -1,7 +1,7 @@
 //! Live sources: what comes on standard input, in datagrams or over a serial line becomes attitudes.
 use std::{
     fs::{self, File},
-    io::Write,
+    io::{self, Read, Write},
     net::UdpSocket,
     path::{Path, PathBuf},
     process::Stdio,
@@ -206,16 +206,43 @@ fn a_port_that_is_taken_is_told_with_the_remedy_and_opened_once_it_is_free() {
     told.end();
 }
 
-/// The end of a line where the device writes; the drivers read the other by this name, which is to be removed before the device is closed: the
-/// system's own name may be another test's as soon as it is free.
-pub(crate) fn plugged_in(port: &Path) -> File {
+/// A device on a serial line, which the drivers read by a name of the test's own. That goes before the device does: the kernel's name, `/dev/pts/N`, may be
+/// another test's as soon as it is free.
+pub(crate) struct Plugged {
+    device: File,
+    port: PathBuf,
+}
+
+impl Drop for Plugged {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(&self.port);
+    }
+}
+
+impl Read for Plugged {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.device.read(bytes)
+    }
+}
+
+impl Write for Plugged {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.device.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.device.flush()
+    }
+}
+
+pub(crate) fn plugged_in(port: &Path) -> Plugged {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     grantpt(&device).unwrap();
     unlockpt(&device).unwrap();
     let name = ptsname(&device, Vec::new()).unwrap().into_string().unwrap();
     std::os::unix::fs::symlink(name, port).unwrap();
-    device.into()
+    Plugged { device: device.into(), port: port.into() }
 }
 
 #[test]
@@ -235,7 +262,6 @@ fn a_serial_line_is_read_and_opened_again_when_the_device_comes_back() {
             sleep(Duration::from_millis(5));
             status(&system, "ingest").is_some_and(|ingest| ingest["ticks"].as_u64() >= Some(50 * plugged))
         });
-        fs::remove_file(&port).unwrap();
         drop(device);
         told.await_times("imu: No such file", 1 + plugged as usize);
     }

@@ -11,7 +11,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::{
-    common::{System, plumb, signal, until},
+    common::{Running, System, plumb, signal, until},
     pipeline::drivers::restarts,
 };
 
@@ -41,7 +41,7 @@ impl Moved {
     }
 }
 
-/// A system with these pieces of a launch file. The unit does not wait for drivers that are late, and those are not started again for it.
+/// A system with these pieces of a launch file. The unit sends whether or not anybody reads, so drivers that are late must not be started again.
 fn patient(pieces: &str) -> System {
     System::new(&format!("restart.silence_s = 3.0\n{pieces}"))
 }
@@ -69,6 +69,13 @@ fn piece(system: &System, port: &Path, what: &str, motion: &str) -> String {
     report["block"].as_str().unwrap().to_owned()
 }
 
+/// Ends a run in which nothing was lost and no driver was started again.
+fn ended(running: Running) {
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!((run.code, run.number("/lost"), restarts(&run)), (Some(0), 0.0, 0), "{}", run.people);
+}
+
 /// Drives with these pieces of a launch file; the errors of the flight against the truth, degrees: heading, inclination.
 fn driven(pieces: &str) -> [f64; 2] {
     let system = patient(pieces);
@@ -77,9 +84,7 @@ fn driven(pieces: &str) -> [f64; 2] {
     system.all_listen();
     let mut moved = Moved::start(&port, "drive", &["--truth", truth.to_str().unwrap()]);
     until("the end of the drive", || moved.0.0.try_wait().unwrap().is_some());
-    running.interrupt();
-    let run = running.wait();
-    assert_eq!((run.code, run.number("/lost"), restarts(&run)), (Some(0), 0.0, 0), "{}", run.people);
+    ended(running);
     let flight: PathBuf = fs::read_dir(&flights).unwrap().next().unwrap().unwrap().path();
     let output =
         plumb(&["score", "--json", "--reference"]).arg(&truth).arg(&flight).current_dir(&flights).output().unwrap();
@@ -97,8 +102,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     system.all_listen();
     let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
         .map(|(what, motion)| piece(&system, &port, what, motion));
-    running.interrupt();
-    running.wait();
+    ended(running);
     let sensors = [gyro, accel, mag].concat();
 
     // How it sits is found of calibrated sensors.
@@ -107,8 +111,7 @@ fn a_bare_imu_on_a_serial_line_is_calibrated_and_its_flight_scores() {
     let running = system.start(&["--source", &source(&port)]);
     system.all_listen();
     let mounting = piece(&system, &port, "mounting", "poses");
-    running.interrupt();
-    running.wait();
+    ended(running);
 
     let pieces = format!("{sensors}{mounting}");
     let [raw, calibrated] = thread::scope(|scope| {

@@ -241,7 +241,6 @@ fn sensors_on_a_serial_line_need_one_command() {
         await_ticks(&system, 300);
         assert_eq!(source_troubles(&system), Vec::<String>::new(), "{format}");
         running.interrupt();
-        fs::remove_file(&port).unwrap();
         drop(doing);
         let run = end_level(running, &out);
         assert_eq!(run.number("/lost"), 0.0, "{format}");
@@ -458,7 +457,6 @@ fn what_is_wrong_with_a_device_is_named_by_the_doctor_and_told_once() {
     await_trouble(&system, "no message of witmotion is among them");
     assert!(source_troubles(&system).iter().any(|trouble| trouble.contains("baud")), "the remedy");
     // Unplugged.
-    fs::remove_file(&port).unwrap();
     drop(garbage);
     await_trouble(&system, "it is tried again");
     running.interrupt();
@@ -509,7 +507,6 @@ fn a_host_that_is_not_there_is_named_and_found_when_it_comes() {
     drop(doing);
 }
 
-/// Keeps the other end open.
 #[test]
 fn a_device_that_falls_silent_is_named() {
     let system = System::new("");
@@ -519,5 +516,6 @@ fn a_device_that_falls_silent_is_named() {
     await_trouble(&system, "is open, and nothing comes");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
+    // The other end stayed open.
     let _ = device.read(&mut []);
 }

@@ -1,6 +1,6 @@
 //! The processes of the system: started, listened to, ended, reaped.
 //!
-//! Input: what is to be started or ended. Output: processes, and how each ended. Time: the clock, at the end only. Failure: what cannot be
+//! Input: what is to be started or ended. Output: processes, and how each ended. Time: the clock, after a death and at the end. Failure: what cannot be
 //! started is said; a process that has gone needs no signal.
 
 use std::{
@@ -16,8 +16,12 @@ use std::{
     },
     path::{Path, PathBuf},
     process::{Child, Command, ExitStatus, Stdio},
-    sync::mpsc::{self, SyncSender, TrySendError},
-    thread,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{self, SyncSender, TrySendError},
+    },
+    thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
 
@@ -39,15 +43,26 @@ const GRACE: Duration = Duration::from_millis(800);
 /// Dead processes that may wait to be reaped beside the supervisor.
 const DEAD_MAX: usize = 64;
 /// From a death until the process is reaped: its threads have cleared up after themselves by then. Whoever reaps it before that computes in the kernel
-/// until they have, and takes the processor that they need for it.
+/// until they have, and takes the processor that they need for it. At the end nobody waits for that.
 const DEAD_PAUSE: Duration = Duration::from_millis(300);
+const DEAD_LOOK: Duration = Duration::from_millis(5);
+/// How long the end waits until the dead are reaped.
+const REAP_LIMIT: Duration = Duration::from_millis(200);
 
 /// The processes that have not ended, by incarnation.
 #[derive(Debug, Default)]
 pub(crate) struct Processes {
     all: BTreeMap<u32, Process>,
     /// To whom the dead go: to take one out of the kernel's table can last for seconds while somebody looks into its folder of `/proc`.
-    dead: Option<SyncSender<Dead>>,
+    reaping: Option<Reaping>,
+}
+
+/// The thread that reaps.
+#[derive(Debug)]
+struct Reaping {
+    dead: SyncSender<Dead>,
+    ends: Arc<AtomicBool>,
+    thread: JoinHandle<()>,
 }
 
 /// A process that has ended.
@@ -103,13 +118,13 @@ impl Processes {
 
     /// Has a process that has ended reaped by a thread of its own; by this one where there is none, or it has too many.
     fn reap_beside(&mut self, child: Child) {
-        self.dead = self.dead.take().or_else(reaping_thread);
-        let sent = match &self.dead {
-            Some(dead) => dead.try_send((child, Instant::now())),
+        self.reaping = self.reaping.take().or_else(Reaping::start);
+        let sent = match &self.reaping {
+            Some(Reaping { dead, .. }) => dead.try_send((child, Instant::now())),
             None => Err(TrySendError::Disconnected((child, Instant::now()))),
         };
         if let Err(TrySendError::Full((mut child, _)) | TrySendError::Disconnected((mut child, _))) = sent {
-            // It has ended, so this is no wait for it.
+            // It has ended: only the kernel is waited for.
             let _ = child.wait();
         }
     }
@@ -141,7 +156,7 @@ impl Processes {
         }
     }
 
-    /// Ends all of them.
+    /// Ends and reaps all of them.
     pub(crate) fn end(&mut self) {
         let deadline = Instant::now() + GRACE;
         self.all.values().for_each(|process| process.signal(Signal::TERM));
@@ -150,9 +165,12 @@ impl Processes {
             std::thread::sleep(Duration::from_millis(2));
         }
         self.kill();
+        if let Some(reaping) = self.reaping.take() {
+            reaping.end();
+        }
     }
 
-    /// CPU time of all of them since they started, s, and of those that have ended.
+    /// CPU time of all of them since they started, s, and of those that have been reaped.
     pub(crate) fn cpu_s(&self) -> f64 {
         self.all.values().map(|process| cpu_s(process.pid)).sum::<f64>() + reaped_cpu_s()
     }
@@ -209,26 +227,42 @@ impl Process {
     }
 }
 
+impl Reaping {
+    fn start() -> Option<Self> {
+        let (dead, sent) = mpsc::sync_channel::<Dead>(DEAD_MAX);
+        let ends = Arc::new(AtomicBool::new(false));
+        let ending = ends.clone();
+        let work = move || {
+            // The kernel may compute for long to clear up after a process.
+            scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
+            for (mut child, since) in sent {
+                while since.elapsed() < DEAD_PAUSE && !ending.load(Ordering::SeqCst) {
+                    thread::sleep(DEAD_LOOK);
+                }
+                let _ = child.wait();
+            }
+        };
+        let thread = thread::Builder::new().name("reaping".into()).spawn(work).ok()?;
+        Some(Self { dead, ends, thread })
+    }
+
+    /// Reaps at once those that wait; what takes longer is left to the kernel when this process ends.
+    fn end(self) {
+        self.ends.store(true, Ordering::SeqCst);
+        drop(self.dead);
+        let deadline = Instant::now() + REAP_LIMIT;
+        while !self.thread.is_finished() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
 /// The program that runs here, also where an upgrade has put another in the place of its file: all processes of a run are of one version.
 fn program() -> io::Result<PathBuf> {
     let running = PathBuf::from("/proc/self/exe");
     let file = std::env::current_exe()?;
     let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
     Ok(if identity(&file) == identity(&running) { file } else { running })
-}
-
-/// A thread that reaps what it is sent; it ends with the sender.
-fn reaping_thread() -> Option<SyncSender<Dead>> {
-    let (dead, sent) = mpsc::sync_channel::<Dead>(DEAD_MAX);
-    let work = move || {
-        // The kernel may compute for long to clear up after a process.
-        scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
-        for (mut child, since) in sent {
-            thread::sleep(DEAD_PAUSE.saturating_sub(since.elapsed()));
-            let _ = child.wait();
-        }
-    };
-    thread::Builder::new().name("reaping".into()).spawn(work).ok().map(|_| dead)
 }
 
 /// What a service has in the place of its standard output, on which none of them says anything: the drivers have there what comes on the
