@@ -207,6 +207,7 @@ impl GyroErrorFilter {
     }
 
     /// Variance of the scale of each axis.
+    #[inline]
     pub(super) fn scale_variance(&self) -> [f64; 3] {
         [SCALE, SCALE + 1, SCALE + 2].map(|i| self.covariance[(i, i)])
     }
