@@ -136,10 +136,15 @@ fn it_takes_the_numbers_of_both_stages_but_for_the_magnetometer_of_aided() {
     const OF_THE_MAGNETOMETER: [&str; 4] = ["magnetic", "declination_deg", "magnetic_sd_deg", "magnetic_memory_s"];
     let mut fuser = named("multiple-model");
     let known = fuser.parameters();
-    let of_both = ["wz", "aided"].map(|name| named(name).parameters()).concat();
-    let expected: Vec<_> = of_both.into_iter().filter(|of| !OF_THE_MAGNETOMETER.contains(&of.name)).collect();
+    let [of_wz, of_aided] = ["wz", "aided"].map(|name| named(name).parameters());
+    let own = of_wz.iter().filter(|of| of_aided.iter().all(|other| other.name != of.name));
+    let expected: Vec<_> = own.chain(of_aided).filter(|of| !OF_THE_MAGNETOMETER.contains(&of.name)).copied().collect();
     assert_eq!(known, expected);
-    for name in ["hard_iron_sd_ut", "antenna_up_m"] {
+    let shared =
+        of_wz.iter().filter_map(|of| of_aided.iter().find(|other| other.name == of.name).map(|other| (of, other)));
+    let shared: Vec<_> = shared.inspect(|(of, other)| assert_eq!(of, other)).map(|(of, _)| of.name).collect();
+    assert_eq!(shared, ["gyro_bias_walk_deg_s_sqrt_s"]);
+    for name in ["hard_iron_sd_ut", "antenna_up_m", "gyro_bias_walk_deg_s_sqrt_s"] {
         assert_eq!(fuser.set(name, 1.0), Ok(()));
         assert!(matches!(fuser.set(name, 1e6), Err(ParameterError::OutOfRange { .. })));
     }

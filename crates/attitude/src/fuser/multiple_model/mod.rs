@@ -21,7 +21,7 @@ use super::{
     estimate::Estimate,
     fused::{Corrections, Fused},
     input::FuserInput,
-    wz::Wz,
+    wz::{self, Wz},
 };
 use crate::{
     course::Reference,
@@ -34,8 +34,9 @@ use {transition::Transition, turns::Turns};
 
 /// How long a body that was carried over ground is taken to be carried on, s.
 const CARRIED_S: f64 = 300.0;
-/// Those of `wz`, then those of `aided` but for its magnetometer's: the magnetic heading is that of `wz`.
-const PARAMETERS: &[Parameter] = &joined::<{ Wz::PARAMETERS.len() + OF_AIDED.len() }>(Wz::PARAMETERS, OF_AIDED);
+/// Those of `wz` but for what both have, then those of `aided` but for its magnetometer's: the magnetic heading is that of `wz`.
+const PARAMETERS: &[Parameter] = &joined::<{ OF_WZ.len() + OF_AIDED.len() }>(OF_WZ, OF_AIDED);
+const OF_WZ: &[Parameter] = Wz::PARAMETERS.split_at(Wz::PARAMETERS.len() - wz::OF_AIDED_TOO).0;
 const OF_AIDED: &[Parameter] =
     aided::Settings::TABLE.split_at(aided::Settings::TABLE.len() - aided::OF_THE_MAGNETOMETER).0;
 
@@ -152,9 +153,9 @@ impl Stage for MultipleModel {
         if PARAMETERS.iter().all(|parameter| parameter.name != name) {
             return Err(ParameterError::Unknown { known: PARAMETERS });
         }
-        match self.wz.set(name, value) {
-            Err(ParameterError::Unknown { .. }) => self.aided.set(name, value),
-            other => other,
+        match (self.wz.set(name, value), self.aided.set(name, value)) {
+            (Err(ParameterError::Unknown { .. }), of_aided) => of_aided,
+            (of_wz, _) => of_wz,
         }
     }
 

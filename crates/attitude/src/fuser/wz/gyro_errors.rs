@@ -17,6 +17,7 @@ use super::{
     initial_velocity::InitialVelocity,
     level::{Error, Response},
     noise::{self, Noise},
+    settings::Settings,
     tilt_fault::TiltFaultMonitor,
     time_constants::T1_S,
 };
@@ -44,14 +45,12 @@ const BIAS_SD_MAX_RAD_S: f64 = 0.003;
 /// Largest standard deviation of the scale: the same gyro. Data sheets allow 1 % at most, which is the most that is taken off.
 const SCALE_SD_MAX: f64 = 0.003;
 const SCALE_MAX: f64 = 0.01;
-/// Random walk of the bias of a body that does not turn, rad/s/√s: 1 °/s in half a day, 0.1 °/s while it warms up for an hour.
-const BIAS_WALK_RAD_S: f64 = 3e-5;
-/// Random walk of the bias, for each rad/s of the rate, 1/√s: what errors of the axes make of a rate that changes.
+/// Random walk of the bias besides that of the settings, for each rad/s of the rate, 1/√s: what errors of the axes make of a rate that
+/// changes.
 const BIAS_WALK_BY_RATE: f64 = 2e-5;
 /// Random walk of the scale, 1/√s: what a few degrees of warming make of it in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Random walk of the tilt, rad/√s, noise and coning of a consumer MEMS gyro, and what it adds for each rad/s of the rate, 1/√s.
-const TILT_WALK_RAD: f64 = 5e-4;
+/// Random walk of the tilt besides that of the settings, for each rad/s of the rate, 1/√s.
 const TILT_WALK_BY_RATE: f64 = 3e-4;
 /// More is no rate of a body, rad/s; what a body may turn by while nobody measures it: a hand that turns it over.
 const RATE_MAX_RAD_S: f64 = 100.0;
@@ -284,6 +283,7 @@ impl GyroErrorFilter {
         leaned_rad: Complex<f64>,
         bias_at_rest: Option<Vector3<f64>>,
         loop_velocity_s: Complex<f64>,
+        settings: &Settings,
     ) -> Error {
         let interval_s = self.since_update_s;
         let force = self.force_dt_m_s / (GRAVITY_M_S2 * interval_s);
@@ -292,7 +292,7 @@ impl GyroErrorFilter {
         self.force_dt_m_s = Complex::new(0.0, 0.0);
         self.since_update_s = 0.0;
         let rate2 = rate_rad_s.norm_squared().min(RATE_MAX_RAD_S * RATE_MAX_RAD_S);
-        self.propagate(&drift, rate2, interval_s);
+        self.propagate(&drift, rate2, interval_s, settings);
         self.loosen();
         self.follow(&drift, interval_s);
 
@@ -413,7 +413,7 @@ impl GyroErrorFilter {
     }
 
     /// P ← F P Fᵀ + Q.
-    fn propagate(&mut self, drift: &[Complex<f64>; ERRORS], rate2: f64, interval_s: f64) {
+    fn propagate(&mut self, drift: &[Complex<f64>; ERRORS], rate2: f64, interval_s: f64, settings: &Settings) {
         let p = &mut self.covariance;
         let kept = kept(interval_s);
         let (across, along) = (drift.map(|drift| drift.re), drift.map(|drift| drift.im));
@@ -438,8 +438,10 @@ impl GyroErrorFilter {
             summed[k + 1..].iter().for_each(|j| p[(*j, i)] = p[(i, *j)]);
         }
         let square = |walk: f64| walk * walk;
-        let tilt_walk2 = square(TILT_WALK_RAD) + square(TILT_WALK_BY_RATE) * rate2;
-        let bias_walk2 = square(BIAS_WALK_RAD_S) + square(BIAS_WALK_BY_RATE) * rate2;
+        let (noise_rad, walk_rad_s) =
+            (settings.level_noise_deg_sqrt_s.to_radians(), settings.gyro_bias_walk_deg_s_sqrt_s.to_radians());
+        let tilt_walk2 = square(noise_rad) + square(TILT_WALK_BY_RATE) * rate2;
+        let bias_walk2 = square(walk_rad_s) + square(BIAS_WALK_BY_RATE) * rate2;
         for i in 0..VELOCITY {
             let (walk2, most) = match i {
                 TILT..BIAS => (tilt_walk2, 1.0),

@@ -15,6 +15,7 @@ mod heading;
 mod initial_velocity;
 mod level;
 mod noise;
+mod settings;
 mod tilt_fault;
 mod time_constants;
 mod told;
@@ -33,10 +34,12 @@ use crate::{
     stage::{RestoreError, Stage},
     turn::Turn,
 };
+pub(super) use settings::OF_AIDED_TOO;
 use {
     gyro_errors::GyroErrorFilter,
-    heading::{Heading, HeadingInput, Settings},
+    heading::{Heading, HeadingInput},
     level::Level,
+    settings::Settings,
 };
 
 /// The longest interval over which a rate tells the turn of a body that moves as it likes, s.
@@ -47,6 +50,7 @@ const FORCE_MAX_M_S2: f64 = 3000.0;
 /// The fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
+    settings: Settings,
     level: Level,
     gyro_errors: GyroErrorFilter,
     rest: Rest,
@@ -60,6 +64,7 @@ pub struct Wz {
 impl Default for Wz {
     fn default() -> Self {
         Self {
+            settings: Settings::default(),
             level: Level::new(),
             gyro_errors: GyroErrorFilter::default(),
             rest: Rest::default(),
@@ -118,7 +123,8 @@ impl Wz {
         let (interval_s, force_dt_m_s) = self.gyro_errors.seen();
         let leaned_rad = self.level.take_leaned(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
-        let error = self.gyro_errors.update(rate_rad_s, leaned_rad, self.rest.bias_rad_s(), self.level.velocity_s());
+        let (bias_at_rest, loop_velocity_s) = (self.rest.bias_rad_s(), self.level.velocity_s());
+        let error = self.gyro_errors.update(rate_rad_s, leaned_rad, bias_at_rest, loop_velocity_s, &self.settings);
         self.level.take_back(error)
     }
 }
@@ -137,7 +143,7 @@ impl Stage for Wz {
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        self.heading.settings.set(name, value)
+        self.settings.set(name, value)
     }
 
     #[inline(always)]
@@ -197,7 +203,7 @@ impl Stage for Wz {
             dt_s,
             gyro_outage_s,
         };
-        let news = self.heading.step(&input);
+        let news = self.heading.step(&input, &self.settings);
         corrections.magnetic = news.magnetic;
         corrections.aligned |= news.aligned;
         corrections.disturbed = self.heading.disturbed();
@@ -206,7 +212,11 @@ impl Stage for Wz {
             rate_rad_s,
             bias_rad_s: self.gyro_errors.bias_rad_s(),
             innovation_rad,
-            inclination_sd_rad: told::inclination_rad(self.gyro_errors.tilt_sd_rad(), rate_rad_s.norm_squared()),
+            inclination_sd_rad: told::inclination_rad(
+                self.gyro_errors.tilt_sd_rad(),
+                rate_rad_s.norm_squared(),
+                &self.settings,
+            ),
             heading_sd_rad: told::heading_rad(self.heading.sd_rad()),
             reference: self.heading.reference(),
             corrections,
@@ -243,7 +253,7 @@ impl Stage for Wz {
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
-        self.heading = Heading::of(self.heading.settings, common);
+        self.heading = Heading::of(&self.settings, common);
         self.level = Level::of(common.attitude);
         self.gyro_errors = GyroErrorFilter::found(common);
         self.rest = Rest::default();

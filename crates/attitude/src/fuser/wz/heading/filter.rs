@@ -19,8 +19,12 @@
 //! Arrays, and a factor of three rows written out, where nalgebra's `SMatrix` and `Cholesky` read better: with those the update of the whole
 //! chain costs 0.42 of VQF's in the same chain, with these 0.39 (`plumb score --fuser wz --fuser vqf`, four runs of each in turn), 8 % more.
 
-use super::{levelled::Interval, settings::Settings};
-use crate::{Vector3, fuser::hard_iron::HardIron, numbers::Numbers};
+use super::levelled::Interval;
+use crate::{
+    Vector3,
+    fuser::{hard_iron::HardIron, wz::settings::Settings},
+    numbers::Numbers,
+};
 
 /// Numbers in the state, and where its parts begin.
 pub(super) const STATES: usize = 16;

@@ -15,9 +15,8 @@
 use super::{
     filter::{B, BETA, E, Filter, Propagation, TAU},
     levelled::Interval,
-    settings::Settings,
 };
-use crate::numbers::Numbers;
+use crate::{fuser::wz::settings::Settings, numbers::Numbers};
 
 /// By how much a challenger is opened, µT: a magnet at some centimetres, a loudspeaker in the same room.
 const CHALLENGE_UT: f64 = 15.0;

@@ -26,17 +26,20 @@ mod hypothesis_test;
 mod input;
 mod levelled;
 mod place;
-mod settings;
 mod vibration;
 
-pub(super) use {input::HeadingInput, settings::Settings};
+pub(super) use input::HeadingInput;
 
 use core::f64::consts::PI;
 
 use crate::{
     Vector3,
     course::Reference,
-    fuser::{estimate::Estimate, hard_iron::HardIron, wz::ease},
+    fuser::{
+        estimate::Estimate,
+        hard_iron::HardIron,
+        wz::{ease, settings::Settings},
+    },
     numbers::Numbers,
     state::{Attitude, wrapped_rad},
 };
@@ -82,7 +85,6 @@ pub(super) struct News {
 /// The heading.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Heading {
-    pub(super) settings: Settings,
     levelled: Levelled,
     hypothesis_test: HypothesisTest,
     known_place: KnownPlace,
@@ -109,18 +111,17 @@ pub(super) struct Heading {
 
 impl Default for Heading {
     fn default() -> Self {
-        Self::of(Settings::default(), &Estimate::UNKNOWN)
+        Self::of(&Settings::default(), &Estimate::UNKNOWN)
     }
 }
 
 impl Heading {
     /// Goes on from a heading that is already in the attitude, with the giver's bias and hard iron.
-    pub(super) fn of(settings: Settings, common: &Estimate) -> Self {
+    pub(super) fn of(settings: &Settings, common: &Estimate) -> Self {
         let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
-        let mut main = Filter::begun(&settings);
+        let mut main = Filter::begun(settings);
         main.know(hard_iron);
         Self {
-            settings,
             levelled: Levelled::default(),
             hypothesis_test: HypothesisTest::of(main),
             known_place: KnownPlace::default(),
@@ -208,7 +209,7 @@ impl Heading {
 
     /// One tick.
     #[inline]
-    pub(super) fn step(&mut self, input: &HeadingInput) -> News {
+    pub(super) fn step(&mut self, input: &HeadingInput, settings: &Settings) -> News {
         let readable = |field: &Vector3<f64>| {
             (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
         };
@@ -221,13 +222,13 @@ impl Heading {
         }
         self.left_rad -= self.left_rad * ease::share(self.left_rad * self.left_rad, input.dt_s);
         match self.levelled.step(input, field_ut, self.hypothesis_test.main.x[TAU], !self.begun) {
-            Some(interval) => self.update(&interval),
+            Some(interval) => self.update(&interval, settings),
             None => News::default(),
         }
     }
 
     #[inline(never)]
-    fn update(&mut self, interval: &Interval) -> News {
+    fn update(&mut self, interval: &Interval, settings: &Settings) -> News {
         if interval.at_rest && !self.rested {
             self.rested = true;
             self.hypothesis_test.rested();
@@ -259,10 +260,10 @@ impl Heading {
             self.settling_rad = if self.settling_rad < SETTLED_RAD { 0.0 } else { self.settling_rad };
         }
         if first {
-            return self.begin(interval, variance_ut2);
+            return self.begin(interval, settings, variance_ut2);
         }
         self.hypothesis_test.pass(&Propagation::of(interval, elsewhere));
-        let outcome = self.hypothesis_test.judge(interval, &self.settings, variance_ut2);
+        let outcome = self.hypothesis_test.judge(interval, settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
         if outcome.replaced {
             self.known_place = KnownPlace::default();
@@ -283,8 +284,8 @@ impl Heading {
     }
 
     /// The first field: from a heading that is known to be magnetic it need not jump.
-    fn begin(&mut self, interval: &Interval, variance_ut2: f64) -> News {
-        let mut main = Filter::begun(&self.settings);
+    fn begin(&mut self, interval: &Interval, settings: &Settings, variance_ut2: f64) -> News {
+        let mut main = Filter::begun(settings);
         if self.found && self.sd_rad < LOST_RAD {
             main.face_north(interval.field_ut, self.sd_rad);
         }
@@ -294,7 +295,7 @@ impl Heading {
         if self.rested {
             self.hypothesis_test.rested();
         }
-        self.hypothesis_test.begin(interval, self.settings.magnetometer_delay_s, variance_ut2);
+        self.hypothesis_test.begin(interval, settings.magnetometer_delay_s, variance_ut2);
         self.begun = true;
         let aligned = self.publish();
         News { magnetic: true, aligned }
