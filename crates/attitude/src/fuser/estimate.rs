@@ -12,7 +12,7 @@ use crate::{
     state::Attitude,
 };
 
-/// Random walk of a gyro's bias, rad/s/√s: 1 °/s in half a day, 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+/// Random walk of a gyro's bias that nobody follows, rad/s/√s: 0.1 °/s while a consumer MEMS gyro warms up for an hour.
 pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 
 /// What every fuser can hand over to every other.

@@ -3,8 +3,9 @@
 //! Where noises and deviations are what the settings say, the mean is 1 (Bar-Shalom, *Estimation with Applications to Tracking and
 //! Navigation*, 5.4). Worse sensors show in every velocity that is told: the deviations are told larger by the root of the mean. A
 //! receiver that is better than its settings lowers the mean as well, but says less of the gyro's part of the error: there they are told
-//! smaller by what was found to be true on cruise flights with a receiver of 0.05 m/s, with good and with bad sensors besides. The
-//! filter's own are left alone: its gains are those of the settings.
+//! smaller by what was found to be true on cruise flights with a receiver of 0.05 m/s, with good and with bad sensors besides. It is
+//! true of the noises that the settings have where nobody sets them; of others a mean below 1 says nothing. The filter's own are left
+//! alone: its gains are those of the settings.
 
 use crate::numbers::Numbers;
 
@@ -18,6 +19,15 @@ const FACTOR: f64 = 1.44;
 const POWER: f64 = 0.7;
 /// Most that one innovation counts, in standard deviations.
 const OUTLIER: f64 = 8.0;
+
+/// Whose the noises of the filter are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Noises {
+    /// Those of the settings as they are.
+    Usual,
+    /// At least one was set.
+    Set,
+}
 
 /// The mean.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,10 +49,13 @@ impl Consistency {
         self.mean += (mean - self.mean) * (interval_s / MEMORY_S).min(1.0);
     }
 
-    /// What the filter's own standard deviations are to be multiplied by.
-    pub(super) fn scale(&self) -> f64 {
-        let mean = self.mean.clamp(LEAST, MOST);
-        if mean < 1.0 { (FACTOR * libm::pow(mean, POWER)).min(1.0) } else { libm::sqrt(mean) }
+    /// What the filter's own standard deviations are to be multiplied by, with its own noises or with those that somebody set.
+    pub(super) fn scale(&self, noises: Noises) -> f64 {
+        match (self.mean.clamp(LEAST, MOST), noises) {
+            (mean, _) if mean >= 1.0 => libm::sqrt(mean),
+            (mean, Noises::Usual) => (FACTOR * libm::pow(mean, POWER)).min(1.0),
+            (_, Noises::Set) => 1.0,
+        }
     }
 
     /// What is wrong with the state.
@@ -63,10 +76,20 @@ mod tests {
 
     #[test]
     fn deviations_follow_the_innovations_and_stay_within_bounds() {
-        for (innovation, scale) in [(1.0, 1.0), (0.8, 1.0), (0.25, 0.206_77), (2.0, 2.0), (0.0, 0.176_86), (1e9, 4.0)] {
+        for (innovation, usual, set) in [
+            (1.0, 1.0, 1.0),
+            (0.8, 1.0, 1.0),
+            (0.25, 0.206_77, 1.0),
+            (2.0, 2.0, 2.0),
+            (0.0, 0.176_86, 1.0),
+            (1e9, 4.0, 4.0),
+        ] {
             let mut consistency = Consistency::default();
             (0..10_000).for_each(|_| consistency.see([innovation; 3], 0.2));
-            assert!((consistency.scale() - scale).abs() < 1e-4, "{innovation}: {}", consistency.scale());
+            for (noises, expected) in [(Noises::Usual, usual), (Noises::Set, set)] {
+                let scale = consistency.scale(noises);
+                assert!((scale - expected).abs() < 1e-4, "{innovation}, {noises:?}: {scale}");
+            }
             assert_eq!(consistency.flaw(), None);
         }
     }

@@ -145,12 +145,12 @@ impl Aided {
 
     /// About each horizontal axis, as it is told.
     pub(super) fn told_inclination_sd_rad(&self) -> f64 {
-        self.inclination_sd_rad() * core::f64::consts::FRAC_1_SQRT_2 * self.consistency.scale()
+        self.inclination_sd_rad() * core::f64::consts::FRAC_1_SQRT_2 * self.consistency.scale(self.settings.noises())
     }
 
     /// As it is told.
     pub(super) fn told_heading_sd_rad(&self) -> f64 {
-        (self.heading_sd_rad() * self.consistency.scale()).min(PI)
+        (self.heading_sd_rad() * self.consistency.scale(self.settings.noises())).min(PI)
     }
 
     pub(super) fn inclination_sd_rad(&self) -> f64 {

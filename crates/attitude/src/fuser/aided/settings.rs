@@ -1,5 +1,6 @@
 //! Settings of the fuser stage `aided`.
 
+use super::consistency::Noises;
 use crate::{Vector3, parameters::settings};
 
 /// How many of the settings, at the end of the table, are those of the magnetometer.
@@ -11,7 +12,7 @@ settings! {
         /// White noise of the gyro, angle random walk; also what its scale factor does in vibration.
         gyro_noise_deg_sqrt_s: 0.01 in 0.0001 .. 10.0, "°/√s";
         /// White noise of the accelerometer, velocity random walk, besides what differs from sample to sample.
-        accel_noise_m_s_sqrt_s: 0.03 in 0.001 .. 10.0, "m/s/√s";
+        accel_noise_m_s_sqrt_s: 0.03 in 0.0001 .. 10.0, "m/s/√s";
         /// Random walk of the gyro bias.
         gyro_bias_walk_deg_s_sqrt_s: 0.0005 in 0.0 .. 1.0, "°/s/√s";
         /// Random walk of the accelerometer bias.
@@ -80,6 +81,21 @@ settings! {
 }
 
 impl Settings {
+    /// Whether a noise was set.
+    pub(super) fn noises(&self) -> Noises {
+        let of = |settings: &Self| {
+            [
+                settings.gyro_noise_deg_sqrt_s,
+                settings.accel_noise_m_s_sqrt_s,
+                settings.gyro_bias_walk_deg_s_sqrt_s,
+                settings.accel_bias_walk_m_s2_sqrt_s,
+                settings.scale_noise,
+                settings.velocity_sd_m_s,
+            ]
+        };
+        if of(self) == of(&Self::default()) { Noises::Usual } else { Noises::Set }
+    }
+
     /// From the sensors to the receiver's antenna, m, body axes.
     pub(super) fn antenna_m(&self) -> Vector3<f64> {
         Vector3::new(self.antenna_right_m, self.antenna_forward_m, self.antenna_up_m)

@@ -14,7 +14,7 @@ settings! {
         magnetometer_delay_s: 0.0 in -0.01 .. 0.04, "s";
         /// Standard deviation of that delay; 0: it is known and not estimated.
         magnetometer_delay_sd_s: 0.01 in 0.0 .. 0.02, "s";
-        /// Standard deviation of the accelerometer bias that a calibration leaves, each axis; it is not estimated, but told with the inclination.
+        /// Standard deviation of the accelerometer bias that a calibration leaves, each axis; never estimated, it is added to the inclination's deviation.
         accel_bias_left_m_s2: 0.005 in 0.0 .. 1.0, "m/s²";
         /// Random walk of the level: noise and coning of the gyro.
         level_noise_deg_sqrt_s: 0.0286 in 0.0001 .. 10.0, "°/√s";
