@@ -21,7 +21,7 @@ const QUIET_S: f64 = 1.5;
 const BIAS_MEMORY_S: f64 = 20.0;
 
 /// Standard deviation of the bias found at rest, rad/s.
-pub(super) const SD_REST_RAD_S: f64 = 5e-4;
+pub(super) const SD_REST_RAD_S: f64 = 8e-4;
 
 /// Finds rest, and the mean rate during it.
 #[derive(Debug, Clone, PartialEq)]

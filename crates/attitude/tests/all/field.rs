@@ -190,8 +190,8 @@ fn a_drift_of_the_gyro_is_taken_off() {
     let world = World { drift_rad_s: 0.1f64.to_radians(), ..WORLD };
     let worst = worst_deg(world, 60.0, 600.0, as_it_is);
     println!("0.1 °/s for 600 s: {worst:.2}°");
-    // It begins with the movement, ninefold what a rest leaves of it.
-    assert!(worst < 3.0, "{worst}°");
+    // It begins with the movement, nearly three times what a rest leaves of it.
+    assert!(worst < 2.5, "{worst}°");
 }
 
 #[test]

@@ -45,14 +45,14 @@ const WHOLE: Errors = degrees(0.05, 0.05);
 /// The same to `vqf`, which finds out by itself how well the bias is known.
 const WHOLE_VQF: Errors = degrees(0.16, 0.1);
 /// The same to `wz` and `multiple-model`, of which alone the heading is so much better than that of any giver.
-const WHOLE_WZ: Errors = degrees(0.05, 0.35);
+const WHOLE_WZ: Errors = degrees(0.05, 0.1);
 /// Between `wz` and `multiple-model`, which is the same there: from the swap on, and over the whole trial, degrees. A hand-over of a stage to
 /// itself; after the others the larger error of the giver hides it.
-const TO_ITSELF: [Errors; 2] = [degrees(0.5, 0.2), degrees(0.2, 0.08)];
+const TO_ITSELF: [Errors; 2] = [degrees(0.5, 0.25), degrees(0.2, 0.08)];
 /// Most from the swap on after a giver of small error; the same after another, and over the whole trial, degrees.
 const LIMITS: [(&str, [Errors; 3]); 11] = [
-    ("wz", [degrees(0.15, 0.6), degrees(0.05, 0.43), degrees(0.05, 0.2)]),
-    ("multiple-model", [degrees(0.15, 0.6), degrees(0.05, 0.43), degrees(0.05, 0.2)]),
+    ("wz", [degrees(0.15, 0.25), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
+    ("multiple-model", [degrees(0.15, 0.25), degrees(0.05, 0.05), degrees(0.05, 0.05)]),
     ("wz-closed", [degrees(0.05, 0.05), degrees(0.05, 0.5), degrees(0.05, 0.25)]),
     ("wz-open", [degrees(0.05, 0.55), degrees(0.15, 1.2), degrees(0.05, 0.75)]),
     ("madgwick", [degrees(0.05, 0.3), degrees(1.9, 6.4), degrees(1.15, 1.4)]),

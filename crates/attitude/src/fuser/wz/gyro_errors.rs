@@ -43,7 +43,7 @@ const FIRST_SAMPLE_S: f64 = 0.07;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const BIAS_SD_MAX_RAD_S: f64 = 0.003;
 /// Largest standard deviation of the scale: the same gyro. Data sheets allow 1 % at most, which is the most that is taken off.
-const SCALE_SD_MAX: f64 = 0.003;
+const SCALE_SD_MAX: f64 = 0.002;
 const SCALE_MAX: f64 = 0.01;
 /// Random walk of the bias besides that of the settings, for each rad/s of the rate, 1/√s: what errors of the axes make of a rate that
 /// changes.
@@ -51,7 +51,7 @@ const BIAS_WALK_BY_RATE: f64 = 2e-5;
 /// Random walk of the scale, 1/√s: what a few degrees of warming make of it in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the tilt besides that of the settings, for each rad/s of the rate, 1/√s.
-const TILT_WALK_BY_RATE: f64 = 3e-4;
+const TILT_WALK_BY_RATE: f64 = 2.5e-4;
 /// More is no rate of a body, rad/s; what a body may turn by while nobody measures it: a hand that turns it over.
 const RATE_MAX_RAD_S: f64 = 100.0;
 const UNSEEN_RAD_S: f64 = 3.0;

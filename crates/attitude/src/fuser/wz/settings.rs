@@ -17,7 +17,7 @@ settings! {
         /// Standard deviation of the accelerometer bias that a calibration leaves, each axis; never estimated, it is added to the inclination's deviation.
         accel_bias_left_m_s2: 0.005 in 0.0 .. 1.0, "m/s²";
         /// Random walk of the level: noise and coning of the gyro.
-        level_noise_deg_sqrt_s: 0.0286 in 0.0001 .. 10.0, "°/√s";
+        level_noise_deg_sqrt_s: 0.022 in 0.0001 .. 10.0, "°/√s";
         /// Random walk of the gyro bias.
         gyro_bias_walk_deg_s_sqrt_s: 0.0005 in 0.0 .. 1.0, "°/s/√s";
     }

@@ -11,8 +11,10 @@ use crate::GRAVITY_M_S2;
 
 /// Error of the inclination of a body that turns, for each rad/s, s.
 const INCLINATION_BY_RATE_S: f64 = 1.5e-3;
-/// Error of a heading, rad: 0.5°.
-const HEADING_RAD: f64 = 8.726_646e-3;
+/// Error of a heading, rad: 0.4°.
+const HEADING_RAD: f64 = 6.981_317e-3;
+/// Share of the filter's deviation that is true of a heading: it allows for more of the place than most places have.
+const HEADING_SHARE: f64 = 0.9;
 
 /// Standard deviation of the inclination about each horizontal axis, rad, at a rate of this square, rad²/s².
 #[inline]
@@ -25,5 +27,7 @@ pub(super) fn inclination_rad(own_rad: f64, rate2_rad2_s2: f64, settings: &Setti
 /// Standard deviation of the heading, rad.
 #[inline]
 pub(super) fn heading_rad(own_rad: f64) -> f64 {
+    // All of it where nothing is known.
+    let own_rad = own_rad * (HEADING_SHARE + (1.0 - HEADING_SHARE) * own_rad / PI);
     libm::sqrt(own_rad * own_rad + HEADING_RAD * HEADING_RAD).min(PI)
 }

@@ -43,8 +43,8 @@ pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
 /// Random walk of the drift rate while the body moves, rad/s/√s; what it adds for each rad/s of the rate, 1/√s; and what a body that
 /// vibrates adds: its bias is not that of its rest.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
-const DRIFT_WALK_BY_RATE: f64 = 2e-5;
-const DRIFT_WALK_SHAKEN_RAD_S: f64 = 2e-4;
+const DRIFT_WALK_BY_RATE: f64 = 1.5e-5;
+const DRIFT_WALK_SHAKEN_RAD_S: f64 = 2.2e-4;
 /// Most that κ is less known than the scale from the level, as its multiple and beside it.
 const SCALE_SD_OF_LEVEL: f64 = 1.5;
 const SCALE_SD_BESIDE: f64 = 3e-4;
@@ -53,16 +53,16 @@ const SCALE_SD: f64 = 0.003;
 /// Its random walk, 1/√s: what a few degrees of warming make of it in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
-const TURN_WALK_RAD: f64 = 3e-4;
-const TURN_WALK_BY_RATE: f64 = 1e-3;
+const TURN_WALK_RAD: f64 = 2e-4;
+const TURN_WALK_BY_RATE: f64 = 6e-4;
 /// Random walk of the field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
 /// What the place adds: iron in a building, and the sensor's own soft iron.
-const PLACE_SD_UT: f64 = 1.0;
+const PLACE_SD_UT: f64 = 1.23;
 /// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
-const FADE_AT_REST: f64 = 0.05;
+const FADE_AT_REST: f64 = 0.06;
 const FADE_BY_TURN: f64 = 0.2;
-const FADE_BY_ACCELERATION: f64 = 0.12;
+const FADE_BY_ACCELERATION: f64 = 0.15;
 const ACCELERATION_OF_REST_M_S2: f64 = 0.3;
 /// Noise of the field of a place where the body rests again, each axis, µT, and the largest normalised square of an innovation that is
 /// believed there: the field of another place may be alike.

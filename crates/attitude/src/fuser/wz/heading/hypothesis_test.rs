@@ -10,7 +10,7 @@
 //! new field fits E as well, and magnets that pass by fit nobody. Evidence is a sum of log-likelihood ratios while the body turns, for at
 //! rest nothing tells the three apart. Each update gives away an allowance, since no hypothesis knows the soft iron and the
 //! slope of the field, and B with more freedom explains a little of both; the sum does not fall below zero.
-//! When B leads both by the margin, with a hard iron of its own and after a turn, it becomes M. What fails is begun anew from M, and so is what has not won in a minute.
+//! When B leads both by the margin, with a hard iron of its own and after a turn, it becomes M. What fails is begun anew from M, and so is what has not won in 50 s.
 
 use super::{
     filter::{B, BETA, E, Filter, Propagation, TAU},
@@ -20,22 +20,22 @@ use crate::{fuser::wz::settings::Settings, numbers::Numbers};
 
 /// By how much a challenger is opened, µT: a magnet at some centimetres, a loudspeaker in the same room.
 const CHALLENGE_UT: f64 = 15.0;
-/// Largest normalised square of an innovation that is believed; a chance of 1e-3.
-const GATE: f64 = 16.0;
+/// Largest normalised square of an innovation that is believed; a chance of 1 %.
+const GATE: f64 = 11.0;
 /// The same, where a likelihood is counted: more would be one disturbance deciding all.
 const NIS_MAX: f64 = 30.0;
 /// Twice the log-likelihood ratio at which B wins.
-const MARGIN: f64 = 120.0;
+const MARGIN: f64 = 85.0;
 /// How far its hard iron is from that of M when it wins, at least, µT, and how far the body has turned since the challenge, rad.
 const APART_UT: f64 = 3.0;
 const TURNED_RAD: f64 = 2.0;
 /// What each update gives away of it, 1/s.
-const ALLOWANCE_PER_S: f64 = 10.0;
+const ALLOWANCE_PER_S: f64 = 5.5;
 /// From this rate on the body turns, rad/s.
 const TURNING_RAD_S: f64 = 0.3;
 /// After so long outside the gate a challenger has failed, s; after so long without a win it is too old.
 const FAILED_S: f64 = 0.2;
-const CHALLENGE_S: f64 = 60.0;
+const CHALLENGE_S: f64 = 50.0;
 /// After so long outside the gate, in turns, everything about the field begins anew, s.
 const REJECTED_S: f64 = 60.0;
 /// A hypothesis that was not right for so long is a beginner, s: it begins anew after as long outside the gate as inside, and at least
@@ -43,7 +43,7 @@ const REJECTED_S: f64 = 60.0;
 const BEGINNER_S: f64 = 10.0;
 const BEGINNER_REJECTED_S: f64 = 2.0;
 /// The drift rate of the gyro's heading, once its bias was seen at rest, rad/s.
-const DRIFT_SD_AT_REST_RAD_S: f64 = 2e-4;
+const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 
 /// What became of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
