@@ -34,7 +34,8 @@ use {transition::Transition, turns::Turns};
 
 /// How long a body that was carried over ground is taken to be carried on, s.
 const CARRIED_S: f64 = 300.0;
-/// Those of `wz` but for what both have (it comes with `aided`'s), then those of `aided` but for its magnetometer's: the magnetic heading is that of `wz`.
+/// Those of `wz`, then those of `aided`. What both have stands among the second and is set in both; the magnetometer's of `aided` are left out, since
+/// the magnetic heading is that of `wz`.
 const PARAMETERS: &[Parameter] = &joined::<{ OF_WZ.len() + OF_AIDED.len() }>(OF_WZ, OF_AIDED);
 const OF_WZ: &[Parameter] = Wz::PARAMETERS.split_at(Wz::PARAMETERS.len() - wz::OF_AIDED_TOO).0;
 const OF_AIDED: &[Parameter] =
