@@ -137,12 +137,16 @@ impl Words for Estimate {
         self.attitude.visit(visit);
         self.reference.visit(visit);
         self.bias_rad_s.visit(visit);
-        let Self { inclination_sd_rad, heading_sd_rad, bias_sd_rad_s, gyro_scale, hard_iron, .. } = self;
+        let Self { inclination_sd_rad, heading_sd_rad, bias_sd_rad_s, gyro_scale, hard_iron, leaky_velocity, .. } =
+            self;
         [inclination_sd_rad, heading_sd_rad, bias_sd_rad_s].into_iter().for_each(|value| value.visit(visit));
         gyro_scale.error.visit(visit);
         gyro_scale.sd.visit(visit);
         hard_iron.field_ut.visit(visit);
         hard_iron.sd_ut.visit(visit);
+        leaky_velocity.velocity_m_s.re.visit(visit);
+        leaky_velocity.velocity_m_s.im.visit(visit);
+        leaky_velocity.sd_m_s.visit(visit);
     }
 }
 

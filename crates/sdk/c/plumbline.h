@@ -73,6 +73,8 @@ typedef struct {
     /* By which part of itself the rate about each axis is read too large. */
     double gyro_scale[3], gyro_scale_sd[3];
     double hard_iron_ut[3], hard_iron_sd_ut;
+    /* By which the level leans, east and north: the horizontal acceleration, integrated and forgotten within 3 s. */
+    double leaky_velocity_m_s[2], leaky_velocity_sd_m_s;
 } plumbline_estimate;
 /* course: given. */
 typedef struct {
@@ -364,7 +366,9 @@ static inline const char *plumbline_check_estimate(const plumbline_estimate *it)
         if (!(it->gyro_scale_sd[i] >= 0.0)) return "a standard deviation below zero";
         if (!(fabs(it->hard_iron_ut[i]) <= 1e4)) return "a hard iron beyond every magnet";
     }
-    if (!(it->inclination_sd_rad >= 0.0 && it->heading_sd_rad >= 0.0 && it->bias_sd_rad_s >= 0.0 && it->hard_iron_sd_ut >= 0.0)) {
+    if (!(hypot(it->leaky_velocity_m_s[0], it->leaky_velocity_m_s[1]) <= 100.0)) return "a velocity that no loop gathers";
+    if (!(it->inclination_sd_rad >= 0.0 && it->heading_sd_rad >= 0.0 && it->bias_sd_rad_s >= 0.0 && it->hard_iron_sd_ut >= 0.0 &&
+          it->leaky_velocity_sd_m_s >= 0.0)) {
         return "a standard deviation below zero";
     }
     return plumbline_check_attitude(&it->attitude);

@@ -4,7 +4,7 @@ use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
     course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
-    fuser::{Estimate, Fused, Fuser, FuserInput, GyroScale, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
     stage::Stage,
@@ -269,6 +269,7 @@ impl Slot for FuserSlot {
             bias_sd_rad_s: 1e-3,
             gyro_scale: GyroScale::UNKNOWN,
             hard_iron: HardIron::UNKNOWN,
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         };
         let mut garbage: Vec<_> =
             attitudes_of_garbage().into_iter().map(|(what, attitude)| (what, Estimate { attitude, ..good })).collect();
@@ -284,6 +285,10 @@ impl Slot for FuserSlot {
             let gyro_scale = GyroScale { error: Vector3::new(0.0, error, 0.0), sd: Vector3::repeat(1e-3) };
             garbage.push(("a scale that is none", Estimate { gyro_scale, ..good }));
         }
+        for east_m_s in [f64::NAN, f64::INFINITY, 1e6] {
+            let leaky_velocity = LeakyVelocity { velocity_m_s: Complex::new(east_m_s, 0.0), sd_m_s: 1.0 };
+            garbage.push(("a velocity that is none", Estimate { leaky_velocity, ..good }));
+        }
         for sd in [f64::NAN, -1.0] {
             let gyro_scale = GyroScale { sd: Vector3::new(1e-3, sd, 1e-3), ..GyroScale::UNKNOWN };
             garbage.push(("a bad standard deviation of the scale", Estimate { gyro_scale, ..good }));
@@ -292,6 +297,8 @@ impl Slot for FuserSlot {
             garbage.push(("a bad standard deviation of the bias", Estimate { bias_sd_rad_s: sd, ..good }));
             let hard_iron = HardIron { sd_ut: sd, ..HardIron::UNKNOWN };
             garbage.push(("a bad standard deviation of the hard iron", Estimate { hard_iron, ..good }));
+            let leaky_velocity = LeakyVelocity { sd_m_s: sd, ..LeakyVelocity::UNKNOWN };
+            garbage.push(("a bad standard deviation of the velocity", Estimate { leaky_velocity, ..good }));
         }
         garbage
     }

@@ -2,7 +2,7 @@
 
 use core::f64::consts::PI;
 
-use super::{gyro_scale::GyroScale, hard_iron::HardIron};
+use super::{gyro_scale::GyroScale, hard_iron::HardIron, leaky_velocity::LeakyVelocity};
 use crate::{
     Complex, Vector3,
     course::Reference,
@@ -34,6 +34,8 @@ pub struct Estimate {
     pub gyro_scale: GyroScale,
     /// Hard iron of the magnetometer; that of an earlier giver where this one does not estimate it.
     pub hard_iron: HardIron,
+    /// The velocity by which this one's level leans.
+    pub leaky_velocity: LeakyVelocity,
 }
 
 impl Default for Estimate {
@@ -53,6 +55,7 @@ impl Estimate {
         bias_sd_rad_s: f64::INFINITY,
         gyro_scale: GyroScale::UNKNOWN,
         hard_iron: HardIron::UNKNOWN,
+        leaky_velocity: LeakyVelocity::UNKNOWN,
     };
 
     /// Refuses what is not an estimate.
@@ -68,7 +71,7 @@ impl Estimate {
         if !sds.iter().all(|sd| *sd >= 0.0) {
             return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
         }
-        let flaw = self.gyro_scale.flaw().or_else(|| self.hard_iron.flaw());
+        let flaw = self.gyro_scale.flaw().or_else(|| self.hard_iron.flaw()).or_else(|| self.leaky_velocity.flaw());
         flaw.map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
     }
 }
@@ -85,6 +88,7 @@ impl Numbers for Estimate {
             bias_sd_rad_s,
             gyro_scale: GyroScale { error, sd },
             hard_iron: HardIron { field_ut, sd_ut },
+            leaky_velocity,
         } = self;
         attitude.visit(visit);
         reference.visit(visit);
@@ -94,5 +98,6 @@ impl Numbers for Estimate {
         sd.visit(visit);
         field_ut.visit(visit);
         sd_ut.visit(visit);
+        leaky_velocity.visit(visit);
     }
 }

@@ -27,6 +27,7 @@ mod fused;
 mod gyro_scale;
 mod hard_iron;
 mod input;
+mod leaky_velocity;
 pub mod levelling;
 mod low_pass;
 pub mod madgwick;
@@ -43,6 +44,7 @@ pub use fused::{Corrections, Fused, innovation_rad};
 pub use gyro_scale::GyroScale;
 pub use hard_iron::HardIron;
 pub use input::FuserInput;
+pub use leaky_velocity::LeakyVelocity;
 
 use crate::{
     parameters::{Parameter, ParameterError},

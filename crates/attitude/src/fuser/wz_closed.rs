@@ -8,6 +8,7 @@ use super::{
     estimate::Estimate,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
+    leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
 };
@@ -151,6 +152,7 @@ impl Stage for WzClosed {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

@@ -10,6 +10,7 @@ use super::{
     estimate::Estimate,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
+    leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
     spread::{BIAS_SD_RAD_S, Spread},
     wz_closed::POINT_LIMIT,
@@ -200,6 +201,7 @@ impl Stage for WzOpen {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

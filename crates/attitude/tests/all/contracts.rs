@@ -4,7 +4,7 @@ use attitude::{
     accel::Projector,
     angles::Angles,
     course::Reference,
-    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, Motion, RateKind, RateSample},
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
@@ -174,6 +174,7 @@ fn a_fuser_goes_on_where_another_was() {
                 bias_sd_rad_s: 0.001,
                 gyro_scale: GyroScale::UNKNOWN,
                 hard_iron: HardIron::UNKNOWN,
+                leaky_velocity: LeakyVelocity::UNKNOWN,
             };
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");

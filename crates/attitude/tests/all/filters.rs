@@ -4,7 +4,7 @@ use attitude::{
     Vector3,
     accel::Projector,
     course::Reference,
-    fuser::{Estimate, Fuser, FuserInput, GyroScale, HardIron},
+    fuser::{Estimate, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
     state::Attitude,
@@ -27,6 +27,7 @@ fn known(attitude: Attitude) -> Estimate {
         bias_sd_rad_s: 0.0,
         gyro_scale: GyroScale::UNKNOWN,
         hard_iron: HardIron::UNKNOWN,
+        leaky_velocity: LeakyVelocity::UNKNOWN,
     }
 }
 

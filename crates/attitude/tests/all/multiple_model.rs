@@ -4,6 +4,7 @@ use attitude::{
     accel::Projector,
     course::Reference,
     fuser::{Fused, Fuser, FuserInput},
+    gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     parameters::ParameterError,
     stage::Stage,
@@ -152,4 +153,42 @@ fn it_takes_the_numbers_of_both_stages_but_for_the_magnetometer_of_aided() {
         assert_eq!(fuser.set(name, 1.0), Err(ParameterError::Unknown { known }));
     }
     assert_eq!(fuser.parts(), ["wz", "aided"]);
+}
+
+/// A car drives, stands until it is no longer taken to be carried, and is pushed: the level is that of `wz`, the heading that of `aided`.
+#[test]
+fn the_velocity_by_which_the_level_leans_is_handed_over_in_the_frame_of_the_heading() {
+    const HEADING_RAD: f64 = 0.7;
+    let (sin, cos) = HEADING_RAD.sin_cos();
+    let mut fuser = named("multiple-model");
+    let mut accel = Projector::default();
+    let mut speed_m_s = 0.0;
+    let mut seconds = |duration_s: f64, acceleration_m_s2: f64, told: bool| {
+        let mut last = Fused::default();
+        for tick in 0..(duration_s * 100.0) as u32 {
+            speed_m_s += acceleration_m_s2 * 0.01;
+            let velocity_m_s = Vector3::new(cos * speed_m_s, sin * speed_m_s, 0.0);
+            let force_m_s2 = Vector3::new(acceleration_m_s2, 0.0, GRAVITY_M_S2);
+            let fix = Fix { velocity_m_s, sd_m_s: None, age_s: None, latitude_rad: None };
+            last = fuser.step(&FuserInput {
+                motion: Some(Motion { dt_s: 0.01, ..Motion::default() }),
+                inclination: Some(accel.step(&force_m_s2)),
+                fix: (told && tick % 20 == 0).then_some(fix),
+                rest_credible: true,
+                rate_credible: true,
+                ..FuserInput::default()
+            });
+        }
+        (last, fuser.common())
+    };
+    for acceleration_m_s2 in [0.0, 2.0, 0.0, -2.0] {
+        seconds(10.0, acceleration_m_s2, true);
+    }
+    seconds(330.0, 0.0, false);
+    let (fused, common) = seconds(1.0, 0.5, false);
+    assert_eq!(fused.reference, Reference::True);
+    let velocity_m_s = common.leaky_velocity.velocity_m_s;
+    println!("{velocity_m_s} m/s, heading {}", fused.attitude.z_rad);
+    assert!((0.35..0.5).contains(&velocity_m_s.re.hypot(velocity_m_s.im)), "{velocity_m_s}");
+    assert!((velocity_m_s.im.atan2(velocity_m_s.re) - HEADING_RAD).abs() < 0.05, "{velocity_m_s}");
 }

@@ -33,7 +33,7 @@ fn what_goes_to_another_process_has_as_many_numbers_as_its_header_says() {
     assert_each_number_has_its_place::<Inclination>(8);
     assert_each_number_has_its_place::<FuserInput>(38);
     assert_each_number_has_its_place::<Fused>(21);
-    assert_each_number_has_its_place::<Estimate>(21);
+    assert_each_number_has_its_place::<Estimate>(24);
     assert_each_number_has_its_place::<CourseInput>(17);
     assert_each_number_has_its_place::<Reading>(13);
     assert_each_number_has_its_place::<LastReading>(8);

@@ -4,7 +4,7 @@ use attitude::{
     accel::Projector,
     angles::Angles,
     course::Reference,
-    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, Motion, RateSample},
     stage::Stage,
     state::Attitude,
@@ -54,6 +54,7 @@ fn known() -> Estimate {
         bias_sd_rad_s: SD_RAD_S,
         gyro_scale: SCALE,
         hard_iron: HardIron { field_ut: IRON_UT, sd_ut: IRON_SD_UT },
+        leaky_velocity: LeakyVelocity::UNKNOWN,
     }
 }
 

@@ -89,6 +89,8 @@ class Estimate(NamedTuple):
     gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
+    leaky_velocity_m_s: complex = 0j  # by which the level leans, east + j north: the acceleration, integrated and forgotten within 3 s
+    leaky_velocity_sd_m_s: float = math.inf
 
     def check(self):
         """Raises ValueError for what is no estimate."""
@@ -97,7 +99,12 @@ class Estimate(NamedTuple):
             raise ValueError("a gyro bias above 10 rad/s, or a hard iron beyond every magnet")
         if not all(abs(part) <= 0.1 for part in self.gyro_scale):
             raise ValueError("a scale of the gyro that no gyro has")
-        sds = (self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, *self.gyro_scale_sd, self.hard_iron_sd_ut)
+        if not abs(self.leaky_velocity_m_s) <= 100.0:
+            raise ValueError("a velocity that no loop gathers")
+        sds = (
+            self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, *self.gyro_scale_sd, self.hard_iron_sd_ut,
+            self.leaky_velocity_sd_m_s,
+        )
         if not all(sd >= 0.0 for sd in sds):
             raise ValueError("a standard deviation below zero")
 

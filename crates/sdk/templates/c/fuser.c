@@ -47,7 +47,7 @@ static void common(plumbline_estimate *it)
     it->attitude = state.attitude;
     it->inclination_sd_rad = 0.1;
     it->heading_sd_rad = PLUMBLINE_PI;
-    it->bias_sd_rad_s = it->hard_iron_sd_ut = INFINITY;
+    it->bias_sd_rad_s = it->hard_iron_sd_ut = it->leaky_velocity_sd_m_s = INFINITY;
     for (int i = 0; i < 3; i++) it->gyro_scale_sd[i] = INFINITY;
 }
 

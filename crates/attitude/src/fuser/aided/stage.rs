@@ -17,6 +17,7 @@ use crate::{
         estimate::Estimate,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
+        leaky_velocity::LeakyVelocity,
     },
     numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters},
@@ -140,6 +141,7 @@ impl Stage for Aided {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

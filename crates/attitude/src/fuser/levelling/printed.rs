@@ -13,6 +13,7 @@ use crate::{
         estimate::Estimate,
         fused::{Corrections, Fused},
         input::FuserInput,
+        leaky_velocity::LeakyVelocity,
     },
     numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters, settings},
@@ -138,6 +139,7 @@ impl Stage for Levelling {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

@@ -29,6 +29,7 @@ use crate::{
         estimate::Estimate,
         fused::{Corrections, Fused},
         input::FuserInput,
+        leaky_velocity::LeakyVelocity,
     },
     gnss::Fix,
     numbers::Numbers,
@@ -257,6 +258,7 @@ impl Stage for LevellingUnified {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

@@ -24,6 +24,7 @@ use super::{
     field::{field_direction, north_rad},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
+    leaky_velocity::LeakyVelocity,
     spread::{BIAS_SD_RAD_S, Spread},
 };
 use crate::{
@@ -266,6 +267,7 @@ impl Stage for Madgwick {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

@@ -217,12 +217,14 @@ impl Stage for MultipleModel {
     fn common(&self) -> Estimate {
         let (wz, aided) = (self.wz.common(), self.aided.common());
         let Both { level, heading } = self.chosen.of(wz, aided);
+        let attitude = self.attitude();
         Estimate {
-            attitude: self.attitude(),
+            attitude,
             reference: heading.reference,
             heading_sd_rad: heading.heading_sd_rad,
             gyro_scale: wz.gyro_scale,
             hard_iron: wz.hard_iron,
+            leaky_velocity: level.leaky_velocity.turned(attitude.z_rad - level.attitude.z_rad),
             ..level
         }
     }

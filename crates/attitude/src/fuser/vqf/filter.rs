@@ -70,7 +70,11 @@ impl Vqf {
         self.motion.since_s += motion.dt_s;
         self.field.since_s += motion.dt_s;
         if self.motion.sampled() {
+            let averaged = self.averaged();
             self.retime();
+            if let Some(averaged) = averaged {
+                self.average(averaged);
+            }
         }
         self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
         let bias_sd_rad_s = self.filter.bias_estimate().1;

@@ -127,6 +127,7 @@ impl Stage for Vqf {
             bias_sd_rad_s: self.filter.bias_estimate().1,
             gyro_scale: self.gyro_scale,
             hard_iron: self.hard_iron,
+            leaky_velocity: self.leaky_velocity(),
         }
     }
 
@@ -134,7 +135,7 @@ impl Stage for Vqf {
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.put(common.attitude);
-        self.trust_level();
+        self.trust_level(common.leaky_velocity);
         self.levelled = true;
         self.magnetic = common.reference == Reference::Magnetic;
         let params = self.filter.params();

@@ -40,6 +40,9 @@ const FIRST_SHARE: f64 = 0.15;
 const MEAN_ALONE_S: f64 = 0.6;
 /// For how long a first sample stands in that mean, s: the acceleration of a hand changes no faster.
 const FIRST_SAMPLE_S: f64 = 0.07;
+/// By which the deviation of a bias that another stage found is larger here: the errors of its bias and of its level belong together, which
+/// is not handed over (covariance intersection with equal weights doubles the variance).
+const OF_ANOTHER: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const BIAS_SD_MAX_RAD_S: f64 = 0.003;
 /// Largest standard deviation of the scale: the same gyro. Data sheets allow 1 % at most, which is the most that is taken off.
@@ -165,15 +168,15 @@ impl GyroErrorFilter {
     /// Goes on with bias, scale and level that another stage found, perhaps in the middle of a movement: what the force shows is that
     /// until it has lasted.
     pub(super) fn found(common: &Estimate) -> Self {
-        let Estimate { bias_rad_s, bias_sd_rad_s, inclination_sd_rad, gyro_scale, .. } = *common;
+        let Estimate { bias_rad_s, bias_sd_rad_s, inclination_sd_rad, gyro_scale, leaky_velocity, .. } = *common;
         let mut filter = Self {
             force_noise: Noise::before(FORCE_SD_MOVING),
             velocity_noise: Noise::before(VELOCITY_SD_MOVING_S),
             first_level: false,
             of_one_sample: false,
-            initial_velocity: InitialVelocity::begun(),
+            initial_velocity: InitialVelocity::begun(leaky_velocity.sd_m_s),
             scale: gyro_scale.error.map(|error| error.clamp(-SCALE_MAX, SCALE_MAX)),
-            ..Self::of(bias_rad_s, bias_sd_rad_s, inclination_sd_rad)
+            ..Self::of(bias_rad_s, bias_sd_rad_s * OF_ANOTHER, inclination_sd_rad)
         };
         for (i, sd) in (SCALE..).zip(gyro_scale.sd.iter()) {
             let sd = sd.min(SCALE_SD_MAX);

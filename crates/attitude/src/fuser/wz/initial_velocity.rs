@@ -1,7 +1,7 @@
 //! A level that was taken over from another stage while the body was under way.
 //!
-//! The loop begins without a velocity, the body does not: by the difference the loop leans, for as long as it remembers, off a level
-//! that was right. What leans it is known, and so is where the level would be without: the difference shows in the tilt that the
+//! The loop begins with the velocity of the loop before it, or without one; by the difference from the body's it leans, for as long as it
+//! remembers, off a level that was right. What leans it is known, and so is where the level would be without: the difference shows in the tilt that the
 //! filter of the bias finds, is estimated from it and taken back. The less is known of the level that was taken over, the less is taken.
 
 use super::{
@@ -10,13 +10,13 @@ use super::{
 };
 use crate::{Complex, GRAVITY_M_S2, numbers::Numbers};
 
-/// Standard deviation of the velocity with which a body is found under way, over g, s: 4 m/s, the loop's memory of a vehicle that
+/// Largest standard deviation of the velocity with which a body is found under way, over g, s: 4 m/s, the loop's memory of a vehicle that
 /// brakes.
 const VELOCITY_SD_S: f64 = 4.0 / GRAVITY_M_S2;
 /// What the loop is off by in a movement, rad: 1°.
 const LOOP_SD_RAD: f64 = 0.017_453_293;
 
-/// Estimates the velocity that the loop did not have.
+/// Estimates what the loop's first velocity was off by.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct InitialVelocity {
     /// Tilt and velocity of the loop for a unit of it.
@@ -25,9 +25,10 @@ pub(super) struct InitialVelocity {
 }
 
 impl InitialVelocity {
-    /// A level was just taken over.
-    pub(super) fn begun() -> Self {
-        Self { share: [0.0, 1.0], variance_s2: VELOCITY_SD_S * VELOCITY_SD_S }
+    /// A level was just taken over, with a velocity that is known so well.
+    pub(super) fn begun(sd_m_s: f64) -> Self {
+        let sd_s = (sd_m_s / GRAVITY_M_S2).min(VELOCITY_SD_S);
+        Self { share: [0.0, 1.0], variance_s2: sd_s * sd_s }
     }
 
     /// After `interval_s` the loop is off by `tilt_rad`, as the filter has it with this variance. What is to be taken back.

@@ -11,6 +11,7 @@ use super::{
 };
 use crate::{
     Complex, GRAVITY_M_S2,
+    fuser::leaky_velocity::LeakyVelocity,
     numbers::Numbers,
     point::Point,
     stage::attitude_flaw,
@@ -81,18 +82,18 @@ impl Response {
 impl Level {
     /// Waits for the first inclination.
     pub(super) fn new() -> Self {
-        Self { started: false, ..Self::of(Attitude::default()) }
+        Self { started: false, ..Self::of(Attitude::default(), Complex::new(0.0, 0.0)) }
     }
 
-    /// Goes on from an attitude.
-    pub(super) fn of(attitude: Attitude) -> Self {
+    /// Goes on from an attitude and the velocity by which a loop before it leaned.
+    pub(super) fn of(attitude: Attitude, velocity_m_s: Complex<f64>) -> Self {
         let (sin, cos) = libm::sincos(attitude.z_rad);
         let zero = Complex::new(0.0, 0.0);
         Self {
             attitude,
             azimuth: Complex::new(cos, sin),
-            velocity_m_s: zero,
-            velocity_before_m_s: zero,
+            velocity_m_s,
+            velocity_before_m_s: velocity_m_s,
             left_rad: zero,
             started: true,
         }
@@ -106,6 +107,11 @@ impl Level {
     #[inline]
     pub(super) fn azimuth(&self) -> Complex<f64> {
         self.azimuth
+    }
+
+    /// The leaky velocity, in the frame of this azimuth.
+    pub(super) fn leaky_velocity(&self, z_rad: f64) -> LeakyVelocity {
+        LeakyVelocity::of_loop(self.velocity_m_s * self.azimuth.conj()).turned(z_rad)
     }
 
     /// The leaky velocity over g, s.
@@ -126,7 +132,7 @@ impl Level {
 
     /// The next inclination sets the level anew.
     pub(super) fn restart(&mut self) {
-        *self = Self { started: false, ..Self::of(self.attitude) };
+        *self = Self { started: false, ..Self::of(self.attitude, Complex::new(0.0, 0.0)) };
     }
 
     /// The body turns for `dt_s`, while the level leans as the velocity tells for `lean_s` of it, and takes back what is left of a known

@@ -239,8 +239,9 @@ impl Stage for Wz {
     }
 
     fn common(&self) -> Estimate {
+        let attitude = self.heading.with_heading(self.level.attitude());
         Estimate {
-            attitude: self.heading.with_heading(self.level.attitude()),
+            attitude,
             reference: self.heading.reference(),
             bias_rad_s: self.gyro_errors.bias_rad_s(),
             inclination_sd_rad: self.gyro_errors.tilt_sd_rad(),
@@ -248,13 +249,14 @@ impl Stage for Wz {
             bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
             gyro_scale: self.gyro_errors.scale(),
             hard_iron: self.heading.hard_iron(),
+            leaky_velocity: self.level.leaky_velocity(attitude.z_rad),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.heading = Heading::of(&self.settings, common);
-        self.level = Level::of(common.attitude);
+        self.level = Level::of(common.attitude, common.leaky_velocity.velocity_m_s);
         self.gyro_errors = GyroErrorFilter::found(common);
         self.rest = Rest::default();
         Ok(())

@@ -32,6 +32,7 @@ use crate::{
         estimate::Estimate,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
+        leaky_velocity::LeakyVelocity,
         low_pass::low_pass_gain,
     },
     gnss::Fix,
@@ -207,6 +208,7 @@ impl Stage for LevellingPi {
             bias_sd_rad_s,
             gyro_scale: self.carried.gyro_scale(),
             hard_iron: self.carried.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 

@@ -1,0 +1,64 @@
+//! The velocity by which a levelling loop leans, as one fuser hands it over to the next.
+//!
+//! A loop that averages the specific force over seconds has the accelerations of those seconds behind it. A stage that begins without
+//! them takes what the body makes good for them, as it slows down, for a tilt.
+
+use crate::{Complex, numbers::Numbers};
+
+/// More than a loop gathers on a body that moves to and fro, m/s; whoever gathers more has lost its level.
+const MOST_M_S: f64 = 100.0;
+/// Standard deviation of what a loop gathers, m/s: a level that is off by 1° for six seconds.
+const SD_M_S: f64 = 1.0;
+
+/// The horizontal acceleration, integrated and forgotten within some three seconds, and how well it is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeakyVelocity {
+    /// m/s; east and north of the attitude's reference frame, as ξ + jη.
+    pub velocity_m_s: Complex<f64>,
+    /// Standard deviation of each of its components, m/s; infinite where nobody has it.
+    pub sd_m_s: f64,
+}
+
+impl LeakyVelocity {
+    /// Nobody has it.
+    pub const UNKNOWN: Self = Self { velocity_m_s: Complex::new(0.0, 0.0), sd_m_s: f64::INFINITY };
+
+    /// As a loop has it; unknown where no body moves like that.
+    pub(super) fn of_loop(velocity_m_s: Complex<f64>) -> Self {
+        // The comparison also refuses what is not a number.
+        if velocity_m_s.norm_sqr() <= MOST_M_S * MOST_M_S {
+            Self { velocity_m_s, sd_m_s: SD_M_S }
+        } else {
+            Self::UNKNOWN
+        }
+    }
+
+    /// The same in a reference frame that is turned by this angle.
+    pub(super) fn turned(self, angle_rad: f64) -> Self {
+        let (sin, cos) = libm::sincos(angle_rad);
+        Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }
+    }
+
+    /// What is wrong with it.
+    pub(super) fn flaw(&self) -> Option<&'static str> {
+        let possible = self.velocity_m_s.norm_sqr() <= MOST_M_S * MOST_M_S;
+        let allowed = self.sd_m_s >= 0.0;
+        (!possible)
+            .then_some("a velocity that no loop gathers")
+            .or((!allowed).then_some("a standard deviation below zero"))
+    }
+}
+
+impl Default for LeakyVelocity {
+    fn default() -> Self {
+        Self::UNKNOWN
+    }
+}
+
+/// An infinite standard deviation stays one.
+impl Numbers for LeakyVelocity {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.velocity_m_s.visit(visit);
+        self.sd_m_s.visit(visit);
+    }
+}
