@@ -351,8 +351,13 @@ pub(crate) fn children_of(pid: u32) -> Vec<u32> {
 }
 
 /// Waits for something that must come; the limit is only there to end a failed test.
-pub(crate) fn until(what: &str, mut done: impl FnMut() -> bool) {
-    let deadline = Instant::now() + Duration::from_secs(60);
+pub(crate) fn until(what: &str, done: impl FnMut() -> bool) {
+    until_within(Duration::from_secs(60), what, done);
+}
+
+/// The same for something that may take longer.
+pub(crate) fn until_within(limit: Duration, what: &str, mut done: impl FnMut() -> bool) {
+    let deadline = Instant::now() + limit;
     while !done() {
         assert!(Instant::now() < deadline, "waited in vain for {what}");
         std::thread::sleep(Duration::from_millis(5));

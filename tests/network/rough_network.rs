@@ -11,7 +11,7 @@ use std::{
 use crate::common::{
     Run, Running, System,
     beyond::{number, ticks, topic},
-    plumb, signal, until,
+    plumb, signal, until_within,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -20,6 +20,11 @@ const BOARD: &str = "10.78.0.1";
 const STATION: &str = "10.78.0.2";
 /// Longer than Zenoh believes in a connection from which nothing comes (its lease, 3 s).
 const CUT: Duration = Duration::from_secs(12);
+
+/// What is connected sends on.
+const MORE: Duration = Duration::from_secs(60);
+/// A handshake through 300 ms and 20 % loss may be given up after 10 s, and again: each needs a dozen packets in turn.
+const RECONNECTED: Duration = Duration::from_secs(240);
 
 /// Two network namespaces and the link between them; they go with the test.
 struct Link {
@@ -132,9 +137,9 @@ impl Station {
     }
 
     /// Waits until more has arrived.
-    fn await_more(&self, what: &str) {
+    fn await_more(&self, limit: Duration, what: &str) {
         let before = self.written();
-        until(what, || self.written() > before);
+        until_within(limit, what, || self.written() > before);
     }
 
     /// Ends it as Ctrl-C does; what it has seen.
@@ -176,23 +181,23 @@ fn delay_loss_a_cut_and_a_reader_that_does_not_read_are_not_felt_on_board() {
     let running = Running::of(link.within(0, &system.command(&["--out", out.to_str().unwrap()])));
     crate::common::beyond::endpoint(&system);
     let station = Station::start(&link, folder.path(), system.path("tables"));
-    station.await_more("attitudes");
+    station.await_more(MORE, "attitudes");
 
     println!("a sound link: {}", link.roughen(0.3, 0.2));
     thread::sleep(Duration::from_secs(2));
-    station.await_more("attitudes through delay and loss");
+    station.await_more(MORE, "attitudes through delay and loss");
     thread::sleep(Duration::from_secs(6));
     println!("300 ms and 20 %: {}", link.roughen(0.3, 0.2));
     link.set("down");
     thread::sleep(CUT);
     link.set("up");
-    station.await_more("attitudes after the cut");
+    station.await_more(RECONNECTED, "attitudes after the cut");
     println!("300 ms and 20 %, cut for {} s and back: {}", CUT.as_secs(), link.roughen(0.0, 0.0));
-    station.await_more("attitudes through a sound link");
+    station.await_more(MORE, "attitudes through a sound link");
     station.signal(Signal::STOP);
     thread::sleep(Duration::from_secs(5));
     station.signal(Signal::CONT);
-    station.await_more("attitudes after it slept");
+    station.await_more(MORE, "attitudes after it slept");
 
     running.interrupt();
     let run = running.wait();

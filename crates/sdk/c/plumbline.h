@@ -20,7 +20,7 @@
 #error "frames are little-endian, and so must be the machine"
 #endif
 
-#define PLUMBLINE_VERSION 1
+#define PLUMBLINE_VERSION 2
 #define PLUMBLINE_STATE_MAX 1536
 #define PLUMBLINE_FRAME_MAX 16384
 #define PLUMBLINE_PI 3.14159265358979323846
@@ -73,7 +73,8 @@ typedef struct {
     /* By which part of itself the rate about each axis is read too large. */
     double gyro_scale[3], gyro_scale_sd[3];
     double hard_iron_ut[3], hard_iron_sd_ut;
-    /* By which the level leans, east and north: the horizontal acceleration, integrated and forgotten within 3 s. */
+    /* V by which the level leans, east and north of the attitude's reference frame: V' = h - V/T, h the horizontal specific force, T 1.5 to
+       3 s. 0 and an infinite deviation where there is none. */
     double leaky_velocity_m_s[2], leaky_velocity_sd_m_s;
 } plumbline_estimate;
 /* course: given. */

@@ -16,7 +16,7 @@
 use attitude::numbers::Numbers;
 
 /// The version of all that is said here.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Bytes before the payload.
 pub const HEAD_BYTES: usize = 16;
 /// Bytes of a frame at most.
@@ -170,7 +170,7 @@ mod tests {
         let mut bytes = vec![9; 3];
         head.begin(&mut bytes);
         put(&mut bytes, Estimate::UNKNOWN);
-        assert_eq!(bytes[..8], [1, 0, 7, 0, 1, 0, 0, 0]);
+        assert_eq!(bytes[..8], [2, 0, 7, 0, 1, 0, 0, 0]);
         let (found, payload) = Head::of(&bytes).unwrap();
         assert_eq!((found, value::<Estimate>(payload)), (head, Ok(Estimate::UNKNOWN)));
     }
@@ -185,7 +185,7 @@ mod tests {
             bytes[place] = byte;
             Head::of(&bytes).map(|_| ())
         };
-        assert_eq!(with(0, 2), Err(FrameError::Version(2)));
+        assert_eq!(with(0, 1), Err(FrameError::Version(1)));
         assert_eq!(with(2, 77), Err(FrameError::Kind(77)));
         for found in [0, 7, 8, 1000] {
             let short = value::<FuserInput>(&vec![0; found]);

@@ -1,16 +1,18 @@
 //! The velocity by which a levelling loop leans, as one fuser hands it over to the next.
 //!
-//! A loop that averages the specific force over seconds has the accelerations of those seconds behind it. A stage that begins without
-//! them takes what the body makes good for them, as it slows down, for a tilt.
+//! V' = h − V/T, h the horizontal specific force, T 1.5 s in `vqf` and 3 s in `wz`: the accelerations of the last seconds, by which the loop
+//! moves its level. A loop that begins without it takes the braking that ends a movement for a tilt.
 
 use crate::{Complex, numbers::Numbers};
 
 /// More than a loop gathers on a body that moves to and fro, m/s; whoever gathers more has lost its level.
 const MOST_M_S: f64 = 100.0;
-/// Standard deviation of what a loop gathers, m/s: a level that is off by 1° for six seconds.
+/// Of which this is handed over at most: a turn of the frame rounds.
+const MOST_GIVEN_M_S: f64 = 99.0;
+/// Standard deviation of what a loop gathers, m/s: a level that has been off by 2° for some seconds.
 const SD_M_S: f64 = 1.0;
 
-/// The horizontal acceleration, integrated and forgotten within some three seconds, and how well it is known.
+/// The leaky velocity of a levelling loop, and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeakyVelocity {
     /// m/s; east and north of the attitude's reference frame, as ξ + jη.
@@ -23,17 +25,22 @@ impl LeakyVelocity {
     /// Nobody has it.
     pub const UNKNOWN: Self = Self { velocity_m_s: Complex::new(0.0, 0.0), sd_m_s: f64::INFINITY };
 
-    /// As a loop has it; unknown where no body moves like that.
-    pub(super) fn of_loop(velocity_m_s: Complex<f64>) -> Self {
+    /// As a loop has it, of whose first velocity this deviation is left; unknown where no body moves like that.
+    pub(super) fn of_loop(velocity_m_s: Complex<f64>, left_sd_m_s: f64) -> Self {
         // The comparison also refuses what is not a number.
-        if velocity_m_s.norm_sqr() <= MOST_M_S * MOST_M_S {
-            Self { velocity_m_s, sd_m_s: SD_M_S }
+        if velocity_m_s.norm_sqr() <= MOST_GIVEN_M_S * MOST_GIVEN_M_S {
+            Self { velocity_m_s, sd_m_s: libm::hypot(SD_M_S, left_sd_m_s) }
         } else {
             Self::UNKNOWN
         }
     }
 
-    /// The same in a reference frame that is turned by this angle.
+    /// With which a loop goes on, m/s: none where nobody has it.
+    pub(super) fn known_m_s(&self) -> Complex<f64> {
+        if self.sd_m_s.is_finite() { self.velocity_m_s } else { Self::UNKNOWN.velocity_m_s }
+    }
+
+    /// The same in a reference frame from which this one is turned by the angle.
     pub(super) fn turned(self, angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }
@@ -43,9 +50,8 @@ impl LeakyVelocity {
     pub(super) fn flaw(&self) -> Option<&'static str> {
         let possible = self.velocity_m_s.norm_sqr() <= MOST_M_S * MOST_M_S;
         let allowed = self.sd_m_s >= 0.0;
-        (!possible)
-            .then_some("a velocity that no loop gathers")
-            .or((!allowed).then_some("a standard deviation below zero"))
+        let flaw = (!possible).then_some("a velocity that no loop gathers");
+        flaw.or((!allowed).then_some("a standard deviation below zero"))
     }
 }
 

@@ -22,7 +22,7 @@ while request := requests.recv(16384):
     numbers, refused = [], 0
     if kind == 1:
         text = "slot\taccel\nparameter\tgain\t\t1\t0\t2\tIt is for the test.\n"
-        requests.send(struct.pack("<HHIQ", 1, 1, 0, number) + text.encode())
+        requests.send(struct.pack("<HHIQ", version, 1, 0, number) + text.encode())
         continue
     if kind == 3:
         steps += 1.0

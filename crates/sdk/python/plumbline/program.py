@@ -11,7 +11,7 @@ from .attitude import Attitude
 from .stage import SLOTS
 from .values import codec
 
-VERSION = 1
+VERSION = 2
 DESCRIBE, SET, STEP, SNAPSHOT, RESTORE, COMMON, ADOPT, ALIGN, REALIGN = range(1, 10)
 # Version, kind, refused, number of the request.
 HEAD = struct.Struct("<HHIQ")

@@ -89,7 +89,7 @@ class Estimate(NamedTuple):
     gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
-    leaky_velocity_m_s: complex = 0j  # by which the level leans, east + j north: the acceleration, integrated and forgotten within 3 s
+    leaky_velocity_m_s: complex = 0j  # V by which the level leans, east + j north: V' = h − V/T, h the horizontal force, T 1.5 to 3 s
     leaky_velocity_sd_m_s: float = math.inf
 
     def check(self):
@@ -99,7 +99,7 @@ class Estimate(NamedTuple):
             raise ValueError("a gyro bias above 10 rad/s, or a hard iron beyond every magnet")
         if not all(abs(part) <= 0.1 for part in self.gyro_scale):
             raise ValueError("a scale of the gyro that no gyro has")
-        if not abs(self.leaky_velocity_m_s) <= 100.0:
+        if not math.hypot(self.leaky_velocity_m_s.real, self.leaky_velocity_m_s.imag) <= 100.0:
             raise ValueError("a velocity that no loop gathers")
         sds = (
             self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, *self.gyro_scale_sd, self.hard_iron_sd_ut,

@@ -28,7 +28,6 @@ use crate::{
     numbers::Numbers,
     parameters::{Parameter, ParameterError, Parameters},
     stage::{RestoreError, Stage},
-    state::Attitude,
 };
 use {transition::Transition, turns::Turns};
 
@@ -126,11 +125,6 @@ impl MultipleModel {
         };
         Chosen { level: if is_carried { Model::Aided } else { Model::Wz }, heading }
     }
-
-    fn attitude(&self) -> Attitude {
-        let Both { level, .. } = self.chosen.of(self.wz.common().attitude, self.aided.common().attitude);
-        self.transition.attitude(level)
-    }
 }
 
 impl Stage for MultipleModel {
@@ -217,14 +211,13 @@ impl Stage for MultipleModel {
     fn common(&self) -> Estimate {
         let (wz, aided) = (self.wz.common(), self.aided.common());
         let Both { level, heading } = self.chosen.of(wz, aided);
-        let attitude = self.attitude();
         Estimate {
-            attitude,
+            attitude: self.transition.attitude(level.attitude),
             reference: heading.reference,
             heading_sd_rad: heading.heading_sd_rad,
             gyro_scale: wz.gyro_scale,
             hard_iron: wz.hard_iron,
-            leaky_velocity: level.leaky_velocity.turned(attitude.z_rad - level.attitude.z_rad),
+            leaky_velocity: self.transition.turned(level.leaky_velocity),
             ..level
         }
     }

@@ -5,6 +5,7 @@
 
 use crate::{
     Complex, Quaternion,
+    fuser::leaky_velocity::LeakyVelocity,
     numbers::Numbers,
     state::{Attitude, wrapped_rad},
 };
@@ -33,6 +34,11 @@ impl Transition {
         let half = self.tilt_rad * 0.5;
         let tilt = Quaternion::new(libm::sqrt(1.0 - half.norm_sqr()), half.re, half.im, 0.0);
         Attitude::of_quaternion(tilt * turned.quaternion())
+    }
+
+    /// A horizontal velocity of the stage that gives the level, as the attitude has it.
+    pub(super) fn turned(&self, velocity: LeakyVelocity) -> LeakyVelocity {
+        velocity.turned(self.heading_rad)
     }
 
     /// Another stage gives the level from now on: the attitude goes on, or jumps where the levels are too far apart, and this is true.

@@ -29,6 +29,8 @@ pub struct Vqf {
     pub(super) magnetic: bool,
     pub(super) tilt: Spread,
     pub(super) heading: Spread,
+    /// Standard deviation of what the low-pass still has of the error of a velocity that was taken over, m/s.
+    pub(super) velocity_sd_m_s: f64,
     /// Of the giver.
     pub(super) gyro_scale: GyroScale,
     pub(super) hard_iron: HardIron,
@@ -44,6 +46,7 @@ impl Default for Vqf {
             magnetic: false,
             tilt: Spread::UNKNOWN,
             heading: Spread::UNKNOWN,
+            velocity_sd_m_s: 0.0,
             gyro_scale: GyroScale::UNKNOWN,
             hard_iron: HardIron::UNKNOWN,
         }
@@ -70,6 +73,7 @@ impl Vqf {
         self.motion.since_s += motion.dt_s;
         self.field.since_s += motion.dt_s;
         if self.motion.sampled() {
+            // What the low-pass holds means something else at another sampling time.
             let averaged = self.averaged();
             self.retime();
             if let Some(averaged) = averaged {
@@ -77,6 +81,7 @@ impl Vqf {
             }
         }
         self.filter.update_gyr_with_ts(bounded(motion.rate_rad_s), motion.dt_s);
+        self.velocity_sd_m_s *= 1.0 - (motion.dt_s / self.filter.params().tau_acc).min(1.0);
         let bias_sd_rad_s = self.filter.bias_estimate().1;
         self.tilt.drift(bias_sd_rad_s, motion.dt_s);
         self.heading.drift(bias_sd_rad_s, motion.dt_s);

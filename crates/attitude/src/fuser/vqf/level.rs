@@ -32,7 +32,7 @@ impl Vqf {
     }
 
     /// The averaged force begins as gravity in the level as it is, not as the next sample, and with this velocity.
-    pub(super) fn trust_level(&mut self, LeakyVelocity { velocity_m_s, .. }: LeakyVelocity) {
+    pub(super) fn trust_level(&mut self, velocity_m_s: Complex<f64>) {
         let to_gyro = conjugate(self.filter.state().acc_quat);
         self.average(Averaged {
             force_m_s2: to_gyro.rotate([0.0, 0.0, GRAVITY_M_S2]).into(),
@@ -42,13 +42,16 @@ impl Vqf {
 
     /// The velocity by which the level leans, in the frame of the attitude.
     pub(super) fn leaky_velocity(&self) -> LeakyVelocity {
-        let Some(Averaged { velocity_m_s, .. }) = self.averaged() else { return LeakyVelocity::UNKNOWN };
+        let Some(Averaged { velocity_m_s, .. }) = self.averaged().filter(|_| self.levelled) else {
+            return LeakyVelocity::UNKNOWN;
+        };
         let state = self.filter.state();
         let [east, north, _] = state.acc_quat.rotate(velocity_m_s.into());
-        LeakyVelocity::of_loop(Complex::new(east, north)).turned(if self.magnetic { state.delta } else { 0.0 })
+        let velocity_m_s = Complex::new(east, north);
+        LeakyVelocity::of_loop(velocity_m_s, self.velocity_sd_m_s).turned(if self.magnetic { state.delta } else { 0.0 })
     }
 
-    /// What the low-pass of the force has, once it has averaged for its time constant.
+    /// What the low-pass of the force has, once it has averaged for its time constant or a level was taken over.
     pub(super) fn averaged(&self) -> Option<Averaged> {
         let ([pulse, _], kept, interval_s) = self.low_pass();
         let state = self.filter.state();
@@ -69,7 +72,7 @@ impl Vqf {
         state.acc_lp_state = core::array::from_fn(delayed);
     }
 
-    /// What the two delays of the low-pass hold after a pulse of unit height, and of a constant force of unit length; its interval, s.
+    /// What the two delays of the low-pass hold after one sample of 1, and while it rests at 1; its interval, s.
     fn low_pass(&self) -> ([f64; 2], [f64; 2], f64) {
         let coefficients = self.filter.coeffs();
         let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
@@ -77,9 +80,9 @@ impl Vqf {
     }
 }
 
-/// The low-pass of the force, of second order: its output, and what goes on changing it. In the frame of the gyro's integration.
+/// The low-pass of the force, of second order: its output and the rate of that. In the frame of the gyro's integration.
 pub(super) struct Averaged {
     force_m_s2: Vector3<f64>,
-    /// The velocity that at a stroke gives a low-pass at rest the rate of change that this one has, m/s.
+    /// Area of the pulse of one sample that would give a resting low-pass this one's rate of change, m/s.
     velocity_m_s: Vector3<f64>,
 }

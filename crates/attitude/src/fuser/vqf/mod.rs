@@ -30,6 +30,9 @@ use crate::{
 };
 use {filter::bounded, numbers::visit_numbers};
 
+/// Of a velocity that nobody knows, m/s: a vehicle that brakes.
+const VELOCITY_SD_MAX_M_S: f64 = 4.0;
+
 impl Vqf {
     pub(super) fn realign(&mut self) {
         self.levelled = false;
@@ -99,6 +102,7 @@ impl Stage for Vqf {
         self.magnetic.visit(visit);
         self.tilt.visit(visit);
         self.heading.visit(visit);
+        self.velocity_sd_m_s.visit(visit);
         self.gyro_scale.visit(visit);
         self.hard_iron.visit(visit);
         visit_numbers(self.filter.state_mut(), visit);
@@ -113,6 +117,7 @@ impl Stage for Vqf {
             .or_else(|| bias_flaw(self.bias_rad_s()))
             .or_else(|| self.tilt.flaw())
             .or_else(|| self.heading.flaw())
+            .or_else(|| (self.velocity_sd_m_s < 0.0).then_some("a standard deviation below zero"))
             .or_else(|| self.gyro_scale.flaw())
             .or_else(|| self.hard_iron.flaw())
     }
@@ -135,7 +140,8 @@ impl Stage for Vqf {
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.put(common.attitude);
-        self.trust_level(common.leaky_velocity);
+        self.trust_level(common.leaky_velocity.known_m_s());
+        self.velocity_sd_m_s = common.leaky_velocity.sd_m_s.min(VELOCITY_SD_MAX_M_S);
         self.levelled = true;
         self.magnetic = common.reference == Reference::Magnetic;
         let params = self.filter.params();

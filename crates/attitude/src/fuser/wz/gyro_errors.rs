@@ -13,6 +13,8 @@
 //! it until now. To fuse the tilt itself here would make the level as slow as the filter is sure of its gyro. At rest it is told nothing
 //! of that: accelerations of the movement before may have hidden it, and the force shows what is left of both.
 
+use core::f64::consts::PI;
+
 use super::{
     initial_velocity::InitialVelocity,
     level::{Error, Response},
@@ -40,9 +42,8 @@ const FIRST_SHARE: f64 = 0.15;
 const MEAN_ALONE_S: f64 = 0.6;
 /// For how long a first sample stands in that mean, s: the acceleration of a hand changes no faster.
 const FIRST_SAMPLE_S: f64 = 0.07;
-/// By which the deviation of a bias that another stage found is larger here: the errors of its bias and of its level belong together, which
-/// is not handed over (covariance intersection with equal weights doubles the variance).
-const OF_ANOTHER: f64 = core::f64::consts::SQRT_2;
+/// Factor on the deviation of a bias that is taken over together with a level: their errors belong together, and how is not handed over.
+const BESIDE_LEVEL: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const BIAS_SD_MAX_RAD_S: f64 = 0.003;
 /// Largest standard deviation of the scale: the same gyro. Data sheets allow 1 % at most, which is the most that is taken off.
@@ -169,6 +170,8 @@ impl GyroErrorFilter {
     /// until it has lasted.
     pub(super) fn found(common: &Estimate) -> Self {
         let Estimate { bias_rad_s, bias_sd_rad_s, inclination_sd_rad, gyro_scale, leaky_velocity, .. } = *common;
+        let with_level = inclination_sd_rad < PI;
+        let bias_sd_rad_s = if with_level { bias_sd_rad_s * BESIDE_LEVEL } else { bias_sd_rad_s };
         let mut filter = Self {
             force_noise: Noise::before(FORCE_SD_MOVING),
             velocity_noise: Noise::before(VELOCITY_SD_MOVING_S),
@@ -176,13 +179,18 @@ impl GyroErrorFilter {
             of_one_sample: false,
             initial_velocity: InitialVelocity::begun(leaky_velocity.sd_m_s),
             scale: gyro_scale.error.map(|error| error.clamp(-SCALE_MAX, SCALE_MAX)),
-            ..Self::of(bias_rad_s, bias_sd_rad_s * OF_ANOTHER, inclination_sd_rad)
+            ..Self::of(bias_rad_s, bias_sd_rad_s, inclination_sd_rad)
         };
         for (i, sd) in (SCALE..).zip(gyro_scale.sd.iter()) {
             let sd = sd.min(SCALE_SD_MAX);
             filter.covariance[(i, i)] = sd * sd;
         }
         filter
+    }
+
+    /// Standard deviation of what the velocity of the loop still has of the error it began with, m/s.
+    pub(super) fn first_velocity_sd_m_s(&self) -> f64 {
+        self.initial_velocity.left_sd_m_s()
     }
 
     /// The bias, rad/s, body axes.

@@ -1,7 +1,7 @@
 //! A level that was taken over from another stage while the body was under way.
 //!
-//! The loop begins with the velocity of the loop before it, or without one; by the difference from the body's it leans, for as long as it
-//! remembers, off a level that was right. What leans it is known, and so is where the level would be without: the difference shows in the tilt that the
+//! The loop begins with the velocity of the loop before it, or without one. By the difference from the body's it leans, for as long
+//! as it remembers, off a level that was right. What leans it is known, and so is where the level would be without: the difference shows in the tilt that the
 //! filter of the bias finds, is estimated from it and taken back. The less is known of the level that was taken over, the less is taken.
 
 use super::{
@@ -42,6 +42,11 @@ impl InitialVelocity {
         self.variance_s2 *= (1.0 - gain * tilt).max(0.0);
         let found_s = tilt_rad * gain;
         Error { tilt: found_s * tilt, velocity: found_s * velocity }
+    }
+
+    /// Standard deviation of what is left in the loop's velocity, m/s.
+    pub(super) fn left_sd_m_s(&self) -> f64 {
+        libm::sqrt(self.variance_s2) * libm::fabs(self.share[1]) * GRAVITY_M_S2
     }
 
     /// What is wrong with the state.

@@ -109,9 +109,12 @@ impl Level {
         self.azimuth
     }
 
-    /// The leaky velocity, in the frame of this azimuth.
-    pub(super) fn leaky_velocity(&self, z_rad: f64) -> LeakyVelocity {
-        LeakyVelocity::of_loop(self.velocity_m_s * self.azimuth.conj()).turned(z_rad)
+    /// The leaky velocity in the frame in which this is the turn of the level; of its first one this deviation is left.
+    pub(super) fn leaky_velocity(&self, z_rad: f64, left_sd_m_s: f64) -> LeakyVelocity {
+        if !self.started {
+            return LeakyVelocity::UNKNOWN;
+        }
+        LeakyVelocity::of_loop(self.velocity_m_s * self.azimuth.conj(), left_sd_m_s).turned(z_rad)
     }
 
     /// The leaky velocity over g, s.

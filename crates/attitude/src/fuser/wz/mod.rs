@@ -249,14 +249,14 @@ impl Stage for Wz {
             bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
             gyro_scale: self.gyro_errors.scale(),
             hard_iron: self.heading.hard_iron(),
-            leaky_velocity: self.level.leaky_velocity(attitude.z_rad),
+            leaky_velocity: self.level.leaky_velocity(attitude.z_rad, self.gyro_errors.first_velocity_sd_m_s()),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.heading = Heading::of(&self.settings, common);
-        self.level = Level::of(common.attitude, common.leaky_velocity.velocity_m_s);
+        self.level = Level::of(common.attitude, common.leaky_velocity.known_m_s());
         self.gyro_errors = GyroErrorFilter::found(common);
         self.rest = Rest::default();
         Ok(())
