@@ -49,7 +49,7 @@ pub(crate) struct Up {
     /// Record the flight from its first tick to its last: each start makes one MCAP file in this folder.
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
-    /// Take nothing over from an earlier run: gyro bias and hard iron are found anew.
+    /// Take nothing over from an earlier run: gyro bias, gyro scale and hard iron are found anew.
     #[arg(long)]
     cold: bool,
     /// Publish on the topic `reading` what the source gives, before anything is done to it: from a recording of that a flight is replayed.

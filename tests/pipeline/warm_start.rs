@@ -60,7 +60,7 @@ fn body(file: &PathBuf) -> Option<Value> {
 /// Gives the file another content with the right checksum.
 fn rewrite(file: &PathBuf, body: &Value) {
     let body = format!("{body}\n");
-    fs::write(file, format!("plumbline state 1 {:016x}\n{body}", hash(HASH_START, body.as_bytes()))).unwrap();
+    fs::write(file, format!("plumbline state 2 {:016x}\n{body}", hash(HASH_START, body.as_bytes()))).unwrap();
 }
 
 /// The errors of the bias over the first two seconds of a run in motion: largest, and last.
@@ -130,7 +130,7 @@ fn the_bias_outlives_a_kill_of_the_supervisor_and_a_cold_start_does_without() {
 fn a_file_that_is_not_this_programs_is_named_and_stays_as_it_is() {
     let launch = system("state_file = \"kept\"\n", "");
     let (kept, target) = (launch.path("kept"), launch.path("target"));
-    fs::write(&target, "plumbline state 1 0\n{}\n").unwrap();
+    fs::write(&target, "plumbline state 2 0\n{}\n").unwrap();
     symlink(&target, &kept).unwrap();
     let (launch, run) = Bench::of(launch, &[]).ended();
     assert!(run.line("state file ").contains("it is a symbolic link"), "{}", run.people);
@@ -147,7 +147,7 @@ fn a_file_that_is_not_this_programs_is_named_and_stays_as_it_is() {
 
 #[test]
 fn a_simulation_and_a_replay_do_not_depend_on_what_an_earlier_run_has_left() {
-    let kept = |launch: &System| fs::write(launch.path("kept"), "plumbline state 1 0\n{}\n").unwrap();
+    let kept = |launch: &System| fs::write(launch.path("kept"), "plumbline state 2 0\n{}\n").unwrap();
     let out = |launch: &System, arguments: &[&str]| {
         let out = launch.path("out.csv");
         let run = launch.run(&[arguments, &["--out", out.to_str().unwrap()]].concat());
@@ -171,7 +171,7 @@ fn a_simulation_and_a_replay_do_not_depend_on_what_an_earlier_run_has_left() {
         &["--for", "4s", "--speed", "max", "--in-process"],
     ] {
         assert!(out(&plain, arguments) == out(&with_file, arguments), "{arguments:?}");
-        assert_eq!(fs::read_to_string(with_file.path("kept")).unwrap(), "plumbline state 1 0\n{}\n", "{arguments:?}");
+        assert_eq!(fs::read_to_string(with_file.path("kept")).unwrap(), "plumbline state 2 0\n{}\n", "{arguments:?}");
     }
 }
 

@@ -1,9 +1,12 @@
 //! What is known of the sensors before the first sample: of all that a run finds out, what outlives its end.
 //!
-//! Input: a checkpoint of the slot `fuser`, whatever fills it. Output: bias and hard iron for whatever fills it next. Time: an age makes
-//! them less sure. Failure: what cannot be is left out.
+//! Input: a checkpoint of the slot `fuser`, whatever fills it. Output: bias and scale of the gyro, and hard iron, for whatever fills it
+//! next. Time: an age makes them less sure. Failure: what cannot be is left out.
 
-use attitude::fuser::{BIAS_WALK_RAD_S, Estimate, HardIron};
+use attitude::{
+    Vector3,
+    fuser::{BIAS_WALK_RAD_S, Estimate, GyroScale, HardIron},
+};
 use launch::Service;
 use messages::Checkpoint;
 use serde::{Deserialize, Serialize};
@@ -18,6 +21,8 @@ pub struct Prior {
     pub bias_rad_s: Option<Known>,
     /// Hard iron of the magnetometer, µT, body axes.
     pub hard_iron_ut: Option<Known>,
+    /// Error of the gyro's scale, body axes: by which part of itself the rate is read too large.
+    pub gyro_scale: Option<Known>,
 }
 
 /// A constant of a sensor, in the unit of its name.
@@ -46,10 +51,17 @@ const BIAS: Ageing = Ageing { walk: BIAS_WALK_RAD_S, power_sd: 1e-3, unknown_sd:
 /// 1 µT in three days, for what is loaded and carried; 5 µT are 14° of heading where the horizontal field is 20 µT.
 const HARD_IRON: Ageing = Ageing { walk: 0.002, power_sd: 0.0, unknown_sd: 5.0 };
 
-/// The names of the numbers of bias and hard iron: each component, and their standard deviation.
-const NAMES: [[&str; 4]; 2] = [
+/// A fuser that has seen no turn says 0.002, which is not worth to be kept; 72 days, by when the sensor may be another one.
+const SCALE: Ageing = Ageing { walk: 1.2e-6, power_sd: 0.0, unknown_sd: 0.003 };
+/// How well the scale of another run is known: a fuser that finds it anew from there is better than one that is surer, for what a few
+/// degrees of temperature make of it.
+const SCALE_SD: f64 = 0.002;
+
+/// The names of the numbers of each: its components, and their standard deviation.
+const NAMES: [[&str; 4]; 3] = [
     ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s", "bias_sd_rad_s"],
     ["hard_iron_x_ut", "hard_iron_y_ut", "hard_iron_z_ut", "hard_iron_sd_ut"],
+    ["gyro_scale_x", "gyro_scale_y", "gyro_scale_z", "gyro_scale_sd"],
 ];
 
 impl Prior {
@@ -58,15 +70,22 @@ impl Prior {
         if record.service != Service::Fuser as u32 {
             return None;
         }
-        let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, .. } =
+        let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, gyro_scale, .. } =
             checkpoint::common(record, Estimate::UNKNOWN).ok()?;
         let worth =
             |mean: [f64; 3], sd: f64, ageing: Ageing| (sd < 0.5 * ageing.unknown_sd).then_some(Known { mean, sd });
         let prior = Self {
             bias_rad_s: worth(bias_rad_s.into(), bias_sd_rad_s, BIAS),
             hard_iron_ut: worth(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
+            gyro_scale: worth(gyro_scale.error.into(), gyro_scale.sd.max(), SCALE),
         };
         (prior.tells() && prior.is_sound()).then_some(prior)
+    }
+
+    /// The same with the scale of the run before where this one has found none: in a run it does not grow old.
+    #[must_use]
+    pub fn or_scale_of(self, before: Option<Self>) -> Self {
+        Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }
     }
 
     /// What of it still tells something after `age_s`, in which the sensors may have been without power.
@@ -77,12 +96,16 @@ impl Prior {
                 |Known { mean, sd }| Known { mean, sd: sd.hypot(ageing.walk * age_s.max(0.0).sqrt()).hypot(power_sd) };
             known.map(grown).filter(|known| known.sd < ageing.unknown_sd)
         };
-        Self { bias_rad_s: aged(self.bias_rad_s, BIAS), hard_iron_ut: aged(self.hard_iron_ut, HARD_IRON) }
+        Self {
+            bias_rad_s: aged(self.bias_rad_s, BIAS),
+            hard_iron_ut: aged(self.hard_iron_ut, HARD_IRON),
+            gyro_scale: aged(self.gyro_scale, SCALE),
+        }
     }
 
     /// There is something in it.
     pub fn tells(&self) -> bool {
-        self.bias_rad_s.is_some() || self.hard_iron_ut.is_some()
+        self.parts().iter().any(Option::is_some)
     }
 
     /// It can be what it says.
@@ -103,8 +126,8 @@ impl Prior {
             let [x, y, z, sd] = names.map(number);
             Some(Known { mean: [x?, y?, z?], sd: sd? })
         };
-        let [bias_rad_s, hard_iron_ut] = NAMES.map(known);
-        let prior = Self { bias_rad_s, hard_iron_ut };
+        let [bias_rad_s, hard_iron_ut, gyro_scale] = NAMES.map(known);
+        let prior = Self { bias_rad_s, hard_iron_ut, gyro_scale };
         (prior.numbers().len() == numbers.len() && prior.is_sound()).then_some(prior)
     }
 
@@ -125,10 +148,13 @@ impl Prior {
         if let Some(Known { mean, sd }) = self.hard_iron_ut {
             estimate.hard_iron = HardIron { field_ut: mean.into(), sd_ut: sd };
         }
+        if let Some(Known { mean, sd }) = self.gyro_scale {
+            estimate.gyro_scale = GyroScale { error: mean.into(), sd: Vector3::repeat(sd.hypot(SCALE_SD)) };
+        }
         estimate
     }
 
-    fn parts(&self) -> [Option<Known>; 2] {
-        [self.bias_rad_s, self.hard_iron_ut]
+    fn parts(&self) -> [Option<Known>; 3] {
+        [self.bias_rad_s, self.hard_iron_ut, self.gyro_scale]
     }
 }

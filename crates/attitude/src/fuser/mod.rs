@@ -141,11 +141,11 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     /// bias stay.
     fn realign(&mut self);
 
-    /// Begins with what was known of the sensors before: bias and hard iron; a scale changes with the temperature. The attitude is as unknown as at any beginning, whatever
+    /// Begins with what was known of the sensors before: bias, scale and hard iron. The attitude is as unknown as at any beginning, whatever
     /// `known` says of it. What cannot be taken over leaves the stage as it was.
     fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
-        let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, .. } = *known;
-        self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, ..Estimate::UNKNOWN })?;
+        let Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, .. } = *known;
+        self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, ..Estimate::UNKNOWN })?;
         self.realign();
         Ok(())
     }

@@ -92,7 +92,12 @@ mod tests {
         // A file where the folder should be.
         fs::write(folder.path().join("folder"), "").unwrap();
         let keeper = Keeper::new(path.clone(), 1).unwrap();
-        let keep = || keeper.found.send((Prior { bias_rad_s: None, hard_iron_ut: None }, Instant::now())).unwrap();
+        let keep = || {
+            keeper
+                .found
+                .send((Prior { bias_rad_s: None, hard_iron_ut: None, gyro_scale: None }, Instant::now()))
+                .unwrap()
+        };
         (0..3).for_each(|_| keep());
         assert!(keeper.lines.recv().unwrap().contains("it cannot be written: "));
         // Taken up only when the one before is done with.
@@ -101,6 +106,6 @@ mod tests {
         (0..2).for_each(|_| keep());
         let lines = keeper.end();
         assert_eq!(lines, [format!("state file {}: it is written again", path.display())]);
-        assert!(fs::read_to_string(&path).unwrap().starts_with("plumbline state 1 "));
+        assert!(fs::read_to_string(&path).unwrap().starts_with("plumbline state 2 "));
     }
 }

@@ -43,6 +43,8 @@ pub(crate) struct WarmStart {
     keeper: Option<Keeper>,
     looked: Instant,
     kept: Option<Kept>,
+    /// With which the run began.
+    begun: Option<Prior>,
     /// For people.
     said: Vec<String>,
 }
@@ -58,7 +60,7 @@ struct Kept {
 impl WarmStart {
     /// What the run begins with, and what keeps what it finds.
     pub(crate) fn begin(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
-        let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, said: Vec::new() };
+        let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, begun: None, said: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
         let sensors = record::sensors(&plan.config.launch.ingest);
         let name = path.display();
@@ -82,6 +84,7 @@ impl WarmStart {
             }
         };
         warm.keeper = Some(Keeper::new(path.clone(), sensors)?);
+        warm.begun = prior;
         Ok((warm, prior))
     }
 
@@ -109,6 +112,7 @@ impl WarmStart {
         let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
             return;
         };
+        let prior = prior.or_scale_of(self.begun);
         let worth = |kept: Kept| kept.at.elapsed() >= interval || prior.is_much_surer_than(&kept.prior);
         if self.kept.is_none_or(worth) {
             keeper.keep(prior);

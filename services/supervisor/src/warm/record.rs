@@ -12,7 +12,7 @@ use super::moment::{Moment, Since};
 /// What every state file begins with.
 const MAGIC: &str = "plumbline state ";
 /// Of what follows.
-const VERSION: &str = "1";
+const VERSION: &str = "2";
 
 /// What follows the first line.
 #[derive(Debug, Serialize, Deserialize)]
@@ -98,7 +98,8 @@ pub(super) fn prior(text: &str, sensors: u64, now: &Moment) -> Result<(Prior, f6
 pub(super) fn words(prior: &Prior) -> String {
     let bias = prior.bias_rad_s.map(|known| format!("the gyro's bias within {:.3} °/s", known.sd.to_degrees()));
     let hard_iron = prior.hard_iron_ut.map(|known| format!("hard iron within {:.1} µT", known.sd));
-    bias.into_iter().chain(hard_iron).collect::<Vec<_>>().join(" and ")
+    let scale = prior.gyro_scale.map(|_| "the gyro's scale".into());
+    bias.into_iter().chain(hard_iron).chain(scale).collect::<Vec<_>>().join(" and ")
 }
 
 /// A time in its usual unit.
@@ -121,6 +122,7 @@ mod tests {
     const PRIOR: Prior = Prior {
         bias_rad_s: Some(Known { mean: [0.001, -0.002, 0.003], sd: 2e-4 }),
         hard_iron_ut: Some(Known { mean: [20.0, 0.0, -7.5], sd: 0.5 }),
+        gyro_scale: Some(Known { mean: [0.002, -0.004, 0.0], sd: 5e-4 }),
     };
     const SENSORS: u64 = 7;
 
@@ -152,9 +154,12 @@ mod tests {
         assert!(bias(started_again).sd > 1e-3 && started_again.0.hard_iron_ut.unwrap().sd < 0.6);
         // Over night a bias is lost, iron is not.
         let night = prior(&kept(), SENSORS, &at("b", 5.0, 1.7e9 + 36_000.0, true)).unwrap();
-        assert_eq!((night.0.bias_rad_s, night.1), (None, 36_000.0));
-        assert_eq!(words(&night.0), "hard iron within 0.6 µT");
-        assert_eq!(words(&PRIOR), "the gyro's bias within 0.011 °/s and hard iron within 0.5 µT");
+        assert_eq!(
+            (night.0.bias_rad_s, night.0.gyro_scale, night.1),
+            (None, PRIOR.aged(36_000.0, true).gyro_scale, 36_000.0)
+        );
+        assert_eq!(words(&night.0), "hard iron within 0.6 µT and the gyro's scale");
+        assert_eq!(words(&PRIOR), "the gyro's bias within 0.011 °/s and hard iron within 0.5 µT and the gyro's scale");
     }
 
     #[test]
@@ -192,7 +197,7 @@ mod tests {
         }
         assert_eq!(refused(""), Unusable::NoState);
         assert_eq!(refused("[ingest]\nsource = \"bus\"\n"), Unusable::NoState);
-        assert_eq!(refused(&good.replacen("state 1", "state 2", 1)), Unusable::OtherVersion("2".into()));
+        assert_eq!(refused(&good.replacen("state 2", "state 1", 1)), Unusable::OtherVersion("1".into()));
         let body = good.split_once('\n').unwrap().1;
         assert!(prior(&with_body(body), SENSORS, &now).is_ok());
         for (from, to) in [
@@ -229,5 +234,17 @@ mod tests {
         );
         let good = kept();
         assert_eq!(prior(&good, SENSORS + 1, &at("a", 1001.0, 0.0, false)), Err(Unusable::OtherSensors));
+    }
+
+    #[test]
+    fn a_scale_that_a_run_has_not_found_stays_that_of_the_run_before() {
+        let scale = |of: Prior| of.or_scale_of(Some(PRIOR)).gyro_scale;
+        assert_eq!(scale(Prior { gyro_scale: None, ..PRIOR }), PRIOR.gyro_scale);
+        let found = Some(Known { mean: [0.001; 3], sd: 4e-4 });
+        assert_eq!(scale(Prior { gyro_scale: found, ..PRIOR }), found);
+        assert_eq!(Prior { gyro_scale: None, ..PRIOR }.or_scale_of(None).gyro_scale, None);
+        // As unsure as without it, or nearly.
+        assert!((PRIOR.estimate().gyro_scale.sd.x - 5e-4f64.hypot(2e-3)).abs() < 1e-12);
+        assert_eq!(Prior::of_numbers(&PRIOR.numbers()), Some(PRIOR));
     }
 }

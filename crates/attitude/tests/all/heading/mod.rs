@@ -4,8 +4,10 @@ mod dice;
 mod stress;
 pub(crate) mod trial;
 
+use attitude::{Vector3, fuser::GyroScale};
+use recording::Row;
 use stress::Kind;
-use trial::{Errors, Trial, of_vqf, of_wz, trials};
+use trial::{Errors, Trial, of_vqf, of_wz, of_wz_with_scale, trials};
 
 /// Trials without a magnetic disturbance of their own.
 pub(crate) const CLEAN: [&str; 6] = ["02", "04", "07", "11", "15", "24"];
@@ -120,4 +122,31 @@ fn the_field_of_another_place_does_no_more_harm_than_its_own() {
     let (ours, theirs) = (Errors::mean(&ours), Errors::mean(&theirs));
     println!("{ours} | {theirs} | mean of 60 crossed trials");
     assert!(ours.total <= 1.50 && ours.total < theirs.total, "{ours}");
+}
+
+/// As a warm start keeps it: every trial begins with the scale that the one before has found, known within 0.2 %.
+#[test]
+fn a_scale_of_the_gyro_that_was_kept_pays() {
+    let Some(trials) = trials() else { return };
+    let places: Vec<_> = trials.iter().filter(|trial| CLEAN.contains(&trial.number())).collect();
+    let open: Vec<_> = trials.iter().map(|trial| trial.rows.clone()).collect();
+    let pairs = trials.iter().flat_map(|movement| places.iter().map(move |place| (movement, place)));
+    let crossed: Vec<_> = pairs.map(|(movement, place)| crossed::crossed(movement, place, 1)).collect();
+    for (of, rows) in [("open", &open), ("crossed", &crossed)] {
+        let (cold, warm) = (with_scale_kept(rows, false), with_scale_kept(rows, true));
+        println!("{cold} cold | {warm} with the scale of the trial before | {of}");
+        assert!(warm.total < 0.99 * cold.total, "{of}: {warm}, cold {cold}");
+    }
+}
+
+fn with_scale_kept(trials: &[Vec<Row>], kept: bool) -> Errors {
+    let mut scale = GyroScale::UNKNOWN;
+    let errors = trials.iter().map(|rows| {
+        let (errors, found) = of_wz_with_scale(rows, scale);
+        if kept {
+            scale = GyroScale { sd: Vector3::repeat(0.002), ..found };
+        }
+        errors
+    });
+    Errors::mean(&errors.collect::<Vec<_>>())
 }

@@ -3,7 +3,7 @@
 use attitude::{
     Quaternion, Vector3,
     accel::Projector,
-    fuser::{Fused, FuserInput, wz::Wz},
+    fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale},
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
 };
@@ -137,14 +137,19 @@ pub(crate) fn errors(
 pub(crate) struct Chain {
     gyro: Gyro,
     accel: Projector,
-    fuser: Wz,
+    fuser: Fuser,
     started: bool,
 }
 
 impl Chain {
     /// With the stage's defaults.
     pub(crate) fn new() -> Self {
-        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser: Wz::default(), started: false }
+        Self {
+            gyro: Gyro::named("mobius").unwrap(),
+            accel: Projector::default(),
+            fuser: Fuser::named("wz").unwrap(),
+            started: false,
+        }
     }
 
     /// One row.
@@ -167,6 +172,15 @@ impl Chain {
 pub(crate) fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
     let mut chain = Chain::new();
     errors(rows, unscored_s, |_, row| chain.step(row).attitude.quaternion())
+}
+
+/// Errors of `wz` that begins with a scale of the gyro, and the scale it ends with.
+pub(crate) fn of_wz_with_scale(rows: &[Row], scale: GyroScale) -> (Errors, GyroScale) {
+    let mut fuser = Fuser::named("wz").unwrap();
+    fuser.begin_with(&Estimate { gyro_scale: scale, ..Estimate::UNKNOWN }).unwrap();
+    let mut chain = Chain { fuser, ..Chain::new() };
+    let errors = errors(rows, 0.0, |_, row| chain.step(row).attitude.quaternion());
+    (errors, chain.fuser.common().gyro_scale)
 }
 
 /// Errors of VQF with its own defaults.
