@@ -105,7 +105,10 @@ fn the_bias_outlives_a_kill_of_the_supervisor_and_a_cold_start_does_without() {
 
     type Spoil = fn(&mut Value);
     let spoilt: [(Spoil, &str); 5] = [
-        (|body| body["kept"]["since_boot_s"] = (-5e4).into(), "h old, and by then the sensors may have become others"),
+        (
+            |body| body["kept"]["since_boot_s"] = (-1e7).into(),
+            "days old, and by then the sensors may have become others",
+        ),
         (|body| body["kept"]["since_boot_s"] = 1e9.into(), "it is from the future"),
         (|body| body["kept"]["boot"] = "another".into(), "its age is unknown"),
         (|body| body["sensors"] = 1.into(), "it is of other sensors"),

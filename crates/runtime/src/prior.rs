@@ -51,10 +51,9 @@ const BIAS: Ageing = Ageing { walk: BIAS_WALK_RAD_S, power_sd: 1e-3, unknown_sd:
 /// 1 µT in three days, for what is loaded and carried; 5 µT are 14° of heading where the horizontal field is 20 µT.
 const HARD_IRON: Ageing = Ageing { walk: 0.002, power_sd: 0.0, unknown_sd: 5.0 };
 
-/// A fuser that has seen no turn says 0.002, which is not worth to be kept; 72 days, by when the sensor may be another one.
+/// A fuser that has seen no turn says 0.002, which is not worth keeping. After 72 days the sensor may be another one.
 const SCALE: Ageing = Ageing { walk: 1.2e-6, power_sd: 0.0, unknown_sd: 0.003 };
-/// How well the scale of another run is known: a fuser that finds it anew from there is better than one that is surer, for what a few
-/// degrees of temperature make of it.
+/// How well the scale of another run is known at best. A fuser that is surer follows too slowly what a few degrees of temperature change.
 const SCALE_SD: f64 = 0.002;
 
 /// The names of the numbers of each: its components, and their standard deviation.
@@ -65,24 +64,27 @@ const NAMES: [[&str; 4]; 3] = [
 ];
 
 impl Prior {
-    /// What the fuser of a checkpoint has found, if any of it is worth to be kept: known twice as well as it must be to tell something.
+    /// What the fuser of a checkpoint has found, if any of it is worth keeping: known twice as well as it must be to tell something.
     pub fn of(record: &Checkpoint) -> Option<Self> {
         if record.service != Service::Fuser as u32 {
             return None;
         }
         let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, gyro_scale, .. } =
             checkpoint::common(record, Estimate::UNKNOWN).ok()?;
-        let worth =
-            |mean: [f64; 3], sd: f64, ageing: Ageing| (sd < 0.5 * ageing.unknown_sd).then_some(Known { mean, sd });
+        let worth = |mean: [f64; 3], sd: f64, ageing: Ageing| {
+            (sd > 0.0 && sd < 0.5 * ageing.unknown_sd).then_some(Known { mean, sd })
+        };
+        let scale = gyro_scale.error.zip_map(&gyro_scale.sd, |error, sd| if sd.is_finite() { error } else { 0.0 });
         let prior = Self {
             bias_rad_s: worth(bias_rad_s.into(), bias_sd_rad_s, BIAS),
             hard_iron_ut: worth(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
-            gyro_scale: worth(gyro_scale.error.into(), gyro_scale.sd.max(), SCALE),
+            // An axis about which nothing has turned has what it began with.
+            gyro_scale: worth(scale.into(), gyro_scale.sd.min(), SCALE),
         };
         (prior.tells() && prior.is_sound()).then_some(prior)
     }
 
-    /// The same with the scale of the run before where this one has found none: in a run it does not grow old.
+    /// The same with the scale that was known before where there is none.
     #[must_use]
     pub fn or_scale_of(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }

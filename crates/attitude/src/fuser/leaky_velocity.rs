@@ -7,7 +7,7 @@ use crate::{Complex, numbers::Numbers};
 
 /// More than a loop gathers on a body that moves to and fro, m/s; whoever gathers more has lost its level.
 const MOST_M_S: f64 = 100.0;
-/// Of which this is handed over at most: a turn of the frame rounds.
+/// The most that is handed over, m/s: less than that, for a turn of the frame rounds.
 const MOST_GIVEN_M_S: f64 = 99.0;
 /// Standard deviation of what a loop gathers, m/s: a level that has been off by 2° for some seconds.
 const SD_M_S: f64 = 1.0;

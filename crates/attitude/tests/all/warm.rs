@@ -168,6 +168,10 @@ fn wz_finds_north_at_once_beside_a_hard_iron_that_was_known_before() {
 #[test]
 fn what_cannot_be_known_leaves_the_fuser_as_it_was() {
     let iron = |field_ut: f64, sd_ut: f64| HardIron { field_ut: Vector3::repeat(field_ut), sd_ut };
+    let scale = |error: f64, sd: f64| Estimate {
+        gyro_scale: GyroScale { error: Vector3::repeat(error), sd: Vector3::repeat(sd) },
+        ..known()
+    };
     let bias = |bias_rad_s: f64| Estimate { bias_rad_s: Vector3::repeat(bias_rad_s), ..known() };
     for name in Fuser::NAMES {
         for wrong in [
@@ -178,6 +182,9 @@ fn what_cannot_be_known_leaves_the_fuser_as_it_was() {
             Estimate { hard_iron: iron(f64::NAN, 1.0), ..known() },
             Estimate { hard_iron: iron(1e5, 1.0), ..known() },
             Estimate { hard_iron: iron(1.0, -1.0), ..known() },
+            scale(f64::NAN, 1e-3),
+            scale(0.2, 1e-3),
+            scale(1e-3, -1.0),
         ] {
             let mut fuser = Fuser::named(name).unwrap();
             assert!(fuser.begin_with(&wrong).is_err(), "{name}: {wrong:?}");

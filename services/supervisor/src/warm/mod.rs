@@ -43,8 +43,8 @@ pub(crate) struct WarmStart {
     keeper: Option<Keeper>,
     looked: Instant,
     kept: Option<Kept>,
-    /// With which the run began.
-    begun: Option<Prior>,
+    /// What was known last, and when: at first what the run began with.
+    known: Option<(Prior, Instant)>,
     /// For people.
     said: Vec<String>,
 }
@@ -60,7 +60,7 @@ struct Kept {
 impl WarmStart {
     /// What the run begins with, and what keeps what it finds.
     pub(crate) fn begin(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
-        let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, begun: None, said: Vec::new() };
+        let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, known: None, said: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
         let sensors = record::sensors(&plan.config.launch.ingest);
         let name = path.display();
@@ -74,7 +74,7 @@ impl WarmStart {
             _ if plan.cold => None,
             Ok(Some((prior, age_s))) => {
                 let (age, found) = (record::age(age_s), record::words(&prior));
-                warm.said.push(format!("warm start: {found}, found {age} ago, from {name}"));
+                warm.said.push(format!("warm start: {found}, kept {age} ago, from {name}"));
                 Some(prior)
             }
             Ok(None) => None,
@@ -84,7 +84,7 @@ impl WarmStart {
             }
         };
         warm.keeper = Some(Keeper::new(path.clone(), sensors)?);
-        warm.begun = prior;
+        warm.known = prior.map(|prior| (prior, Instant::now()));
         Ok((warm, prior))
     }
 
@@ -105,17 +105,25 @@ impl WarmStart {
         std::mem::take(&mut self.said)
     }
 
+    /// What a fuser has found, with the scale that was known last where this one knows none.
+    fn with_scale_of_before(&mut self, found: Prior) -> Prior {
+        let before = self.known.map(|(prior, at)| prior.aged(at.elapsed().as_secs_f64(), false));
+        let prior = found.or_scale_of(before);
+        self.known = Some((prior, Instant::now()));
+        prior
+    }
+
     /// Keeps what is new after `interval`. While nothing new comes what is known grows old.
     fn keep(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
-        let (Some(keeper), Some(newest)) = (&self.keeper, newest) else { return };
+        let (true, Some(newest)) = (self.keeper.is_some(), newest) else { return };
         let next_tick = newest.next_tick;
         let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
             return;
         };
-        let prior = prior.or_scale_of(self.begun);
+        let prior = self.with_scale_of_before(prior);
         let worth = |kept: Kept| kept.at.elapsed() >= interval || prior.is_much_surer_than(&kept.prior);
         if self.kept.is_none_or(worth) {
-            keeper.keep(prior);
+            self.keeper.iter().for_each(|keeper| keeper.keep(prior));
             self.kept = Some(Kept { at: Instant::now(), next_tick, prior });
         }
     }
@@ -140,5 +148,27 @@ impl LookError {
     /// Who wrote it was not this program, or not this user: it is not replaced either.
     fn is_foreign(&self) -> bool {
         matches!(self, Self::File(_) | Self::Record(Unusable::NoState))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use runtime::Known;
+
+    use super::*;
+
+    #[test]
+    fn a_scale_stays_known_where_the_next_stage_finds_none() {
+        let mut warm = WarmStart { keeper: None, looked: Instant::now(), kept: None, known: None, said: Vec::new() };
+        let known = |sd: f64| Some(Known { mean: [0.002, -0.001, 0.0], sd });
+        let found = |gyro_scale| Prior { bias_rad_s: known(1e-4), hard_iron_ut: None, gyro_scale };
+        assert_eq!(warm.with_scale_of_before(found(None)).gyro_scale, None);
+        assert_eq!(warm.with_scale_of_before(found(known(1e-3))).gyro_scale, known(1e-3));
+        for _ in 0..2 {
+            let kept = warm.with_scale_of_before(found(None)).gyro_scale.unwrap();
+            assert_eq!(kept.mean, [0.002, -0.001, 0.0]);
+            assert!((1e-3..1.001e-3).contains(&kept.sd), "{kept:?}");
+        }
+        assert_eq!(warm.with_scale_of_before(found(known(5e-4))).gyro_scale, known(5e-4));
     }
 }

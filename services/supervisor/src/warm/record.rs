@@ -99,7 +99,9 @@ pub(super) fn words(prior: &Prior) -> String {
     let bias = prior.bias_rad_s.map(|known| format!("the gyro's bias within {:.3} °/s", known.sd.to_degrees()));
     let hard_iron = prior.hard_iron_ut.map(|known| format!("hard iron within {:.1} µT", known.sd));
     let scale = prior.gyro_scale.map(|_| "the gyro's scale".into());
-    bias.into_iter().chain(hard_iron).chain(scale).collect::<Vec<_>>().join(" and ")
+    let mut known: Vec<_> = [bias, hard_iron, scale].into_iter().flatten().collect();
+    let last = known.pop().unwrap_or_default();
+    if known.is_empty() { last } else { format!("{} and {last}", known.join(", ")) }
 }
 
 /// A time in its usual unit.
@@ -159,7 +161,7 @@ mod tests {
             (None, PRIOR.aged(36_000.0, true).gyro_scale, 36_000.0)
         );
         assert_eq!(words(&night.0), "hard iron within 0.6 µT and the gyro's scale");
-        assert_eq!(words(&PRIOR), "the gyro's bias within 0.011 °/s and hard iron within 0.5 µT and the gyro's scale");
+        assert_eq!(words(&PRIOR), "the gyro's bias within 0.011 °/s, hard iron within 0.5 µT and the gyro's scale");
     }
 
     #[test]

@@ -28,6 +28,7 @@ impl Vqf {
     pub(super) fn level(&mut self, up: Point) {
         self.put(Attitude::of_quaternion(to_ours(self.filter.quat_6d())).realigned(up).attitude);
         self.levelled = true;
+        self.velocity_sd_m_s = 0.0;
         self.tilt = Spread::FIRST;
     }
 

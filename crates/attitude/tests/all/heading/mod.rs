@@ -124,7 +124,8 @@ fn the_field_of_another_place_does_no_more_harm_than_its_own() {
     assert!(ours.total <= 1.50 && ours.total < theirs.total, "{ours}");
 }
 
-/// As a warm start keeps it: every trial begins with the scale that the one before has found, known within 0.2 %.
+/// As a warm start keeps it: every trial begins with the scale that was found last, known within 0.2 %. Each crossed trial has errors of
+/// its gyro of its own besides: there what is kept must do no harm.
 #[test]
 fn a_scale_of_the_gyro_that_was_kept_pays() {
     let Some(trials) = trials() else { return };
@@ -132,10 +133,10 @@ fn a_scale_of_the_gyro_that_was_kept_pays() {
     let open: Vec<_> = trials.iter().map(|trial| trial.rows.clone()).collect();
     let pairs = trials.iter().flat_map(|movement| places.iter().map(move |place| (movement, place)));
     let crossed: Vec<_> = pairs.map(|(movement, place)| crossed::crossed(movement, place, 1)).collect();
-    for (of, rows) in [("open", &open), ("crossed", &crossed)] {
+    for (of, rows, most) in [("open", &open, 0.99), ("crossed", &crossed, 1.0)] {
         let (cold, warm) = (with_scale_kept(rows, false), with_scale_kept(rows, true));
         println!("{cold} cold | {warm} with the scale of the trial before | {of}");
-        assert!(warm.total < 0.99 * cold.total, "{of}: {warm}, cold {cold}");
+        assert!(warm.total < most * cold.total, "{of}: {warm}, cold {cold}");
     }
 }
 
@@ -143,7 +144,7 @@ fn with_scale_kept(trials: &[Vec<Row>], kept: bool) -> Errors {
     let mut scale = GyroScale::UNKNOWN;
     let errors = trials.iter().map(|rows| {
         let (errors, found) = of_wz_with_scale(rows, scale);
-        if kept {
+        if kept && found.sd.min() < 0.0015 {
             scale = GyroScale { sd: Vector3::repeat(0.002), ..found };
         }
         errors
