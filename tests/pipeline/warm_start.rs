@@ -5,7 +5,7 @@ use super::orchestrated::{BUFFER, Bench, LAUNCH, RATE_HZ, readings};
 use crate::common::{Run, System, until};
 use messages::{FusedState, HASH_START, SensorReading, hash};
 use scenario::{Errors, Motion};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// As fast as the readings come: they say themselves when they were taken.
 const SENT_HZ: f64 = 2000.0;
@@ -94,6 +94,16 @@ fn the_bias_outlives_a_kill_of_the_supervisor_and_a_cold_start_does_without() {
         error_deg_s(serde_json::from_value(body(&file).unwrap()["prior"]["bias_rad_s"]["mean"].clone()).unwrap())
             < WARM_DEG_S
     );
+
+    // A scale that was known is there for the next run and for the one after, whether or not this one has found it anew.
+    let mut known = body(&file).unwrap();
+    known["prior"]["gyro_scale"] = json!({ "mean": [0.002, -0.001, 0.0005], "sd": 5e-4 });
+    rewrite(&file, &known);
+    let bench = Bench::of(system, &[]);
+    start(&bench);
+    let (system, run) = bench.ended();
+    assert!(run.line("warm start: the gyro's bias within ").contains(" and the gyro's scale, kept "), "{}", run.people);
+    assert!(body(&file).unwrap()["prior"]["gyro_scale"]["mean"].is_array(), "{:?}", body(&file));
 
     let good = fs::read_to_string(&file).unwrap();
     let bench = Bench::of(system, &["--cold"]);
