@@ -11,6 +11,8 @@ const MOST_M_S: f64 = 100.0;
 const MOST_GIVEN_M_S: f64 = 99.0;
 /// Standard deviation of what a loop gathers, m/s: a level that has been off by 2° for some seconds.
 const SD_M_S: f64 = 1.0;
+/// The same where nobody has it, m/s: a loop's memory of a vehicle that brakes.
+const UNKNOWN_SD_M_S: f64 = 4.0;
 
 /// The leaky velocity of a levelling loop, and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,9 +37,14 @@ impl LeakyVelocity {
         }
     }
 
-    /// With which a loop goes on, m/s: none where nobody has it.
-    pub(super) fn known_m_s(&self) -> Complex<f64> {
+    /// With what a loop begins, m/s: nothing where nobody has it.
+    pub(super) fn first_m_s(&self) -> Complex<f64> {
         if self.sd_m_s.is_finite() { self.velocity_m_s } else { Self::UNKNOWN.velocity_m_s }
+    }
+
+    /// Standard deviation of that, m/s.
+    pub(super) fn first_sd_m_s(&self) -> f64 {
+        self.sd_m_s.min(UNKNOWN_SD_M_S)
     }
 
     /// The same in a reference frame from which this one is turned by the angle.

@@ -105,28 +105,28 @@ impl WarmStart {
         std::mem::take(&mut self.said)
     }
 
-    /// What a fuser has found, with the scale that was known last where this one knows none.
-    fn with_scale_of_before(&mut self, found: Prior) -> Prior {
-        let before = self.known.map(|(prior, at)| prior.aged(at.elapsed().as_secs_f64(), false));
-        let prior = found.or_scale_of(before);
-        self.known = Some((prior, Instant::now()));
-        prior
-    }
-
     /// Keeps what is new after `interval`. While nothing new comes what is known grows old.
     fn keep(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
-        let (true, Some(newest)) = (self.keeper.is_some(), newest) else { return };
+        let (Some(keeper), Some(newest)) = (&self.keeper, newest) else { return };
         let next_tick = newest.next_tick;
         let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
             return;
         };
-        let prior = self.with_scale_of_before(prior);
+        let prior = with_scale_of_before(prior, &mut self.known);
         let worth = |kept: Kept| kept.at.elapsed() >= interval || prior.is_much_surer_than(&kept.prior);
         if self.kept.is_none_or(worth) {
-            self.keeper.iter().for_each(|keeper| keeper.keep(prior));
+            keeper.keep(prior);
             self.kept = Some(Kept { at: Instant::now(), next_tick, prior });
         }
     }
+}
+
+/// What a fuser has found, with the scale that was known last where it knows none; that is known from now on.
+fn with_scale_of_before(found: Prior, known: &mut Option<(Prior, Instant)>) -> Prior {
+    let before = known.map(|(prior, at)| prior.aged(at.elapsed().as_secs_f64(), false));
+    let prior = found.or_scale_of(before);
+    *known = Some((prior, Instant::now()));
+    prior
 }
 
 /// What the file tells now, and how old that is, s; nothing where there is no file.
@@ -159,16 +159,17 @@ mod tests {
 
     #[test]
     fn a_scale_stays_known_where_the_next_stage_finds_none() {
-        let mut warm = WarmStart { keeper: None, looked: Instant::now(), kept: None, known: None, said: Vec::new() };
+        let mut before = None;
+        let mut with = |found| with_scale_of_before(found, &mut before);
         let known = |sd: f64| Some(Known { mean: [0.002, -0.001, 0.0], sd });
         let found = |gyro_scale| Prior { bias_rad_s: known(1e-4), hard_iron_ut: None, gyro_scale };
-        assert_eq!(warm.with_scale_of_before(found(None)).gyro_scale, None);
-        assert_eq!(warm.with_scale_of_before(found(known(1e-3))).gyro_scale, known(1e-3));
+        assert_eq!(with(found(None)).gyro_scale, None);
+        assert_eq!(with(found(known(1e-3))).gyro_scale, known(1e-3));
         for _ in 0..2 {
-            let kept = warm.with_scale_of_before(found(None)).gyro_scale.unwrap();
+            let kept = with(found(None)).gyro_scale.unwrap();
             assert_eq!(kept.mean, [0.002, -0.001, 0.0]);
             assert!((1e-3..1.001e-3).contains(&kept.sd), "{kept:?}");
         }
-        assert_eq!(warm.with_scale_of_before(found(known(5e-4))).gyro_scale, known(5e-4));
+        assert_eq!(with(found(known(5e-4))).gyro_scale, known(5e-4));
     }
 }

@@ -30,9 +30,6 @@ use crate::{
 };
 use {filter::bounded, numbers::visit_numbers};
 
-/// Of a velocity that nobody knows, m/s: a vehicle that brakes.
-const VELOCITY_SD_MAX_M_S: f64 = 4.0;
-
 impl Vqf {
     pub(super) fn realign(&mut self) {
         self.levelled = false;
@@ -140,8 +137,8 @@ impl Stage for Vqf {
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.put(common.attitude);
-        self.trust_level(common.leaky_velocity.known_m_s());
-        self.velocity_sd_m_s = common.leaky_velocity.sd_m_s.min(VELOCITY_SD_MAX_M_S);
+        self.trust_level(common.leaky_velocity.first_m_s());
+        self.velocity_sd_m_s = common.leaky_velocity.first_sd_m_s();
         self.levelled = true;
         self.magnetic = common.reference == Reference::Magnetic;
         let params = self.filter.params();

@@ -42,7 +42,8 @@ const FIRST_SHARE: f64 = 0.15;
 const MEAN_ALONE_S: f64 = 0.6;
 /// For how long a first sample stands in that mean, s: the acceleration of a hand changes no faster.
 const FIRST_SAMPLE_S: f64 = 0.07;
-/// Factor on the deviation of a bias that is taken over together with a level: their errors belong together, and how is not handed over.
+/// Factor on the deviation of a bias that is taken over together with a level: their errors are
+/// correlated, and the correlation is not handed over.
 const BESIDE_LEVEL: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: a consumer MEMS gyro after its own calibration.
 const BIAS_SD_MAX_RAD_S: f64 = 0.003;
@@ -177,7 +178,7 @@ impl GyroErrorFilter {
             velocity_noise: Noise::before(VELOCITY_SD_MOVING_S),
             first_level: false,
             of_one_sample: false,
-            initial_velocity: InitialVelocity::begun(leaky_velocity.sd_m_s),
+            initial_velocity: InitialVelocity::begun(leaky_velocity.first_sd_m_s()),
             scale: gyro_scale.error.map(|error| error.clamp(-SCALE_MAX, SCALE_MAX)),
             ..Self::of(bias_rad_s, bias_sd_rad_s, inclination_sd_rad)
         };

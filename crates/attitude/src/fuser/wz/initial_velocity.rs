@@ -10,9 +10,6 @@ use super::{
 };
 use crate::{Complex, GRAVITY_M_S2, numbers::Numbers};
 
-/// Largest standard deviation of the velocity with which a body is found under way, over g, s: 4 m/s, the loop's memory of a vehicle that
-/// brakes.
-const VELOCITY_SD_S: f64 = 4.0 / GRAVITY_M_S2;
 /// What the loop is off by in a movement, rad: 1°.
 const LOOP_SD_RAD: f64 = 0.017_453_293;
 
@@ -27,7 +24,7 @@ pub(super) struct InitialVelocity {
 impl InitialVelocity {
     /// A level was just taken over, with a velocity that is known so well.
     pub(super) fn begun(sd_m_s: f64) -> Self {
-        let sd_s = (sd_m_s / GRAVITY_M_S2).min(VELOCITY_SD_S);
+        let sd_s = sd_m_s / GRAVITY_M_S2;
         Self { share: [0.0, 1.0], variance_s2: sd_s * sd_s }
     }
 

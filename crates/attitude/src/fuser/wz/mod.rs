@@ -256,7 +256,7 @@ impl Stage for Wz {
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.checked()?;
         self.heading = Heading::of(&self.settings, common);
-        self.level = Level::of(common.attitude, common.leaky_velocity.known_m_s());
+        self.level = Level::of(common.attitude, common.leaky_velocity.first_m_s());
         self.gyro_errors = GyroErrorFilter::found(common);
         self.rest = Rest::default();
         Ok(())
