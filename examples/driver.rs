@@ -1,5 +1,5 @@
-//! A sensor of your own on the bus of a running system, whose launch file says `[ingest] source = "bus"`:
-//! `cargo run --release --example driver -- NAME`.
+//! Publishes readings of a user-defined sensor to a running system whose launch file sets
+//! `[ingest] source = "bus"`: `cargo run --release --example driver -- NAME`.
 
 use std::{
     thread::sleep,
@@ -8,11 +8,12 @@ use std::{
 
 fn main() -> Result<(), driver::DriverError> {
     let mut sensor = driver::Sensor::open(&std::env::args().nth(1).unwrap_or("plumbline".into()))?;
-    let began = Instant::now();
+    let start = Instant::now();
     loop {
-        // In place of these: what the device says, rad/s and m/s², in its own axes, and when it measured.
+        // Replace these by the device's measurements, rad/s and m/s² in its own axes, and the
+        // timestamp by the time of the measurement.
         let (rate_rad_s, force_m_s2) = ([0.0, 0.0, 0.1], [0.0, 0.0, 9.81]);
-        if let Err(error) = sensor.send(began.elapsed().as_nanos() as i64, rate_rad_s, force_m_s2, None) {
+        if let Err(error) = sensor.send(start.elapsed().as_nanos() as i64, rate_rad_s, force_m_s2, None) {
             eprintln!("{error}");
             sleep(Duration::from_secs(1));
         }

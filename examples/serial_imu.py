@@ -1,12 +1,12 @@
-"""A bare IMU on a serial line, for whoever has none at hand: `python3 examples/serial_imu.py imu MOTION`.
+"""Simulates an IMU on a serial port: `python3 examples/serial_imu.py imu MOTION`.
 
-The line is a pseudo-terminal, to which `imu` is made a symbolic link. MOTION is what a hand does with the unit: `rest`, `sides`
-(each side up in turn), `turns` (about all axes), `poses` (the vehicle level, then nose down), each for ever, or `drive`, which ends after 60 s.
-It begins when the line is first opened.
+The port is a pseudo-terminal, and `imu` becomes a symbolic link to it. MOTION is the movement of the unit: `rest`, `sides` (each
+side up in turn), `turns` (about all axes) and `poses` (the vehicle level, then nose down) are repeated endlessly, `drive` ends
+after 60 s. The motion starts when the port is first opened.
 
-Lines are `t,gx,gy,gz,ax,ay,az,mx,my,mz` at 100 Hz: s, °/s, g, µT, in the unit's axes. The unit has errors: biases, scales, iron beside the
-magnetometer, noise; and it sits in the vehicle turned by 90° and tilted by 3°. `--truth FILE` writes the vehicle's attitude as
-`t_s,qw,qx,qy,qz`, body (right, forward, up) to east, north, up. `--speed 5` makes five seconds of one.
+The unit prints lines of `t,gx,gy,gz,ax,ay,az,mx,my,mz` at 100 Hz: s, °/s, g, µT, in the unit's axes. It has sensor errors (biases,
+scale errors, hard iron, noise) and is mounted in the vehicle rotated by 90° and tilted by 3°. `--truth FILE` writes the vehicle's
+attitude as `t_s,qw,qx,qy,qz`, body (right, forward, up) to east, north, up. `--speed 5` runs five times as fast as real time.
 """
 
 import argparse
@@ -36,124 +36,124 @@ def inverse(q):
     return (q[0], -q[1], -q[2], -q[3])
 
 
-def turned(q, vector):
+def rotate(q, vector):
     return product(product(q, (0.0, *vector)), inverse(q))[1:]
 
 
-def turn(vector_rad):
-    """The rotation by a vector."""
+def rotation(vector_rad):
+    """Returns the quaternion of a rotation vector."""
     angle = math.sqrt(sum(part * part for part in vector_rad))
-    share = math.sin(angle / 2) / angle if angle > 0 else 0.5
-    return (math.cos(angle / 2), *(part * share for part in vector_rad))
+    fraction = math.sin(angle / 2) / angle if angle > 0 else 0.5
+    return (math.cos(angle / 2), *(part * fraction for part in vector_rad))
 
 
-def turn_vector(q):
-    """The vector of a rotation, by the shorter way."""
+def rotation_vector(q):
+    """Returns the rotation vector of a quaternion, at most half a revolution."""
     sine = math.sqrt(sum(part * part for part in q[1:]))
     angle = 2 * math.atan2(math.copysign(sine, q[0]), abs(q[0]))
     return [part * angle / sine if sine > 0 else 0.0 for part in q[1:]]
 
 
-def degrees(x, y, z):
-    return turn([math.radians(part) for part in (x, y, z)])
+def from_degrees(x, y, z):
+    return rotation([math.radians(part) for part in (x, y, z)])
 
 
-# From the unit's axes to the vehicle's.
-MOUNTING = product(degrees(0, 3, 0), degrees(0, 0, 90))
+# Rotation from the unit's axes to the vehicle's.
+MOUNTING = product(from_degrees(0, 3, 0), from_degrees(0, 0, 90))
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-SIDES = [degrees(*angles) for angles in [(0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0)]]
+SIDES = [from_degrees(*angles) for angles in [(0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0)]]
 
 
-def held(poses, hold_s, move_s):
-    """Pose after pose, for ever, from each to the next by the shortest turn."""
-    before = poses[0]
+def hold_poses(poses, hold_s, move_s):
+    """Yields the poses in an endless loop, with the shortest rotation between them."""
+    previous = poses[0]
     while True:
         for pose in poses:
-            way = turn_vector(product(inverse(before), pose))
-            steps = round(move_s / STEP_S) if any(abs(part) > 1e-9 for part in way) else 0
+            movement = rotation_vector(product(inverse(previous), pose))
+            steps = round(move_s / STEP_S) if any(abs(part) > 1e-9 for part in movement) else 0
             for step in range(steps):
-                share = (1 - math.cos(math.pi * (step + 1) / steps)) / 2
-                yield product(before, turn([part * share for part in way]))
+                fraction = (1 - math.cos(math.pi * (step + 1) / steps)) / 2
+                yield product(previous, rotation([part * fraction for part in movement]))
             for _ in range(round(hold_s / STEP_S)):
                 yield pose
-            before = pose
+            previous = pose
 
 
-def swung(rate_deg_s, seconds=math.inf):
-    """Rates that come and go, after two seconds of rest."""
+def swing(rate_deg_s, seconds=math.inf):
+    """Yields attitudes with oscillating rates, after two seconds of rest."""
     attitude, t_s = LEVEL, 0.0
     while t_s < seconds:
         t_s += STEP_S
         x, y, z = rate_deg_s if t_s > 2 else (0, 0, 0)
         rates = x * math.sin(1.3 * t_s), y * math.sin(0.9 * t_s + 1), z * math.cos(0.31 * t_s)
-        attitude = product(attitude, turn([math.radians(rate) * STEP_S for rate in rates]))
+        attitude = product(attitude, rotation([math.radians(rate) * STEP_S for rate in rates]))
         yield attitude
 
 
 MOTIONS = {
-    "rest": lambda: held([LEVEL], 1, 0),
-    "sides": lambda: held([product(side, inverse(MOUNTING)) for side in SIDES], 3, 1.5),
-    "turns": lambda: swung((150, 120, 60)),
-    "poses": lambda: held([LEVEL, degrees(-45, 0, 0)], 4, 2),
-    "drive": lambda: swung((20, 30, 40), 60),
+    "rest": lambda: hold_poses([LEVEL], 1, 0),
+    "sides": lambda: hold_poses([product(side, inverse(MOUNTING)) for side in SIDES], 3, 1.5),
+    "turns": lambda: swing((150, 120, 60)),
+    "poses": lambda: hold_poses([LEVEL, from_degrees(-45, 0, 0)], 4, 2),
+    "drive": lambda: swing((20, 30, 40), 60),
 }
 
 
-def said(before, after, dice):
-    """What the unit says of a step between two attitudes of the vehicle."""
-    before, after = product(before, MOUNTING), product(after, MOUNTING)
-    noisy = lambda value, sd: value + dice.gauss(0, sd)
-    rate = [part / STEP_S for part in turn_vector(product(inverse(before), after))]
+def unit_output(previous, after, rng):
+    """Returns the unit's measurements for a step between two attitudes of the vehicle."""
+    previous, after = product(previous, MOUNTING), product(after, MOUNTING)
+    noisy = lambda value, sd: value + rng.gauss(0, sd)
+    rate = [part / STEP_S for part in rotation_vector(product(inverse(previous), after))]
     rate = [noisy(part + bias, GYRO_NOISE_RAD_S) for part, bias in zip(rate, GYRO_BIAS_RAD_S)]
-    force = turned(inverse(after), (0.0, 0.0, GRAVITY_M_S2))
+    force = rotate(inverse(after), (0.0, 0.0, GRAVITY_M_S2))
     force = [noisy(part / scale + bias, ACCEL_NOISE_M_S2) for part, scale, bias in zip(force, ACCEL_SCALE, ACCEL_BIAS_M_S2)]
-    field = turned(inverse(after), FIELD_UT)
+    field = rotate(inverse(after), FIELD_UT)
     field = [noisy(part + iron, FIELD_NOISE_UT) for part, iron in zip(field, HARD_IRON_UT)]
     return [*(math.degrees(part) for part in rate), *(part / GRAVITY_M_S2 for part in force), *field]
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("line")
+    parser.add_argument("link")
     parser.add_argument("motion", choices=MOTIONS)
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--truth")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    device, other = os.openpty()
-    tty.setraw(other)
-    if os.path.islink(options.line):
-        os.unlink(options.line)
-    os.symlink(os.ttyname(other), options.line)
-    # From here on it is seen whether somebody else has the line open.
-    os.close(other)
-    line = select.poll()
-    line.register(device, select.POLLOUT)
+    master, terminal = os.openpty()
+    tty.setraw(terminal)
+    if os.path.islink(options.link):
+        os.unlink(options.link)
+    os.symlink(os.ttyname(terminal), options.link)
+    # With its own end closed, the program can detect whether a reader has opened the port.
+    os.close(terminal)
+    poller = select.poll()
+    poller.register(master, select.POLLOUT)
     truth = open(options.truth, "w") if options.truth else None
     if truth:
         print("t_s,qw,qx,qy,qz", file=truth)
-    dice = random.Random(options.motion)
-    before = None
+    rng = random.Random(options.motion)
+    previous = None
     try:
-        # The hand begins when somebody hears the unit.
-        while any(what & select.POLLHUP for _, what in line.poll(1000)):
+        # The motion starts when a reader opens the port.
+        while any(event & select.POLLHUP for _, event in poller.poll(1000)):
             time.sleep(0.01)
-        # One clock for all starts, so that the unit's time goes on.
-        began = time.monotonic()
+        # All runs use the same clock, so the unit's time continues after a restart.
+        start = time.monotonic()
         for n, attitude in enumerate(MOTIONS[options.motion]()):
-            t_s = round(began * options.speed, 2) + n * STEP_S
-            numbers = ",".join(f"{number:.6f}" for number in said(before or attitude, attitude, dice))
-            before = attitude
-            if any(what & select.POLLOUT and not what & select.POLLHUP for _, what in line.poll(1000)):
-                os.write(device, f"{t_s:.2f},{numbers}\n".encode())
+            t_s = round(start * options.speed, 2) + n * STEP_S
+            numbers = ",".join(f"{number:.6f}" for number in unit_output(previous or attitude, attitude, rng))
+            previous = attitude
+            if any(event & select.POLLOUT and not event & select.POLLHUP for _, event in poller.poll(1000)):
+                os.write(master, f"{t_s:.2f},{numbers}\n".encode())
             if truth:
                 print(f"{t_s:.2f}", *(f"{part:.9f}" for part in attitude), sep=",", file=truth)
-            due = began + (n + 1) * STEP_S / options.speed
+            due = start + (n + 1) * STEP_S / options.speed
             time.sleep(max(0.0, due - time.monotonic()))
     except KeyboardInterrupt:
         pass
     finally:
-        os.unlink(options.line)
+        os.unlink(options.link)
         if truth:
             truth.close()
 

@@ -4,7 +4,7 @@ use std::{process::ExitCode, time::Duration};
 
 use bus::{BusError, SystemName};
 use clap::Args;
-use control::{ControlError, ControlRequest, RecordStatus, ServiceStatus, ask};
+use control::{ControlError, ControlRequest, RecordStatus, ServiceStatus, send_request};
 use observe::{
     doctor::{Check, Diagnosis, Outcome, leftovers, machine, running, running::Seen},
     process::is_stopped,
@@ -69,7 +69,7 @@ fn kill(pids: &[u32]) -> String {
 fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>, Check> {
     let unseen = |error: BusError| {
         let remedy = match &error {
-            BusError::Crowded { pids, .. } => format!("end one of them ({}), then look again", kill(pids)),
+            BusError::TooManyObservers { pids, .. } => format!("end one of them ({}), then look again", kill(pids)),
             _ => "look again".into(),
         };
         Check::warning("system", error.to_string(), remedy)
@@ -86,8 +86,8 @@ fn examine(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>,
     let observer = observer(name, "doctor").map_err(unseen)?;
     let mut until = Until::new(|| observer.is_running(), Some(seconds));
     let seen = Seen::watch(&observer, &mut || until.is_over()).map_err(unseen)?;
-    let standings = ask::<Vec<ServiceStatus>>(name, &ControlRequest::Ps).map_err(unanswered)?;
-    let config = ask::<ServiceConfig>(name, &ControlRequest::ServiceConfig).map_err(unanswered)?;
-    let record = ask::<RecordStatus>(name, &ControlRequest::Record).map_err(unanswered)?;
+    let standings = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status).map_err(unanswered)?;
+    let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig).map_err(unanswered)?;
+    let record = send_request::<RecordStatus>(name, &ControlRequest::RecordStatus).map_err(unanswered)?;
     Ok([seen.checks(&standings, &config), vec![running::record(&record)]].concat())
 }

@@ -93,7 +93,7 @@ fn as_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<String, I
     {
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
-        let samples = launch::counted(survey.rows, "sample");
+        let samples = launch::pluralize(survey.rows, "sample");
         return Ok(format!("{}: {samples} at {:.1} Hz", out.display(), survey.rate_hz));
     }
     let (readable, summary) = Readable::imported(files, options)?;
@@ -148,7 +148,7 @@ fn with_a_bar(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summar
 /// What came of an import, for people.
 pub(crate) fn told(summary: &Summary, name: &Path) -> String {
     let Summary { format, rows, rate_hz, duration_s, field_rows, reference_rows, fixes, notes, .. } = summary;
-    let (samples, fixes) = (launch::counted(*rows, "sample"), launch::counted(*fixes, "fix"));
+    let (samples, fixes) = (launch::pluralize(*rows, "sample"), launch::pluralize(*fixes, "fix"));
     let head = format!(
         "{}: {format}, {samples} at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with a field, {reference_rows} with a reference, {fixes}",
         name.display()

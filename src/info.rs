@@ -80,7 +80,7 @@ fn of_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
     let (rows, rate_hz, has_reference) = (survey.rows, survey.rate_hz, survey.has_reference);
     let seconds = rows.saturating_sub(1) as f64 / rate_hz;
     let reference = if has_reference { "with" } else { "without" };
-    let samples = launch::counted(rows, "sample");
+    let samples = launch::pluralize(rows, "sample");
     let people = format!(
         "{}: {}, {samples} at {rate_hz:.1} Hz, about {seconds:.1} s, {reference} a reference attitude",
         file.display(),

@@ -120,7 +120,7 @@ enum ConfigCommand {
 
 /// Does what the command line says.
 pub fn main() -> ExitCode {
-    bus::say_when_memory_runs_out();
+    bus::report_memory_exhaustion();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(said) => return usage(&said),
@@ -191,5 +191,5 @@ fn usage(said: &clap::Error) -> ExitCode {
 }
 
 fn service(name: &str) -> Result<Service, String> {
-    Service::named(name).ok_or_else(|| "there is no such service".into())
+    Service::from_name(name).ok_or_else(|| "there is no such service".into())
 }

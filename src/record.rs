@@ -11,7 +11,7 @@ use std::{
 
 use bus::{BusError, Observer, Tap};
 use clap::Args;
-use control::{ControlError, ControlRequest, ask};
+use control::{ControlError, ControlRequest, send_request};
 use flight::{FlightError, Heading, Mode, Recorder, Summary};
 use graph::{Service, Topic};
 use runtime::ServiceConfig;
@@ -95,7 +95,7 @@ fn follow(Record { system, out, topics, duration_s }: &Record) -> Result<Summary
     let name = system.name();
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
     let seat = observer(&name, "record")?;
-    let config = ask::<ServiceConfig>(&name, &ControlRequest::ServiceConfig)?;
+    let config = send_request::<ServiceConfig>(&name, &ControlRequest::ServiceConfig)?;
     let heading = Heading::new(env!("CARGO_PKG_VERSION"), &config);
     let mut place = Place::take(seat, topics)?;
     let mut recorder = Recorder::begin(out, &heading, topics, Mode::Live)?;
@@ -157,7 +157,7 @@ impl Place {
             }
             match self.observer.tap(*topic) {
                 Ok(tap) => self.taps.push((*topic, tap)),
-                Err(BusError::Unopened { .. }) => {}
+                Err(BusError::TopicNotOpen { .. }) => {}
                 Err(error) => return Err(error),
             }
         }
@@ -222,13 +222,13 @@ impl FlightRecorder {
 }
 
 impl supervisor::Recorder for FlightRecorder {
-    fn begin(&mut self, config: &ServiceConfig) -> Result<(), UpError> {
+    fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError> {
         let refused = |error: FlightError| UpError::Recorder(error.to_string());
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.folder);
         made.map_err(|cause| refused(FlightError::Create { path: self.folder.clone(), cause }))?;
         let path = flight::free_path(&self.folder, &config.launch.name).map_err(refused)?;
-        let mode = match config.launch.origin() {
-            Service::Ingest if config.lockstep() => Mode::Lockstep,
+        let mode = match config.launch.tick_source() {
+            Service::Ingest if config.is_lockstep() => Mode::Lockstep,
             Service::Ingest => Mode::FromTheFirst,
             // Ticks come from another host, and do not begin here.
             _ => Mode::Live,
@@ -238,7 +238,7 @@ impl supervisor::Recorder for FlightRecorder {
             launch: supervisor::plan::launch_text(self.launch_file.as_deref()).ok().and_then(|text| {
                 match (self.source.as_deref(), self.receiver.as_deref()) {
                     (None, None) => Some(text),
-                    (source, receiver) => launch::with_lines(&text, source, receiver),
+                    (source, receiver) => launch::with_overrides(&text, source, receiver),
                 }
             }),
             ..Heading::new(env!("CARGO_PKG_VERSION"), config)
@@ -248,15 +248,15 @@ impl supervisor::Recorder for FlightRecorder {
         Ok(())
     }
 
-    fn take(&mut self, topic: Topic, message: &[u8]) {
+    fn record(&mut self, topic: Topic, message: &[u8]) {
         self.recorder.iter_mut().for_each(|recorder| recorder.take(topic, message));
     }
 
-    fn overflowed(&mut self, topic: Topic) {
+    fn on_overflow(&mut self, topic: Topic) {
         self.recorder.iter_mut().for_each(|recorder| recorder.overflowed(topic));
     }
 
-    fn look(&mut self) {
+    fn end_round(&mut self) {
         self.recorder.iter_mut().for_each(Recorder::look);
     }
 
@@ -264,15 +264,15 @@ impl supervisor::Recorder for FlightRecorder {
         self.recorder.as_ref()?.failure().map(str::to_owned)
     }
 
-    fn end(&mut self, report: &Report) -> RecordingReport {
+    fn finish(&mut self, report: &Report) -> RecordingReport {
         let Some(recorder) = self.recorder.take() else { return RecordingReport::default() };
         let how = report.error.as_deref().unwrap_or("the system came to its end");
-        let Summary { file, messages, missed, bytes, error, .. } = recorder.end(how, Some(report.json()));
+        let Summary { file, messages, missed, bytes, error, .. } = recorder.end(how, Some(report.to_json()));
         RecordingReport { file, messages, missed, bytes, error }
     }
 }
 
 fn topic(name: &str) -> Result<Topic, String> {
     let names = || Topic::ALL.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
-    Topic::named(name).ok_or_else(|| format!("there is none of that name; there are {}", names()))
+    Topic::from_name(name).ok_or_else(|| format!("there is none of that name; there are {}", names()))
 }

@@ -6,7 +6,7 @@ use std::{
 };
 
 use clap::Args;
-use control::{Outcome, ServiceStatus, SwapReport, Trouble};
+use control::{SwapOutcome, ServiceStatus, SwapReport, Diagnostic};
 use link::{
     Endpoints, Link, LinkError,
     endpoints::{Tls, is_secured},
@@ -103,21 +103,21 @@ impl Way {
             (None, Some(endpoint)) => return Err(RemoteError::NoKeys { endpoint: endpoint.clone() }),
             (None, None) => None,
         };
-        Ok(Endpoints { tls, ..Endpoints::connecting(connect) })
+        Ok(Endpoints { tls, ..Endpoints::with_connect(connect) })
     }
 
     /// The way, gone as a client, to whom a router hands whatever there is.
     pub(crate) fn open_as_client(&self) -> Result<Link, RemoteError> {
         let ends = Endpoints { client: true, ..self.ends()? };
-        ends.check()?;
-        Ok(Link::reach(&ends, CONNECT_LIMIT)?)
+        ends.check_certificates()?;
+        Ok(Link::connect(&ends, CONNECT_LIMIT)?)
     }
 
     /// The way, gone.
     pub(crate) fn open(&self) -> Result<Link, RemoteError> {
         let ends = self.ends()?;
-        ends.check()?;
-        Ok(Link::reach(&ends, CONNECT_LIMIT)?)
+        ends.check_certificates()?;
+        Ok(Link::connect(&ends, CONNECT_LIMIT)?)
     }
 }
 
@@ -141,7 +141,7 @@ pub(crate) fn services(link: &Link, vehicle: &str) -> Result<Vec<ServiceStatus>,
 }
 
 /// Swaps what fills a slot of a vehicle.
-pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::Stage) -> Result<SwapReport, RemoteError> {
+pub(crate) fn swap(vehicle: &str, way: &Way, slot: &str, stage: launch::StageConfig) -> Result<SwapReport, RemoteError> {
     swap_over(&way.open()?, vehicle, way, slot, stage)
 }
 
@@ -151,7 +151,7 @@ pub(crate) fn swap_over(
     vehicle: &str,
     way: &Way,
     slot: &str,
-    stage: launch::Stage,
+    stage: launch::StageConfig,
 ) -> Result<SwapReport, RemoteError> {
     let Services { t_now_ns, services } = asked(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
@@ -167,17 +167,17 @@ pub(crate) fn swap_over(
     };
     let asked = Instant::now();
     let answer: Result<SwapAnswer, _> =
-        link.ask_one(&keys::key(vehicle, keys::SWAP), request.encoded(), SWAP_LIMIT + ANSWER_LIMIT);
+        link.query_one(&keys::key(vehicle, keys::SWAP), request.to_bytes(), SWAP_LIMIT + ANSWER_LIMIT);
     match answer {
         Ok(answer) => Ok(report(answer)),
         // Who has just answered has not gone: an access list ends such a question at once.
-        Err(LinkError::NoAnswer { .. }) if asked.elapsed() < SWAP_LIMIT => Err(way.no_command(vehicle, &request)),
+        Err(LinkError::NoResponse { .. }) if asked.elapsed() < SWAP_LIMIT => Err(way.no_command(vehicle, &request)),
         Err(error) => Err(error.into()),
     }
 }
 
 fn asked(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
-    link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), ANSWER_LIMIT)
+    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), ANSWER_LIMIT)
 }
 
 /// Another for every request: this process and the time.
@@ -190,7 +190,7 @@ fn status(of: v1::ServiceStatus) -> ServiceStatus {
     let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } = of;
     let said = |text: String| Some(text).filter(|text| !text.is_empty());
     let pid = Some(pid).filter(|pid| *pid != 0);
-    let trouble = |v1::Trouble { kind, found, remedy }| Trouble { kind, found, remedy };
+    let trouble = |v1::Trouble { kind, found, remedy }| Diagnostic { kind, found, remedy };
     let troubles = troubles.into_iter().map(trouble).collect();
     ServiceStatus {
         service,
@@ -202,17 +202,17 @@ fn status(of: v1::ServiceStatus) -> ServiceStatus {
         epoch,
         ticks,
         lost,
-        at: said(at),
-        troubles,
+        address: said(at),
+        diagnostics: troubles,
     }
 }
 
 fn report(answer: SwapAnswer) -> SwapReport {
     let outcome = match answer.outcome() {
-        swap_answer::Outcome::Committed => Outcome::Committed,
-        swap_answer::Outcome::Aborted => Outcome::Aborted,
+        swap_answer::Outcome::Committed => SwapOutcome::Committed,
+        swap_answer::Outcome::Aborted => SwapOutcome::Aborted,
         // Of one that is not known by its deadline the reason says so.
-        _ => Outcome::Refused,
+        _ => SwapOutcome::Refused,
     };
     let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;
     SwapReport {

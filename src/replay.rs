@@ -35,7 +35,7 @@ pub(crate) fn fly_again(request: &Request, path: &Path, is_recorded: bool) -> Re
             .schedule
             .doubt(tick, "gyro or accelerometer came later than `lateness_s`, and the fuser went on without");
     }
-    Ok(supervisor::fly_again(request, flight)?)
+    Ok(supervisor::replay(request, flight)?)
 }
 
 /// The first tick that was fused without one of its inputs.

@@ -12,9 +12,9 @@ use std::{
 
 use bus::{BusError, Tap};
 use clap::Args;
-use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, ask};
+use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::Topic;
-use launch::{Service, Stage};
+use launch::{Service, StageConfig};
 use messages::Difference;
 
 use crate::{
@@ -63,7 +63,7 @@ pub(crate) fn swap(swap: Swap) -> ExitCode {
             Err(error) => fail(&error, error.exit_code()),
         };
     }
-    match ask::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.wish(false))) {
+    match send_request::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.wish(false))) {
         Ok(report) => show(&report, json),
         Err(error) => fail(&error, 1),
     }
@@ -79,7 +79,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
         );
     }
     let (name, json) = (swap.system.name(), swap.system.json());
-    let Some(service) = Service::named(&swap.slot) else {
+    let Some(service) = Service::from_name(&swap.slot) else {
         return fail(&format_args!("there is no slot `{}`; there are gyro, accel, fuser and course", swap.slot), 2);
     };
     let ends = Arc::new(AtomicBool::new(false));
@@ -91,7 +91,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     let question = ControlRequest::Swap(swap.wish(true));
     let answer = std::thread::spawn({
         let name = name.clone();
-        move || ask::<SwapReport>(&name, &question)
+        move || send_request::<SwapReport>(&name, &question)
     });
     let watched = watch(&name, service, json, &|since: Instant| {
         ends.load(Ordering::SeqCst)
@@ -103,7 +103,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
         Err(error) => return fail(&error, 1),
     };
     let by_itself = answer.is_finished();
-    if !by_itself && let Err(error) = ask::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
+    if !by_itself && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() }) {
         return fail(&error, 1);
     }
     let asked = Instant::now();
@@ -128,13 +128,13 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 pub(crate) fn ps(system: System) -> ExitCode {
     let asked = match system.remote() {
         Some((vehicle, way)) => remote::ps(vehicle, way).map_err(|error| (error.to_string(), error.exit_code())),
-        None => ask::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Ps).map_err(|error| (error.to_string(), 1)),
+        None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status).map_err(|error| (error.to_string(), 1)),
     };
     match asked {
         Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
         Ok(services) => {
             let line = |one: &ServiceStatus| {
-                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, at, .. } = one;
+                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address: at, .. } = one;
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
                 let at = at.as_ref().map_or(String::new(), |at| format!("  {at}"));
                 let stage = stage.as_deref().unwrap_or("-");
@@ -171,7 +171,7 @@ fn watch(
             // The topic comes with the first candidate.
             None => match observer.tap(Topic::Difference) {
                 Ok(tap) => differences = Some(tap),
-                Err(BusError::Unopened { .. }) => {}
+                Err(BusError::TopicNotOpen { .. }) => {}
                 Err(error) => return Err(error),
             },
         }
@@ -202,7 +202,7 @@ fn line(difference: &Difference, json: bool) -> String {
 }
 
 fn show(report: &SwapReport, json: bool) -> ExitCode {
-    let committed = report.outcome == control::Outcome::Committed;
+    let committed = report.outcome == control::SwapOutcome::Committed;
     let printed = if json {
         print(&serde_json::to_string(report).unwrap_or_default())
     } else if committed {
@@ -216,9 +216,9 @@ fn show(report: &SwapReport, json: bool) -> ExitCode {
 
 impl Swap {
     fn wish(&self, shadow: bool) -> SwapRequest {
-        let stage = Stage { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
-        let limit_ms = (!shadow).then_some(SwapRequest::LIMIT_MS);
-        SwapRequest { slot: self.slot.clone(), stage, shadow, expected_epoch: None, limit_ms }
+        let stage = StageConfig { stage: self.stage.clone(), set: self.set.iter().cloned().collect() };
+        let limit_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
+        SwapRequest { slot: self.slot.clone(), stage, shadow, expected_epoch: None, timeout_ms: limit_ms }
     }
 }
 

@@ -79,7 +79,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         json,
         reading,
     } = up;
-    let source = source.map(|line| if launch::replayed(&line).is_some() { line } else { reading.source(&line) });
+    let source = source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.source(&line) });
     let mut recorder =
         record.map(|folder| FlightRecorder::new(&folder, launch.as_deref(), source.as_deref(), receiver.as_deref()));
     // A flight that is recorded can be flown again.
@@ -91,7 +91,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         }
         all
     });
-    let replay = replay.or_else(|| source.as_deref().and_then(launch::replayed).map(PathBuf::from));
+    let replay = replay.or_else(|| source.as_deref().and_then(launch::replay_path).map(PathBuf::from));
     let imported = None;
     let request = Request {
         launch,
@@ -105,10 +105,10 @@ pub(crate) fn run(up: Up) -> ExitCode {
         out,
         columns,
         cold,
-        readings,
+        publish_readings: readings,
     };
     let report = report(request, &reading, recorder.as_mut());
-    let printed = if json { print(&report.json()) } else { ExitCode::SUCCESS };
+    let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
     match &report.error {
         Some(error) => fail_after_result(error, report.exit_code),
         None => printed,
@@ -118,7 +118,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
 /// Runs what is asked for, of a recording whatever its format.
 fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightRecorder>) -> Report {
     if reading.is_said() && request.source.is_none() && request.replay.is_none() {
-        return Report::none(&"--map and --topic say how --replay or --source is read: name one of them", 2);
+        return Report::from_error(&"--map and --topic say how --replay or --source is read: name one of them", 2);
     }
     let ran = match request.replay.clone() {
         Some(path) if flight::is_flight(&path) => {
@@ -128,7 +128,7 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
             // What is imported is there until the end.
             let readable = match replay.as_deref().map(|path| Readable::of(path, reading)).transpose() {
                 Ok(readable) => readable,
-                Err(error) => return Report::none(&error, error.exit_code()),
+                Err(error) => return Report::from_error(&error, error.exit_code()),
             };
             request.imported = readable.as_ref().map(|readable| readable.path.clone());
             supervisor::up(&request, recorder.map(|recorder| recorder as &mut dyn Recorder))
@@ -139,7 +139,7 @@ fn report(mut request: Request, reading: &Reading, recorder: Option<&mut FlightR
             supervisor::announce(&report);
             report
         }
-        Err(error) => Report::none(&error, error.exit_code()),
+        Err(error) => Report::from_error(&error, error.exit_code()),
     }
 }
 

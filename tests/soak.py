@@ -65,7 +65,7 @@ class Soak:
         self.readers, self.station, self.done, self.samples, self.refusal = [], None, {}, [], ""
         launch = folder / "launch.toml"
         services = ["ingest", *STAGES, "gateway"]
-        launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nsettled_s = 0\n')
+        launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nmin_uptime_s = 0\n')
         self.log, self.report = folder / "log", folder / "report"
         with open(self.log, "wb") as log, open(self.report, "wb") as report:
             self.system = subprocess.Popen([plumb, "up", launch, "--json"], stdout=report, stderr=log)
@@ -191,10 +191,10 @@ class Soak:
         return grew
 
     def gateway(self):
-        return next((s["at"] for s in self.services() if s["service"] == "gateway"), None)
+        return next((s["address"] for s in self.services() if s["service"] == "gateway"), None)
 
     def services(self):
-        return self.ask("ps") or []
+        return self.ask("status") or []
 
     def pid(self, service):
         return next((s["pid"] for s in self.services() if s["service"] == service), 0)

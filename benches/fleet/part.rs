@@ -10,7 +10,7 @@ use std::{
 use bytemuck::Zeroable as _;
 use link::{Endpoints, Link};
 use messages::{AttitudeOutput, Header, Message};
-use runtime::clock::{monotonic_ns, sleep_until_ns, wake_on_time};
+use runtime::clock::{monotonic_ns, sleep_until_ns, minimise_timer_slack};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 use wire::{batch::batch_name, keys, v1::Envelope};
@@ -27,7 +27,7 @@ const OPENED_BY_ONE: usize = 10;
 /// Longest wait for a message.
 const WAIT_LIMIT: Duration = Duration::from_millis(50);
 /// More than any fleet here: the bound is looked for elsewhere.
-const SESSIONS_MAX: &str = "4096";
+const MAX_SESSIONS: &str = "4096";
 
 /// What a process is to be.
 #[derive(Debug, Serialize, Deserialize)]
@@ -68,7 +68,7 @@ fn router(at: &str) -> Result<(), Failure> {
         ("listen/endpoints", &format!("[\"{at}\"]")),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
-        ("transport/unicast/max_sessions", SESSIONS_MAX),
+        ("transport/unicast/max_sessions", MAX_SESSIONS),
     ] {
         config.insert_json5(key, value).map_err(|error| format!("setting {key}: {error}"))?;
     }
@@ -80,7 +80,7 @@ fn router(at: &str) -> Result<(), Failure> {
 }
 
 fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
-    wake_on_time();
+    minimise_timer_slack();
     let numbers: Vec<_> = numbers.collect();
     // A peer takes half a second to open.
     let links = thread::scope(|scope| {
@@ -91,10 +91,10 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
     })?;
     let outlet = |(link, number): (&Link, &usize)| {
         let key = keys::key(&format!("vehicle-{number}"), AttitudeOutput::TOPIC.name);
-        link.outlet(&key, &batch_name::<AttitudeOutput>())
+        link.publisher(&key, &batch_name::<AttitudeOutput>())
     };
     let outlets = links.iter().zip(&numbers).map(outlet).collect::<Result<Vec<_>, _>>()?;
-    if !links.iter().all(|link| link.await_somebody(LIMIT)) {
+    if !links.iter().all(|link| link.wait_for_peer(LIMIT)) {
         return Err(format!("vehicles did not reach the router at {at}").into());
     }
     println!("ready");
@@ -110,7 +110,7 @@ fn vehicles(at: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
             }
             let t_sent_ns = monotonic_ns();
             let envelope = Envelope { sequence, start_ns, samples_before: sequence, t_sent_ns, ..Envelope::default() };
-            outlet.send(&wire::seal(&envelope, &wire::samples([&attitude(header(sequence, t_sent_ns))])))?;
+            outlet.send(&wire::encode_batch(&envelope, &wire::encode_samples([&attitude(header(sequence, t_sent_ns))])))?;
         }
     }
     Ok(())
@@ -122,14 +122,14 @@ fn open(at: &str) -> Result<Link, String> {
 
 fn station(at: &str, vehicles: usize) -> Result<(), Failure> {
     let link = Link::open(&Endpoints { connect: vec![at.into()], client: true, ..Endpoints::default() })?;
-    let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC.name))?;
+    let stream = link.subscribe(&keys::key("*", AttitudeOutput::TOPIC.name))?;
     println!("ready");
     let mut last: BTreeMap<String, u64> = BTreeMap::new();
     let mut take = |deadline: Instant, all: usize| -> Result<Heard, Failure> {
         let mut heard = Heard { arrived: 0, lost: 0 };
         while Instant::now() < deadline && last.len() < all {
             let Some(arrival) = stream.next(WAIT_LIMIT) else { continue };
-            let (Envelope { sequence, .. }, _) = wire::open::<AttitudeOutput>(&arrival.bytes)?;
+            let (Envelope { sequence, .. }, _) = wire::decode_batch::<AttitudeOutput>(&arrival.bytes)?;
             heard.arrived += 1;
             heard.lost += last.insert(arrival.key, sequence).map_or(0, |before| sequence.saturating_sub(before + 1));
         }

@@ -98,5 +98,5 @@ pub(crate) fn envelope() -> Envelope {
         t_sent_ns: 47_000_000_100_000,
         ..Envelope::default()
     }
-    .in_frame(Frame::default(), QuaternionOrder::default())
+    .with_frame(Frame::default(), QuaternionOrder::default())
 }

@@ -131,10 +131,10 @@ struct Chain {
 
 impl Chain {
     fn new(gyro: &str, fuser: &str, first: &Sample) -> Self {
-        let (gyro, fuser) = (Gyro::named(gyro), Fuser::named(fuser));
+        let (gyro, fuser) = (Gyro::from_name(gyro), Fuser::from_name(fuser));
         let (mut gyro, fuser) = gyro.zip(fuser).expect("stages of their slots");
         let mut accel = Projector::default();
-        gyro.align(Attitude::levelled(accel.step(&first.force_m_s2).up));
+        gyro.align(Attitude::from_up(accel.step(&first.force_m_s2).up));
         Self { gyro, accel, fuser }
     }
 

@@ -60,7 +60,7 @@ fn time_ns(samples: &Samples, run: fn(&Samples)) -> f64 {
 }
 
 fn wz(samples: &Samples) {
-    let (gyro, fuser) = (Gyro::named("mobius"), Fuser::named("wz"));
+    let (gyro, fuser) = (Gyro::from_name("mobius"), Fuser::from_name("wz"));
     let (mut gyro, mut fuser) = gyro.zip(fuser).expect("stages of their slots");
     let mut accel = Projector::default();
     for [rate, force] in &samples.readings {

@@ -25,7 +25,7 @@ const MESSAGES: u64 = 1000;
 #[bench::health(batches::<Health>(1))]
 fn encode<M: Payload>(batches: Vec<Vec<M>>) -> Vec<Vec<M>> {
     for batch in &batches {
-        black_box(wire::seal(&envelope(), &wire::samples(batch)));
+        black_box(wire::encode_batch(&envelope(), &wire::encode_samples(batch)));
     }
     batches
 }
@@ -38,7 +38,7 @@ fn encode<M: Payload>(batches: Vec<Vec<M>>) -> Vec<Vec<M>> {
 #[bench::health(encoded::<Health>(1))]
 fn decode<M: Payload>(encoded: Encoded<M>) -> Encoded<M> {
     for bytes in &encoded.0 {
-        black_box(wire::open::<M>(bytes).expect("what was encoded here"));
+        black_box(wire::decode_batch::<M>(bytes).expect("what was encoded here"));
     }
     encoded
 }
@@ -53,6 +53,6 @@ fn batches<M: Payload + Drawn>(samples: u64) -> Vec<Vec<M>> {
 }
 
 fn encoded<M: Payload + Drawn>(samples: u64) -> Encoded<M> {
-    let bytes = |batch: &Vec<M>| wire::seal(&envelope(), &wire::samples(batch));
+    let bytes = |batch: &Vec<M>| wire::encode_batch(&envelope(), &wire::encode_samples(batch));
     Encoded(batches(samples).iter().map(bytes).collect(), std::marker::PhantomData)
 }

@@ -59,17 +59,17 @@ fn main() {
 
 fn row<M: Payload + Drawn>(name: &'static str, samples: u64) -> Row {
     let messages: Vec<M> = (0..samples).map(M::drawn).collect();
-    let bytes = wire::seal(&envelope(), &wire::samples(&messages)).len();
+    let bytes = wire::encode_batch(&envelope(), &wire::encode_samples(&messages)).len();
     Row { name, round: round::<M>, samples, bytes, rounds: Vec::new() }
 }
 
 fn round<M: Payload + Drawn>(samples: u64) -> Ns {
     let batches: Vec<Vec<M>> = (0..MESSAGES).map(|_| (0..samples).map(M::drawn).collect()).collect();
     let start_ns = cpu_ns();
-    let encoded: Vec<_> = batches.iter().map(|batch| wire::seal(&envelope(), &wire::samples(batch))).collect();
+    let encoded: Vec<_> = batches.iter().map(|batch| wire::encode_batch(&envelope(), &wire::encode_samples(batch))).collect();
     let encoded_ns = cpu_ns();
     for bytes in &encoded {
-        black_box(wire::open::<M>(bytes).expect("what was encoded here"));
+        black_box(wire::decode_batch::<M>(bytes).expect("what was encoded here"));
     }
     let of_one = |ns: i64| ns as f64 / MESSAGES as f64;
     Ns { encode: of_one(encoded_ns - start_ns), decode: of_one(cpu_ns() - encoded_ns) }

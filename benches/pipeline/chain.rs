@@ -12,7 +12,7 @@ use std::{
 
 use hdrhistogram::Histogram;
 use messages::Ticked;
-use runtime::clock::{monotonic_ns, sleep_until_ns, wake_on_time};
+use runtime::clock::{monotonic_ns, sleep_until_ns, minimise_timer_slack};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
@@ -29,7 +29,7 @@ const LIMIT: Duration = Duration::from_secs(10);
 /// Between the word to begin and the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
 /// What is later than this is counted as this late, ns.
-const LATENCY_MAX_NS: u64 = 60_000_000_000;
+const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
 /// What a process is told.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -155,7 +155,7 @@ pub(crate) fn run(variant: Variant, share: &str, rate_hz: u32, seconds: f64) -> 
 
 /// The first process: sends a sample whenever one is due.
 pub(crate) fn source<O: Outlet>(part: &Part, mut outlet: O) -> Result<(), Failure> {
-    wake_on_time();
+    minimise_timer_slack();
     say_ready();
     io::stdin().read_line(&mut String::new())?;
     let mut meter = Meter::new(part);
@@ -196,7 +196,7 @@ pub(crate) fn relay<I: Input, O: Outlet>(
 /// The last process: keeps the latency of each sample.
 pub(crate) fn sink<I: Input>(part: &Part, input: I) -> Result<(), Failure> {
     let mut meter = Meter::new(part);
-    let mut latency_ns = Histogram::<u64>::new_with_max(LATENCY_MAX_NS, 3)?;
+    let mut latency_ns = Histogram::<u64>::new_with_max(MAX_LATENCY_NS, 3)?;
     drain(part, input, |samples| {
         let now_ns = monotonic_ns();
         for header in samples.iter().map(Ticked::header) {

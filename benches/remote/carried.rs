@@ -4,7 +4,7 @@ use bus::{Bus, SystemName};
 use bytemuck::Zeroable as _;
 use launch::{Gateway, Import};
 use messages::{Credit, ImuSample, Message};
-use runtime::service_config::BUFFER_BESIDE;
+use runtime::service_config::CONTROL_BUFFER;
 
 use crate::{
     Cost, Failure, Variant,
@@ -46,7 +46,7 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
         End::Far => {
             let subscriber = bus.subscriber::<ImuSample>(buffer_ticks)?;
             // Leave for all ticks there are.
-            let credit = bus.publisher::<Credit>(BUFFER_BESIDE)?;
+            let credit = bus.publisher::<Credit>(CONTROL_BUFFER)?;
             credit.send(&Credit { ticks: u64::MAX / 2, ends: 0 })?;
             let mut heard = false;
             part::receive(part, |take| {

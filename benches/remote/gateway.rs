@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bus::{Bus, SystemName};
 use bytemuck::Zeroable as _;
-use launch::{Gateway, Rate};
+use launch::{Gateway, TopicRate};
 use link::{Endpoints, Link};
 use messages::{AttitudeOutput, Header, Message};
 use runtime::service_config::FIRST_EPOCH;
@@ -26,7 +26,7 @@ const EACH_HZ: f64 = 10_000.0;
 /// Measures the variant.
 pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-remote-{}", std::process::id());
-    let rates = [(AttitudeOutput::TOPIC.name.to_owned(), Rate::All)].into();
+    let rates = [(AttitudeOutput::TOPIC.name.to_owned(), TopicRate::All)].into();
     let default = Gateway::default();
     let messages_hz = if variant == Variant::Each { EACH_HZ } else { default.messages_hz };
     let system = System::new(&name, rate_hz, Gateway { rates, messages_hz, ..default })?;
@@ -50,14 +50,14 @@ pub(crate) fn be(part: &Part) -> Result<(), Failure> {
             })
         }
         End::Far => {
-            let link = Link::open(&Endpoints::connecting(std::slice::from_ref(&part.at)))?;
-            let stream = link.stream(&keys::key("*", AttitudeOutput::TOPIC.name))?;
-            if !link.await_somebody(LIMIT) {
+            let link = Link::open(&Endpoints::with_connect(std::slice::from_ref(&part.at)))?;
+            let stream = link.subscribe(&keys::key("*", AttitudeOutput::TOPIC.name))?;
+            if !link.wait_for_peer(LIMIT) {
                 return Err(format!("nobody is at {}", part.at).into());
             }
             part::receive(part, |take| {
                 if let Some(arrival) = stream.next(WAIT_LIMIT) {
-                    let (_, samples) = wire::open::<AttitudeOutput>(&arrival.bytes)?;
+                    let (_, samples) = wire::decode_batch::<AttitudeOutput>(&arrival.bytes)?;
                     samples.iter().for_each(|sample| take(sample.header.tick, sample.header.t_born_ns));
                 }
                 Ok(())
@@ -76,7 +76,7 @@ pub(crate) fn message_bytes() -> usize {
         t_sent_ns: now_ns,
         ..Default::default()
     };
-    wire::seal(&envelope, &wire::samples([&attitude(header(1000, now_ns))])).len()
+    wire::encode_batch(&envelope, &wire::encode_samples([&attitude(header(1000, now_ns))])).len()
 }
 
 /// The header of a tick that is born now.

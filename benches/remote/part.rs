@@ -7,7 +7,7 @@ use std::{
 };
 
 use hdrhistogram::Histogram;
-use runtime::clock::{monotonic_ns, sleep_until_ns, wake_on_time};
+use runtime::clock::{monotonic_ns, sleep_until_ns, minimise_timer_slack};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ const IDLE_LIMIT_NS: u64 = 5_000_000_000;
 /// Between the word to begin and the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;
 /// What is later than this is counted as this late, ns.
-const LATENCY_MAX_NS: u64 = 60_000_000_000;
+const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
 /// Which end it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -64,7 +64,7 @@ pub(crate) fn end_with_parent() -> Result<(), Failure> {
 
 /// The near end: hands a tick and the time to `send` whenever one is due, when it is told to begin.
 pub(crate) fn send(part: &Part, mut send: impl FnMut(u64, u64) -> Result<(), Failure>) -> Result<(), Failure> {
-    wake_on_time();
+    minimise_timer_slack();
     println!("ready");
     io::stdin().read_to_string(&mut String::new())?;
     let start_ns = monotonic_ns() + LEAD_NS;
@@ -84,7 +84,7 @@ pub(crate) fn receive(
     mut receive: impl FnMut(&mut dyn FnMut(u64, u64)) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     println!("ready");
-    let mut latency_ns = Histogram::<u64>::new_with_max(LATENCY_MAX_NS, 3)?;
+    let mut latency_ns = Histogram::<u64>::new_with_max(MAX_LATENCY_NS, 3)?;
     let mut warm = false;
     let (mut last_tick, mut heard_ns) = (0, monotonic_ns());
     while last_tick + 1 < part.ticks && monotonic_ns() - heard_ns < IDLE_LIMIT_NS {

@@ -14,7 +14,7 @@ use launch::{Gateway, Launch};
 use messages::Health;
 use runtime::{
     Role, ServiceConfig,
-    service_config::{BUFFER_BESIDE, FIRST_EPOCH, Pace},
+    service_config::{CONTROL_BUFFER, FIRST_EPOCH, Pace},
 };
 
 use crate::{Failure, process::Process};
@@ -35,7 +35,7 @@ impl System {
     pub(crate) fn new(name: &str, rate_hz: u32, gateway: Gateway) -> Result<Self, Failure> {
         let system_name = SystemName::new(name)?;
         let claim = system_name.claim()?;
-        let listener = UnixListener::bind(system_name.door()?)?;
+        let listener = UnixListener::bind(system_name.control_socket_path()?)?;
         // It ends with the process.
         thread::spawn(move || {
             for mut stream in listener.incoming().flatten() {
@@ -57,7 +57,7 @@ impl System {
     /// Its gateway, once it looks at the bus and listens.
     pub(crate) fn gateway(&self) -> Result<Process, Failure> {
         let bus = Bus::join(&self.system_name, "bench")?;
-        let health = bus.subscriber::<Health>(BUFFER_BESIDE)?;
+        let health = bus.subscriber::<Health>(CONTROL_BUFFER)?;
         let mut process = Process::start(OsStr::new(env!("CARGO_BIN_EXE_plumb")), ["service", "gateway"])?;
         process.write_line(&serde_json::to_string(&self.config)?)?;
         let deadline = Instant::now() + LIMIT;
@@ -84,13 +84,13 @@ fn config(launch: Launch, rate_hz: u32) -> ServiceConfig {
         launch,
         rate_hz: f64::from(rate_hz),
         pace: Pace::Speed(1.0),
-        ticks_max: None,
+        max_ticks: None,
         incarnation: 1,
         epoch: FIRST_EPOCH,
         role: Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
-        readings: false,
+        publishes_readings: false,
         supervisor_pid: std::process::id(),
     }
 }

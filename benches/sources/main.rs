@@ -187,7 +187,7 @@ fn from_device(name: &str, kind: Kind, has_ended: impl Fn() -> bool) -> Result<V
         }
         if tap.is_none() {
             // It is there once the system is.
-            let observer = Observer::sit(&SystemName::new(name)?, "bench").ok();
+            let observer = Observer::attach(&SystemName::new(name)?, "bench").ok();
             tap = observer.and_then(|observer| Some((observer.tap(Topic::Attitude).ok()?, observer)));
         }
         let Some((tap, _)) = &tap else { continue };

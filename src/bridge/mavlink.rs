@@ -9,7 +9,7 @@ use bridges::{
 };
 use clap::Args;
 use gateway::decimator::Decimator;
-use launch::Rate;
+use launch::TopicRate;
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
@@ -63,7 +63,7 @@ impl Ground {
         Ok(Self {
             speaker: Speaker::new(mavlink.system_id, mavlink.component_id),
             datagrams: Datagrams::open(&mavlink.to)?,
-            decimator: Decimator::to(Rate::Hz(mavlink.rate_hz)),
+            decimator: Decimator::new(TopicRate::Hz(mavlink.rate_hz)),
             beaten: None,
             spoken: None,
             sent: Sent { heartbeats: Some(0), ..Sent::default() },
@@ -73,7 +73,7 @@ impl Ground {
 
 impl Sender for Ground {
     fn take(&mut self, output: &AttitudeOutput, _sample: Option<&ImuSample>) {
-        if !self.decimator.keeps(output.header.t_end_ns) {
+        if !self.decimator.accept(output.header.t_end_ns) {
             return;
         }
         if let Err(why) = soundness::check(output, monotonic_ns()) {

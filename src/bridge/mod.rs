@@ -15,7 +15,7 @@ use std::{
 use bridges::{datagrams::DatagramError, soundness::Withheld};
 use bus::{BusError, Observer, Tap};
 use clap::{Args, Subcommand};
-use control::{ControlError, ControlRequest, ask};
+use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
 use link::LinkError;
@@ -36,7 +36,7 @@ use crate::{
 /// Between two attempts to open a topic.
 const OPEN_INTERVAL: Duration = Duration::from_millis(200);
 /// Samples of the IMU that are kept for the attitudes of their ticks.
-const SAMPLES_MAX: usize = 16_384;
+const MAX_SAMPLES: usize = 16_384;
 
 #[derive(Subcommand)]
 pub(crate) enum Bridge {
@@ -145,8 +145,8 @@ impl Observed {
 
     /// Hands over attitudes until the time is over, by Ctrl-C, or to the end of the system.
     fn follow(&self, seat: &Observer, samples: bool, sender: &mut dyn Sender) -> Result<(), BridgeError> {
-        let config = ask::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
-        let mut reorder_buffer = ReorderBuffer::joining(FIRST_EPOCH, config.lateness_ticks() / 2);
+        let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
+        let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut until = Until::new(|| seat.is_running(), self.duration_s.map(Duration::from_secs_f64));
         let mut taps = (samples.then(|| Late::of(Topic::Imu)), Late::of(Topic::Attitude));
         let (mut kept, mut came, mut joined) = (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !samples);
@@ -157,7 +157,7 @@ impl Observed {
             // The sample of a tick is published before its attitude, and so is here once that has come.
             if let Some(tap) = taps.0.as_mut().map(|late| late.tap(seat)).transpose()?.flatten() {
                 tap.drain(&mut |bytes| kept.extend(bytemuck::try_pod_read_unaligned::<ImuSample>(bytes)))?;
-                kept.drain(..kept.len().saturating_sub(SAMPLES_MAX));
+                kept.drain(..kept.len().saturating_sub(MAX_SAMPLES));
             }
             for output in came.drain(..) {
                 reorder_buffer.offer(output, &mut |output, _| {
@@ -196,7 +196,7 @@ impl Late {
             self.sought = Some(Instant::now());
             self.tap = match seat.tap(self.topic) {
                 Ok(tap) => Some(tap),
-                Err(BusError::Unopened { .. }) => None,
+                Err(BusError::TopicNotOpen { .. }) => None,
                 Err(error) => return Err(error),
             };
         }

@@ -8,8 +8,8 @@ use bridges::{
 };
 use clap::Args;
 use gateway::decimator::Decimator;
-use launch::Rate;
-use link::{Link, Liveliness, Outlet};
+use launch::TopicRate;
+use link::{Link, Liveliness, MessagePublisher};
 use messages::{AttitudeOutput, ImuSample};
 use runtime::clock::monotonic_ns;
 
@@ -17,7 +17,7 @@ use super::{BridgeError, Observed, Sender, Sent, rate_hz};
 use crate::remote::Way;
 
 /// The highest number of a domain that ROS 2 allows.
-pub(super) const DOMAIN_MAX: i64 = 232;
+pub(super) const MAX_DOMAIN: i64 = 232;
 
 /// The command line of `plumb bridge ros`.
 #[derive(Args)]
@@ -27,7 +27,7 @@ pub(crate) struct Ros {
     #[command(flatten)]
     way: Way,
     /// ROS_DOMAIN_ID.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=DOMAIN_MAX))]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=MAX_DOMAIN))]
     domain: u8,
     /// The topic.
     #[arg(long, default_value = "imu/data", value_parser = topic_name)]
@@ -54,7 +54,7 @@ impl Ros {
 
 /// A node with one publisher.
 struct Publisher {
-    outlet: Outlet,
+    outlet: MessagePublisher,
     identity: [u8; 16],
     frame_id: String,
     decimator: Decimator,
@@ -66,13 +66,13 @@ impl Publisher {
     fn open(ros: &Ros, link: &Link) -> Result<Self, BridgeError> {
         let (session, identity) = link.identity();
         let node = Node::new(ros.domain, &session);
-        let outlet = link.carrier(&node.topic_key(&ros.topic, Message::Imu))?;
+        let outlet = link.raw_publisher(&node.topic_key(&ros.topic, Message::Imu))?;
         Ok(Self {
             outlet,
             identity,
             frame_id: ros.frame_id.clone(),
-            decimator: Decimator::to(Rate::Hz(ros.rate_hz)),
-            _signs: [link.sign(&node.sign())?, link.sign(&node.publisher_sign(&ros.topic, Message::Imu))?],
+            decimator: Decimator::new(TopicRate::Hz(ros.rate_hz)),
+            _signs: [link.declare_liveliness(&node.sign())?, link.declare_liveliness(&node.publisher_sign(&ros.topic, Message::Imu))?],
             sent: Sent::default(),
         })
     }
@@ -80,7 +80,7 @@ impl Publisher {
 
 impl Sender for Publisher {
     fn take(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>) {
-        if !self.decimator.keeps(output.header.t_end_ns) {
+        if !self.decimator.accept(output.header.t_end_ns) {
             return;
         }
         let now_ns = monotonic_ns();
@@ -95,7 +95,7 @@ impl Sender for Publisher {
         };
         self.sent.attitudes += 1;
         let beside = attachment(self.sent.attitudes.cast_signed(), made_ns, self.identity);
-        self.sent.dropped += u64::from(self.outlet.send_with(bytes, beside).is_err());
+        self.sent.dropped += u64::from(self.outlet.send_with_attachment(bytes, beside).is_err());
     }
 
     fn look(&mut self) {}

@@ -8,7 +8,7 @@ use driver::{DriverError, Sensor};
 use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
-use super::{BridgeError, Observed, ros::DOMAIN_MAX};
+use super::{BridgeError, Observed, ros::MAX_DOMAIN};
 use crate::{remote::Way, seeing::Until};
 
 /// How long a message is waited for before it is seen whether the time is over.
@@ -22,7 +22,7 @@ pub(crate) struct RosSensor {
     #[command(flatten)]
     way: Way,
     /// ROS_DOMAIN_ID.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=DOMAIN_MAX))]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=MAX_DOMAIN))]
     domain: u8,
     /// The topic with rate and force, sensor_msgs/msg/Imu.
     #[arg(long, default_value = "imu/data_raw", value_parser = topic_name)]
@@ -52,18 +52,18 @@ impl RosSensor {
         let mut sensor = Sensor::open(&self.observed.system.name())?;
         let link = self.way.open_as_client()?;
         let node = Node::new(self.domain, &link.identity().0);
-        let imu = link.stream(&node.topic_keys(&self.topic, Message::Imu))?;
+        let imu = link.subscribe(&node.topic_keys(&self.topic, Message::Imu))?;
         let mag =
-            self.mag.as_ref().map(|topic| link.stream(&node.topic_keys(topic, Message::MagneticField))).transpose()?;
+            self.mag.as_ref().map(|topic| link.subscribe(&node.topic_keys(topic, Message::MagneticField))).transpose()?;
         let mut signs =
-            vec![link.sign(&node.sign())?, link.sign(&node.subscription_sign(1, &self.topic, Message::Imu))?];
+            vec![link.declare_liveliness(&node.sign())?, link.declare_liveliness(&node.subscription_sign(1, &self.topic, Message::Imu))?];
         if let Some(topic) = &self.mag {
-            signs.push(link.sign(&node.subscription_sign(2, topic, Message::MagneticField))?);
+            signs.push(link.declare_liveliness(&node.subscription_sign(2, topic, Message::MagneticField))?);
         }
         let mut taken = Taken::default();
         let mut until = Until::new(|| seat.is_running(), self.observed.duration_s.map(Duration::from_secs_f64));
         while !until.is_over() {
-            let Some(arrival) = imu.next(WAIT).filter(|arrival| arrival.is_there) else { continue };
+            let Some(arrival) = imu.next(WAIT).filter(|arrival| arrival.is_present) else { continue };
             // The newest field goes with the next reading, once.
             let mut field_ut = None;
             while let Some(arrival) = mag.as_ref().and_then(|mag| mag.next(Duration::ZERO)) {
@@ -80,7 +80,7 @@ impl RosSensor {
                     taken.readings += 1;
                     taken.fields += u64::from(field_ut.is_some());
                 }
-                Err(DriverError::Bus(_) | DriverError::NotTaken { .. }) => taken.unheard += 1,
+                Err(DriverError::Bus(_) | DriverError::TopicNotOpen { .. }) => taken.unheard += 1,
             }
         }
         drop(signs);

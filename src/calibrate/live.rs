@@ -7,7 +7,7 @@ use std::{
 
 use ::calibrate::{Calibrator, Kind, Known, Refusal, Report};
 use bus::{BusError, Observer, Tap};
-use control::{ControlError, ControlRequest, ask};
+use control::{ControlError, ControlRequest, send_request};
 use graph::Topic;
 use indicatif::ProgressBar;
 use observe::readings::{self, ReadingsError};
@@ -51,7 +51,7 @@ pub(super) fn calibrated(
     duration_s: Option<f64>,
 ) -> Result<Report, LiveError> {
     let seat = observer(system, "calibrate")?;
-    let config = ask::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
+    let config = send_request::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
     readings::build_on_system(&mut known, &config).map_err(ReadingsError::from)?;
     let limit = duration_s.map_or(LIMIT, Duration::from_secs_f64);
     let mut until = Until::new(|| seat.is_running(), Some(limit));
@@ -87,7 +87,7 @@ fn opened(seat: &Observer, topic: Topic, until: &mut Until<'_>) -> Result<Tap, B
     let since = Instant::now();
     loop {
         match seat.tap(topic) {
-            Err(BusError::Unopened { .. }) if since.elapsed() < OPEN_LIMIT && !until.is_over() => thread::sleep(LOOK),
+            Err(BusError::TopicNotOpen { .. }) if since.elapsed() < OPEN_LIMIT && !until.is_over() => thread::sleep(LOOK),
             opened => return opened,
         }
     }

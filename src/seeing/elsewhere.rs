@@ -8,7 +8,7 @@ use std::{
 
 use graph::Topic;
 use launch::Output;
-use link::{Link, Stream};
+use link::{Link, MessageStream};
 use observe::flow::Delivery;
 use wire::{
     command::ControlMessage,
@@ -27,7 +27,7 @@ const ASK_INTERVAL: Duration = Duration::from_millis(100);
 /// A vehicle that has been out of reach for so long is not waited for.
 const REACH_LIMIT: Duration = Duration::from_secs(10);
 /// Parcels taken at a look at most; what comes later comes at the next.
-const PARCELS_MAX: usize = 4096;
+const MAX_PARCELS: usize = 4096;
 
 /// Takes what became of messages, and one that came with its frame, as far as its sender says it; whether it wants more.
 pub(crate) type TakeDelivered<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Output>)>) -> bool + 'a;
@@ -36,7 +36,7 @@ pub(crate) type TakeDelivered<'a> = dyn FnMut(Delivery, Option<(&[u8], Option<Ou
 pub(crate) struct Vehicle {
     name: String,
     link: Link,
-    signs: Stream,
+    signs: MessageStream,
     /// The topics that it sends.
     topics: Vec<String>,
     /// Since when it has been out of reach.
@@ -51,13 +51,13 @@ impl Vehicle {
 
     /// The same over a link that there is.
     pub(crate) fn over(link: Link, name: &str) -> Result<Self, SeeError> {
-        let signs = link.signs(&keys::key(name, keys::LIVE)).map_err(RemoteError::from)?;
+        let signs = link.subscribe_liveliness(&keys::key(name, keys::LIVELINESS)).map_err(RemoteError::from)?;
         let deadline = Instant::now() + FIND_LIMIT;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            let answers = link.ask(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(ASK_INTERVAL));
+            let answers = link.query(&keys::key(name, keys::GATEWAY), Vec::new(), left.max(ASK_INTERVAL));
             let answers = answers.map_err(RemoteError::from)?;
-            if let Some(report) = answers.iter().find_map(|(_, bytes)| GatewayReport::decoded(bytes).ok()) {
+            if let Some(report) = answers.iter().find_map(|(_, bytes)| GatewayReport::from_bytes(bytes).ok()) {
                 let topics = report.topics.into_iter().map(|topic| topic.topic).collect();
                 return Ok(Self { name: name.into(), link, signs, topics, away: Cell::new(None) });
             }
@@ -74,14 +74,14 @@ impl Vehicle {
             let (vehicle, sent) = (self.name.clone(), self.topics.join(", "));
             return Err(SeeError::NotSent { vehicle, topic: topic.name().into(), sent });
         }
-        let stream = self.link.stream(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
+        let stream = self.link.subscribe(&keys::key(&self.name, topic.name())).map_err(RemoteError::from)?;
         Ok(Crossing { topic, stream, track: DeliveryTracker::default(), last: None, delivery: Delivery::default() })
     }
 
     /// It lives and the way to it is open, or it has not been long otherwise.
     pub(crate) fn is_in_reach(&self) -> bool {
         while let Some(sign) = self.signs.next(Duration::ZERO) {
-            self.away.set((!sign.is_there).then(Instant::now));
+            self.away.set((!sign.is_present).then(Instant::now));
         }
         self.away.get().is_none_or(|since| since.elapsed() < REACH_LIMIT)
     }
@@ -95,7 +95,7 @@ impl Vehicle {
 /// A topic between the board and here.
 pub(crate) struct Crossing {
     topic: Topic,
-    stream: Stream,
+    stream: MessageStream,
     track: DeliveryTracker,
     last: Option<Envelope>,
     delivery: Delivery,
@@ -105,14 +105,14 @@ impl Crossing {
     /// Hands what has come to `take`, each message with its frame, as far as its sender says it, and with what became of the others on the way, as
     /// long as it wants any.
     pub(crate) fn look(&mut self, message_bytes: usize, take: &mut TakeDelivered<'_>) {
-        for _ in 0..PARCELS_MAX {
+        for _ in 0..MAX_PARCELS {
             let Some(arrival) = self.stream.next(Duration::ZERO) else { return };
-            let Ok((envelope, messages)) = wire::open_topic(self.topic, &arrival.bytes) else {
+            let Ok((envelope, messages)) = wire::decode_topic_batch(self.topic, &arrival.bytes) else {
                 self.delivery.refused += 1;
                 take(self.delivery, None);
                 continue;
             };
-            let is_new = self.track.take(&envelope, (messages.len() / message_bytes) as u64);
+            let is_new = self.track.record(&envelope, (messages.len() / message_bytes) as u64);
             if is_new {
                 self.delivery.bytes += arrival.bytes.len() as u64;
                 self.count(&envelope);
@@ -120,7 +120,7 @@ impl Crossing {
             let DeliveryTracker { samples: arrived, lost_samples: lost, repeated, restarts, .. } = self.track;
             self.delivery = Delivery { arrived, lost, repeated, restarts, ..self.delivery };
             take(self.delivery, None);
-            let said = envelope.frame_said().map(|(frame, quaternion)| Output { frame, quaternion });
+            let said = envelope.frame_and_order().map(|(frame, quaternion)| Output { frame, quaternion });
             let mut each = messages.chunks_exact(message_bytes);
             if is_new && !each.all(|message| take(self.delivery, Some((message, said)))) {
                 return;

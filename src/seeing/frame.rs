@@ -1,11 +1,11 @@
 //! The attitude as the launch file wants it shown.
 
 use attitude::frames::{Frame, QuaternionOrder};
-use control::{ControlRequest, ask};
+use control::{ControlRequest, send_request};
 use launch::Output;
 use messages::{AttitudeOutput, Layout};
 use observe::record::{NotOfLayout, Record};
-use runtime::{ServiceConfig, frames::attitude_in};
+use runtime::{ServiceConfig, frames::attitude_to_frame};
 
 use crate::system::System;
 
@@ -21,7 +21,7 @@ impl Shown {
 
     /// The same of a system on this machine.
     pub(crate) fn on_board(name: &str) -> Self {
-        let config = ask::<ServiceConfig>(name, &ControlRequest::ServiceConfig).ok();
+        let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig).ok();
         Self(config.map_or_else(Output::default, |config| config.launch.output))
     }
 
@@ -36,7 +36,7 @@ impl Shown {
         let attitude: Option<AttitudeOutput> = bytemuck::try_pod_read_unaligned(bytes).ok().filter(|_| is_attitude);
         let Some(attitude) = attitude else { return Record::new(layout, bytes) };
         let Output { frame, quaternion } = said.unwrap_or(self.0);
-        let shown = if said.is_some() { attitude } else { attitude_in(frame, attitude) };
+        let shown = if said.is_some() { attitude } else { attitude_to_frame(frame, attitude) };
         let ordered = |q: [f64; 4]| QuaternionOrder::ordered(quaternion, q);
         let shown = AttitudeOutput { quaternion: ordered(shown.quaternion), jump: ordered(shown.jump), ..shown };
         let record = Record::new(layout, bytemuck::bytes_of(&shown))?;

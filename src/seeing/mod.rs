@@ -68,7 +68,7 @@ impl SeeError {
 
 /// Takes a seat in a system.
 pub(crate) fn observer(system: &str, who: &str) -> Result<Observer, BusError> {
-    Observer::sit(&SystemName::new(system)?, who)
+    Observer::attach(&SystemName::new(system)?, who)
 }
 
 /// Where one looks from.
@@ -90,7 +90,7 @@ impl Viewpoint {
 
     /// A topic to look at.
     pub(crate) fn watch(&self, topic: &str) -> Result<Watched, SeeError> {
-        let topic = Topic::named(topic).ok_or_else(|| SeeError::NoTopic { topic: topic.into() })?;
+        let topic = Topic::from_name(topic).ok_or_else(|| SeeError::NoTopic { topic: topic.into() })?;
         self.watch_known(topic)
     }
 
@@ -109,7 +109,7 @@ impl Viewpoint {
         for topic in Topic::ALL {
             match self.watch_known(*topic) {
                 Ok(topic) => watched.push(topic),
-                Err(SeeError::Bus(BusError::Unopened { .. }) | SeeError::NotSent { .. }) => {}
+                Err(SeeError::Bus(BusError::TopicNotOpen { .. }) | SeeError::NotSent { .. }) => {}
                 Err(error) => return Err(error),
             }
         }

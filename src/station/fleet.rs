@@ -7,7 +7,7 @@ use std::{
 
 use attitude::frames::Frame;
 use graph::Topic;
-use link::Arrival;
+use link::RemoteMessage;
 use messages::{AttitudeOutput, Message};
 use observe::{
     hops::Latencies,
@@ -15,7 +15,7 @@ use observe::{
 };
 use serde_json::{Value, json};
 use wire::{
-    Payload, Refusal, Refusals,
+    Payload, DecodeError, DecodeErrorCounts,
     command::ControlMessage,
     delivery::DeliveryTracker,
     keys,
@@ -23,7 +23,7 @@ use wire::{
 };
 
 /// Vehicles that are kept in mind.
-const VEHICLES_MAX: usize = 256;
+const MAX_VEHICLES: usize = 256;
 
 /// What is known of a vehicle.
 #[derive(Default)]
@@ -38,7 +38,7 @@ pub(crate) struct Vehicle {
     pub(crate) attitude_at: Option<Instant>,
     /// From birth to attitude, of the attitudes that came since this was looked at.
     pub(crate) latencies: Latencies,
-    refusals: Refusals,
+    refusals: DecodeErrorCounts,
 }
 
 /// The vehicles in sight by their names.
@@ -46,23 +46,23 @@ pub(crate) type Vehicles = BTreeMap<String, Vehicle>;
 
 /// A vehicle by its name, as long as there are not too many.
 fn known<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
-    let has_room = vehicles.len() < VEHICLES_MAX;
+    let has_room = vehicles.len() < MAX_VEHICLES;
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
 }
 
-pub(crate) fn see(vehicles: &mut Vehicles, sign: &Arrival) {
-    let Some((name, rest)) = keys::parts(&sign.key) else { return };
+pub(crate) fn see(vehicles: &mut Vehicles, sign: &RemoteMessage) {
+    let Some((name, rest)) = keys::parse(&sign.key) else { return };
     let Some(vehicle) = known(vehicles, name) else { return };
-    match rest.strip_prefix(keys::LIVE).map(|service| service.trim_start_matches('/')) {
-        Some("") => vehicle.lives = sign.is_there,
-        Some(service) if sign.is_there => drop(vehicle.services.insert(service.into())),
+    match rest.strip_prefix(keys::LIVELINESS).map(|service| service.trim_start_matches('/')) {
+        Some("") => vehicle.lives = sign.is_present,
+        Some(service) if sign.is_present => drop(vehicle.services.insert(service.into())),
         Some(service) => drop(vehicle.services.remove(service)),
         None => {}
     }
 }
 
-pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&mut Tables>) -> Result<(), TableError> {
-    let Some((name, topic)) = keys::parts(&message.key) else { return Ok(()) };
+pub(crate) fn take(vehicles: &mut Vehicles, message: &RemoteMessage, tables: Option<&mut Tables>) -> Result<(), TableError> {
+    let Some((name, topic)) = keys::parse(&message.key) else { return Ok(()) };
     let Some(vehicle) = known(vehicles, name) else { return Ok(()) };
     if topic == keys::GATEWAY {
         if let Err(refusal) = vehicle.report(&message.bytes) {
@@ -70,7 +70,7 @@ pub(crate) fn take(vehicles: &mut Vehicles, message: &Arrival, tables: Option<&m
         }
         return Ok(());
     }
-    let Some(topic) = Topic::named(topic) else { return Ok(()) };
+    let Some(topic) = Topic::from_name(topic) else { return Ok(()) };
     messages::dispatch!(topic, M => vehicle.take::<M>(name, &message.bytes, tables))
 }
 
@@ -88,8 +88,8 @@ impl Vehicle {
         }
     }
 
-    fn samples<M: Payload>(&mut self, topic: &str, bytes: &[u8]) -> Result<Vec<M>, Refusal> {
-        let (envelope, samples) = wire::open::<M>(bytes)?;
+    fn samples<M: Payload>(&mut self, topic: &str, bytes: &[u8]) -> Result<Vec<M>, DecodeError> {
+        let (envelope, samples) = wire::decode_batch::<M>(bytes)?;
         self.track(topic, &envelope, samples.len());
         if topic == AttitudeOutput::TOPIC.name {
             let outputs =
@@ -97,7 +97,7 @@ impl Vehicle {
             for output in outputs {
                 self.take_attitude(output);
             }
-            self.frame = envelope.frame_said().map(|(frame, _)| frame).unwrap_or_default();
+            self.frame = envelope.frame_and_order().map(|(frame, _)| frame).unwrap_or_default();
         }
         Ok(samples)
     }
@@ -108,14 +108,14 @@ impl Vehicle {
         self.attitude = Some(output);
     }
 
-    fn report(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
-        let report = GatewayReport::decoded(bytes)?;
+    fn report(&mut self, bytes: &[u8]) -> Result<(), DecodeError> {
+        let report = GatewayReport::from_bytes(bytes)?;
         self.track(keys::GATEWAY, &report.envelope.unwrap_or_default(), 1);
         Ok(())
     }
 
     fn track(&mut self, topic: &str, envelope: &Envelope, samples: usize) {
-        self.tracks.entry(topic.into()).or_default().take(envelope, samples as u64);
+        self.tracks.entry(topic.into()).or_default().record(envelope, samples as u64);
     }
 
     /// Messages that came.

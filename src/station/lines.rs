@@ -29,7 +29,7 @@ pub(super) fn table(vehicles: &Vehicles, detail: Option<&str>) -> String {
             "{name}: {}",
             vehicle.attitude.as_ref().map_or("no attitude yet".into(), |output| attitude(output, vehicle.frame))
         ));
-        lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEAD));
+        lines.push(format!("  {:<11}{}", "topic", DeliveryTracker::HEADER));
         for (topic, track) in &vehicle.tracks {
             lines.push(format!("  {topic:<11}{track}"));
         }

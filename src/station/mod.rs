@@ -18,7 +18,7 @@ use std::{
 
 use clap::Args;
 use dashboard::Screen;
-use link::{Link, Stream};
+use link::{Link, MessageStream};
 use observe::tables::{TableError, Tables};
 use wire::keys;
 
@@ -30,7 +30,7 @@ const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 /// Longest wait for a message.
 const TURN: Duration = Duration::from_millis(20);
 /// Messages taken before somebody else has a turn.
-const MESSAGES_MAX: usize = 1000;
+const MAX_MESSAGES: usize = 1000;
 
 /// The command line of `plumb station`.
 #[derive(Args)]
@@ -56,8 +56,8 @@ pub(crate) struct Station {
 
 /// What comes in, and what is known of it.
 struct Sight {
-    messages: Stream,
-    signs: Stream,
+    messages: MessageStream,
+    signs: MessageStream,
     tables: Option<Tables>,
     vehicles: Vehicles,
     ends: Arc<AtomicBool>,
@@ -90,8 +90,8 @@ fn watch(
     ends: Arc<AtomicBool>,
 ) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
     let mut sight = Sight {
-        messages: link.stream(&keys::key("*", "*"))?,
-        signs: link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?,
+        messages: link.subscribe(&keys::key("*", "*"))?,
+        signs: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
         tables: station.csv.as_deref().map(Tables::in_folder),
         vehicles: Vehicles::new(),
         ends,
@@ -133,7 +133,7 @@ impl Sight {
             fleet::see(&mut self.vehicles, &sign);
         }
         let mut wait = TURN;
-        for _ in 0..MESSAGES_MAX {
+        for _ in 0..MAX_MESSAGES {
             let Some(message) = self.messages.next(wait) else { break };
             wait = Duration::ZERO;
             fleet::take(&mut self.vehicles, &message, self.tables.as_mut())?;

@@ -175,7 +175,7 @@ fn fleet(vehicles: &Vehicles, chosen: Option<&String>) -> Panel {
 
 /// A line for each topic of a vehicle.
 fn topics(name: &str, vehicle: &Vehicle) -> Panel {
-    let head = Row::new(Mark::Head, format!("{:<11}{}", "topic", DeliveryTracker::HEAD));
+    let head = Row::new(Mark::Head, format!("{:<11}{}", "topic", DeliveryTracker::HEADER));
     let line = |(topic, track): (&String, &DeliveryTracker)| {
         let mark = if track.lost_messages == 0 { Mark::Usual } else { Mark::Bad };
         Row::new(mark, format!("{topic:<11}{track}"))

@@ -10,7 +10,7 @@ use std::{
 
 use bus::{BusError, Observer};
 use clap::Args;
-use control::{ControlError, ControlRequest, ServiceStatus, ask};
+use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 use dashboard::Screen;
 use observe::top::{Moment, Top};
 
@@ -59,7 +59,7 @@ struct Observed {
 
 impl Observed {
     fn begin(name: &str) -> Result<Self, TopError> {
-        let statuses = ask::<Vec<ServiceStatus>>(name, &ControlRequest::Ps)?;
+        let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status)?;
         let observer = observer(name, "top")?;
         Ok(Self { top: Top::new(&observer, &statuses)?, observer, name: name.into() })
     }
@@ -67,7 +67,7 @@ impl Observed {
 
 /// What was seen since the last moment; `None` where the system ended meanwhile.
 fn moment(name: &str, observer: &Observer, top: &mut Top) -> Result<Option<Moment>, TopError> {
-    match ask::<Vec<ServiceStatus>>(name, &ControlRequest::Ps) {
+    match send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status) {
         Ok(statuses) => Ok(Some(top.moment(name, &statuses))),
         Err(_) if !observer.is_running() => Ok(None),
         Err(error) => Err(error.into()),

@@ -8,10 +8,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use control::{ControlError, ControlRequest, ServiceStatus, ask};
+use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 use dashboard::{Attitude, Facts, Key, Mark, Panel, Picture, Row, Screen, State, trend};
 use observe::top::Moment;
-use runtime::{clock::monotonic_ns, frames::attitude_in};
+use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
 use super::{Observed, TopCommand};
 use crate::{
@@ -105,7 +105,7 @@ impl Supervisor {
         let name = name.to_owned();
         thread::spawn(move || {
             // Ends with whoever asks.
-            while asked.recv().is_ok() && answer.send(ask(&name, &ControlRequest::Ps)).is_ok() {}
+            while asked.recv().is_ok() && answer.send(send_request(&name, &ControlRequest::Status)).is_ok() {}
         });
         Self { questions, answers }
     }
@@ -141,7 +141,7 @@ impl View {
         let frame = self.shown.frame();
         let attitude = top.attitude();
         let age = attitude.map(|it| Duration::from_nanos(monotonic_ns().saturating_sub(it.header.t_sent_ns)));
-        self.picture.attitude = attitude.map(|attitude| Attitude::of(&attitude_in(frame, *attitude), frame));
+        self.picture.attitude = attitude.map(|attitude| Attitude::of(&attitude_to_frame(frame, *attitude), frame));
         self.picture.facts.tick = attitude.map(|attitude| attitude.header.tick);
         self.picture.state = match observer.is_running() {
             true => State::of_age(age),

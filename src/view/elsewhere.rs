@@ -8,14 +8,14 @@ use std::{
 
 use cockpit::{
     board::TOPICS,
-    source::{Description, Desk, Source, SourceState},
+    source::{SystemDescription, CommandTarget, Source, SourceState},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use launch::{Launch, Output, Service, Stage};
+use launch::{Launch, Output, Service, StageConfig};
 use link::Link;
 use messages::AttitudeOutput;
-use runtime::frames::attitude_from;
+use runtime::frames::attitude_from_frame;
 use wire::v1::VehicleLine;
 
 use crate::{
@@ -100,7 +100,7 @@ impl Source for Telemetry {
 /// An attitude in the system's own frame, where it came in another.
 fn attitude_of(topic: Topic, bytes: &[u8], said: Option<Output>) -> Option<AttitudeOutput> {
     let Output { frame, .. } = said.filter(|_| topic == Topic::Attitude)?;
-    Some(attitude_from(frame, bytemuck::try_pod_read_unaligned(bytes).ok()?))
+    Some(attitude_from_frame(frame, bytemuck::try_pod_read_unaligned(bytes).ok()?))
 }
 
 /// The vehicles in sight, once a second.
@@ -114,16 +114,16 @@ pub(super) struct Gateway {
     pub(super) lines: Lines,
 }
 
-impl Desk for Gateway {
-    fn description(&self) -> Result<Description, String> {
+impl CommandTarget for Gateway {
+    fn description(&self) -> Result<SystemDescription, String> {
         let launch = Launch::default();
-        let stages = |slot: Service| launch.stages_of(slot).into_iter().map(str::to_owned).collect();
+        let stages = |slot: Service| launch.stage_names(slot).into_iter().map(str::to_owned).collect();
         let slots = Service::SLOTS.into_iter().map(|slot| (slot.name().to_owned(), stages(slot)));
-        Ok(Description {
+        Ok(SystemDescription {
             system: self.name.clone(),
             source: "over the network".into(),
             slots: slots.collect(),
-            ..Description::default()
+            ..SystemDescription::default()
         })
     }
 
@@ -143,11 +143,11 @@ impl Desk for Gateway {
         if request.shadow {
             return Err("a shadow computes where the vehicle is: ask on board for it".into());
         }
-        let stage = Stage { stage: request.stage.stage, set: BTreeMap::new() };
+        let stage = StageConfig { stage: request.stage.stage, set: BTreeMap::new() };
         remote::swap_over(&self.link, &self.name, &self.way, &request.slot, stage).map_err(|error| error.to_string())
     }
 
-    fn cancel(&self, _slot: &str) -> Result<(), String> {
+    fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
         Err("a shadow is ended where the vehicle is: ask on board for it".into())
     }
 }

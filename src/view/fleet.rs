@@ -11,12 +11,12 @@ use std::{
 use cockpit::{
     hub::Hub,
     sight::{Look, Sight},
-    source::{Description, Desk, Source, SourceState},
+    source::{SystemDescription, CommandTarget, Source, SourceState},
 };
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use link::{Link, LinkError, Stream};
-use runtime::frames::attitude_from;
+use link::{Link, LinkError, MessageStream};
+use runtime::frames::attitude_from_frame;
 use wire::{
     Payload as _,
     command::ControlMessage as _,
@@ -38,7 +38,7 @@ const ASK_LIMIT: Duration = Duration::from_secs(2);
 /// Longest wait for a message.
 const TURN: Duration = Duration::from_millis(20);
 /// Vehicles that are looked at at once.
-const LOOKS_MAX: usize = 8;
+const MAX_LOOKS: usize = 8;
 /// A vehicle at which nobody has looked for so long is looked at no more; Prometheus asks once a minute.
 const UNWATCHED_LIMIT: Duration = Duration::from_secs(90);
 
@@ -63,8 +63,8 @@ impl Fleet {
     /// Begins to look around.
     pub(super) fn over(link: Link, way: &Way, first: Option<&str>) -> Result<Self, LinkError> {
         let lines = Lines::default();
-        let messages = [Topic::Attitude.name(), keys::GATEWAY].map(|topic| link.stream(&keys::key("*", topic)));
-        let signs = link.signs(&keys::key("*", &format!("{}/**", keys::LIVE)))?;
+        let messages = [Topic::Attitude.name(), keys::GATEWAY].map(|topic| link.subscribe(&keys::key("*", topic)));
+        let signs = link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?;
         let [attitudes, reports] = messages;
         let (streams, told, asking) = ([attitudes?, reports?], lines.clone(), link.clone());
         let services = Arc::new(Mutex::new(BTreeMap::new()));
@@ -74,7 +74,7 @@ impl Fleet {
         Ok(Self { link, way: way.clone(), first: first.map(str::to_owned), lines, looks: Arc::default() })
     }
 
-    fn desk(&self, name: &str) -> Arc<dyn Desk> {
+    fn desk(&self, name: &str) -> Arc<dyn CommandTarget> {
         let (name, link, way, lines) = (name.to_owned(), self.link.clone(), self.way.clone(), self.lines.clone());
         Arc::new(Gateway { name, link, way, lines })
     }
@@ -82,7 +82,7 @@ impl Fleet {
     /// Begins to look at a vehicle, or at none.
     fn begin(&self, name: Option<&str>) -> Look {
         let hub = Arc::new(Hub::default());
-        let desk: Arc<dyn Desk> = match name {
+        let desk: Arc<dyn CommandTarget> = match name {
             Some(name) => self.desk(name),
             None => Arc::new(Nobody(self.lines.clone())),
         };
@@ -95,7 +95,7 @@ impl Fleet {
         let (looks, name) = (self.looks.clone(), name.unwrap_or_default().to_owned());
         thread::spawn(move || {
             let shown = hub.clone();
-            let Ok(()) = cockpit::present(&mut *source, desk, &shown, &mut |_| {
+            let Ok(()) = cockpit::publish_source(&mut *source, desk, &shown, &mut |_| {
                 Ok::<_, Infallible>(is_watched(&looks, &name, &hub))
             });
         });
@@ -107,7 +107,7 @@ impl Fleet {
 fn is_watched(looks: &Mutex<BTreeMap<String, Looked>>, name: &str, hub: &Hub) -> bool {
     let mut looks = looks.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(looked) = looks.get_mut(name) else { return true };
-    if hub.is_watched() {
+    if hub.has_viewers() {
         looked.watched = Instant::now();
     }
     let goes_on = looked.watched.elapsed() < UNWATCHED_LIMIT;
@@ -120,7 +120,7 @@ fn is_watched(looks: &Mutex<BTreeMap<String, Looked>>, name: &str, hub: &Hub) ->
 impl Sight for Fleet {
     fn look(&self, vehicle: Option<&str>) -> Result<Look, String> {
         let name = vehicle.or(self.first.as_deref());
-        if let Some(name) = name.filter(|name| !keys::is_vehicle(name)) {
+        if let Some(name) = name.filter(|name| !keys::is_vehicle_name(name)) {
             return Err(format!("{name:?} is no name of a vehicle"));
         }
         let key = name.unwrap_or_default();
@@ -136,8 +136,8 @@ impl Sight for Fleet {
         if let Some(name) = vehicle.filter(|name| self.first.as_deref() != Some(*name) && !in_sight(name)) {
             return Err(format!("no vehicle {name} is in sight"));
         }
-        if looks.len() >= LOOKS_MAX {
-            return Err(format!("{LOOKS_MAX} vehicles are looked at already; close a page"));
+        if looks.len() >= MAX_LOOKS {
+            return Err(format!("{MAX_LOOKS} vehicles are looked at already; close a page"));
         }
         let look = self.begin(name);
         looks.insert(key.into(), Looked { look: look.clone(), watched: Instant::now() });
@@ -153,10 +153,10 @@ fn ask_all(link: &Link, answers: &Arc<Answers>) {
     while Arc::strong_count(answers) > 1 {
         let asked = Instant::now();
         // Who does not answer has no stage in its line.
-        let come = link.ask(&keys::key("*", keys::SERVICES), Vec::new(), ASK_LIMIT).unwrap_or_default();
+        let come = link.query(&keys::key("*", keys::SERVICES), Vec::new(), ASK_LIMIT).unwrap_or_default();
         let come = come.iter().filter_map(|(key, bytes)| {
-            let (name, _) = keys::parts(key)?;
-            Some((name.to_owned(), Services::decoded(bytes).ok()?))
+            let (name, _) = keys::parse(key)?;
+            Some((name.to_owned(), Services::from_bytes(bytes).ok()?))
         });
         *answers.lock().unwrap_or_else(PoisonError::into_inner) = come.collect();
         thread::sleep(ASK_INTERVAL.saturating_sub(asked.elapsed()));
@@ -164,7 +164,7 @@ fn ask_all(link: &Link, answers: &Arc<Answers>) {
 }
 
 /// Keeps the lines of all vehicles, for as long as somebody wants to see them.
-fn look_around(streams: &[Stream; 2], signs: &Stream, services: &Answers, told: &Lines) {
+fn look_around(streams: &[MessageStream; 2], signs: &MessageStream, services: &Answers, told: &Lines) {
     let (mut vehicles, mut before) = (Vehicles::new(), Instant::now());
     while Arc::strong_count(told) > 1 {
         while let Some(sign) = signs.next(Duration::ZERO) {
@@ -191,7 +191,7 @@ fn line(name: &str, vehicle: &mut Vehicle, services: Option<&Services>) -> Vehic
         vehicle: name.into(),
         lives: vehicle.lives,
         age_s: vehicle.attitude_at.map(|at| at.elapsed().as_secs_f64()),
-        attitude: vehicle.attitude.map(|attitude| attitude_from(vehicle.frame, attitude).form()),
+        attitude: vehicle.attitude.map(|attitude| attitude_from_frame(vehicle.frame, attitude).to_proto()),
         lost_messages: vehicle.lost(),
         lost_ticks: said("course").map(|status| status.lost),
         stage: said("fuser").map(|status| status.stage.clone()).unwrap_or_default(),
@@ -204,7 +204,7 @@ struct NoVehicle;
 
 impl Source for NoVehicle {
     fn look(&mut self, _take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
-        SourceState::Unchosen
+        SourceState::Unselected
     }
 
     fn has_every_tick(&self) -> bool {
@@ -215,9 +215,9 @@ impl Source for NoVehicle {
 /// Who answers where no vehicle is chosen: only who is in sight is known.
 struct Nobody(Lines);
 
-impl Desk for Nobody {
-    fn description(&self) -> Result<Description, String> {
-        Ok(Description::default())
+impl CommandTarget for Nobody {
+    fn description(&self) -> Result<SystemDescription, String> {
+        Ok(SystemDescription::default())
     }
 
     fn services(&self) -> Result<Vec<ServiceStatus>, String> {
@@ -236,7 +236,7 @@ impl Desk for Nobody {
         Err("no vehicle is chosen".into())
     }
 
-    fn cancel(&self, _slot: &str) -> Result<(), String> {
+    fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
         Err("no vehicle is chosen".into())
     }
 }

@@ -13,14 +13,14 @@ use std::{
 
 use clap::Args;
 use cockpit::{
-    board::{Board, SupervisorDesk},
+    board::{LocalSystem, SupervisorClient},
     hub::Hub,
     recording::Recording,
     server::{self, Server, Site},
     sight::{Look, Sight},
     token::{Role, Token, Tokens},
 };
-use control::{ControlRequest, ServiceStatus, ask};
+use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
 use launch::{Cockpit, CockpitTls, Service};
 
@@ -109,22 +109,22 @@ pub(crate) fn run(view: &View) -> ExitCode {
 fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let name = crate::system::name(view.name.as_deref());
     let tokens = Tokens::of_user()?;
-    let statuses: Vec<ServiceStatus> = ask(&name, &ControlRequest::Ps).unwrap_or_default();
-    let own = statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.at);
+    let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
+    let own = statuses.into_iter().find(|one| one.service == Service::Cockpit.name()).and_then(|one| one.address);
     if let Some(base) = own.filter(|_| view.listen.is_none()) {
         // The system shows itself.
         return Ok(print(&server::address(&base, Some(view.token(&tokens)))));
     }
-    let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorDesk::new(&name)));
+    let (hub, desk) = (Arc::new(Hub::default()), Arc::new(SupervisorClient::new(&name)));
     let server = view.bind()?;
     let at = server.address(Some(view.token(&tokens)));
     let look = Look { system: name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
     server.start(site(look, Some(tokens), None))?;
     let printed = print(&at);
     let mut until = Until::new(|| true, view.seconds);
-    let mut source = Board::new(&name);
+    let mut source = LocalSystem::new(&name);
     let Ok(()) =
-        cockpit::present(&mut source, desk, &hub, &mut |_| Ok::<_, std::convert::Infallible>(!until.is_over()));
+        cockpit::publish_source(&mut source, desk, &hub, &mut |_| Ok::<_, std::convert::Infallible>(!until.is_over()));
     Ok(printed)
 }
 
@@ -141,7 +141,7 @@ fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
     let mut reading = Recording::reading(&name, rate_hz, span.t_first_ns, span.t_last_ns);
     reader::every_message(path, &mut |t_ns, topic, bytes| reading.take(t_ns, topic, bytes))?;
     let (hub, recording) = (Arc::new(Hub::default()), Arc::new(reading.finish()));
-    hub.tell(recording.standing());
+    hub.publish_status(recording.standing());
     let server = view.bind()?;
     // On the loopback whoever is on the machine may look at a recording, and there is nothing to command.
     let tokens = view.tls.is_some().then(Tokens::of_user).transpose()?;

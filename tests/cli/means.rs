@@ -45,7 +45,7 @@ fn said(output: &Output) -> String {
 
 fn assert_says(people: &str, parts: &[&str]) {
     assert!(parts.iter().all(|part| people.contains(part)), "not all of {parts:?} in: {people}");
-    for riddle in ["InternalFailure", "ServiceConfigCouldNotBeCreated", "does not run"] {
+    for riddle in ["InternalFailure", "ServiceConfigCouldNotBeCreated", "is not running"] {
         assert!(!people.contains(riddle), "{riddle} in: {people}");
     }
 }
@@ -57,7 +57,7 @@ fn more_files_are_allowed_where_they_may_be_and_too_few_are_refused_with_the_num
     run.assert_whole();
     let refused = after("ulimit -n 100", &system.command(&["--for", "300ms"])).output().unwrap();
     assert_eq!(refused.status.code(), Some(1));
-    assert_says(&said(&refused), &["256 files", "may have 100", "ulimit -n 4096"]);
+    assert_says(&said(&refused), &["256 open files", "only 100 are allowed", "ulimit -n 4096"]);
     assert_eq!(system.remains(), Vec::<String>::new());
 
     let running = system.start(&[]);
@@ -65,7 +65,7 @@ fn more_files_are_allowed_where_they_may_be_and_too_few_are_refused_with_the_num
     let look = plumb(&["topic", "list", "--system", &system.name, "--seconds", "0.1"]);
     let refused = after("ulimit -n 30", &look).output().unwrap();
     assert_eq!(refused.status.code(), Some(1));
-    assert_says(&said(&refused), &["may have 30", "ulimit -n 4096"]);
+    assert_says(&said(&refused), &["only 30 are allowed", "ulimit -n 4096"]);
     let looked = after("ulimit -Sn 30", &look).output().unwrap();
     assert!(looked.status.success(), "{}", said(&looked));
     drop(running);
@@ -79,13 +79,13 @@ fn too_little_shared_memory_is_refused_before_anything_starts() {
     assert_eq!(refused.status.code(), Some(1));
     assert_says(
         &said(&refused),
-        &["MiB of shared memory, 3.0 MiB of 3.0 MiB are free", "size=1G /dev/shm", "--shm-size"],
+        &["MiB of shared memory, but 3.0 MiB of 3.0 MiB are free", "size=1G /dev/shm", "--shm-size"],
     );
 }
 
 #[test]
 fn shared_memory_that_runs_out_is_named_and_what_failed_comes_back_once_there_is_some() {
-    let system = System::new("[restart]\non_limit = \"hold\"\nbackoff_max_s = 0.1");
+    let system = System::new("[restart]\non_limit = \"retry\"\nbackoff_max_s = 0.1");
     let Some(command) = in_memory_of("32M", &system.command(&[])) else { return };
     let log = system.path("log");
     let running = Running::of(after(&format!("exec 2> {}", log.display()), &command));

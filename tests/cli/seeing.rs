@@ -82,7 +82,7 @@ fn number(value: &Value, key: &str) -> f64 {
 }
 
 fn layout(topic: &str) -> Layout {
-    messages::layout(Topic::named(topic).unwrap())
+    messages::layout(Topic::from_name(topic).unwrap())
 }
 
 /// Observers of a test; whatever becomes of the test, none lives on.
@@ -243,7 +243,7 @@ fn observers_that_are_killed_or_frozen_cost_the_system_no_tick() {
         std::thread::sleep(Duration::from_millis(40 + 60 * round as u64));
         observers.iter().for_each(|observer| signal(observer.pid(), Signal::KILL));
     }
-    let frozen: Vec<_> = (0..bus::OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
+    let frozen: Vec<_> = (0..bus::MAX_OBSERVERS - 1).map(|_| Observer::start(&system, &["topic", "hz", "imu"])).collect();
     frozen.iter().for_each(|observer| observer.await_reading(&system, "imu"));
     frozen.iter().for_each(|observer| signal(observer.pid(), Signal::STOP));
     // Longer than buffer_s.
@@ -274,7 +274,7 @@ fn one_observer_too_many_is_told_so() {
     let running = started(&system, &[]);
     let top = Observer::start(&system, &["top"]);
     top.await_reading(&system, "attitude");
-    let observers: Vec<_> = (1..bus::OBSERVERS)
+    let observers: Vec<_> = (1..bus::MAX_OBSERVERS)
         .map(|_| {
             let mut observer = Observer::start(&system, &["topic", "echo", "imu"]);
             observer.first_line();
@@ -283,7 +283,7 @@ fn one_observer_too_many_is_told_so() {
         .collect();
     let refused = ask(&system, &["topic", "hz", "imu", "--count", "1"]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(said(&refused).contains("4 observers look at it already"), "{}", said(&refused));
+    assert!(said(&refused).contains("4 observers are attached already"), "{}", said(&refused));
     let pid = observers[0].pid().to_string();
     assert!(said(&refused).contains(&pid), "{}", said(&refused));
     let doctor = ask(&system, &["doctor"]);
@@ -359,8 +359,8 @@ fn where_nothing_runs_that_is_said_and_the_machine_is_looked_at_all_the_same() {
         let output = ask(&system, verb);
         assert_eq!(output.status.code(), Some(1), "{verb:?}");
         let [object] = lines(&output).try_into().unwrap();
-        assert!(object["error"].as_str().unwrap().contains("it does not run"), "{object}");
-        assert!(said(&output).contains("it does not run"), "{}", said(&output));
+        assert!(object["error"].as_str().unwrap().contains("is not running"), "{object}");
+        assert!(said(&output).contains("is not running"), "{}", said(&output));
     }
     let unknown = ask(&system, &["topic", "hz"]);
     assert_eq!(unknown.status.code(), Some(2));

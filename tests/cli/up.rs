@@ -192,9 +192,9 @@ fn a_value_out_of_range_is_underlined_with_the_range() {
 #[test]
 fn a_gateway_that_is_set_and_not_started_is_underlined_with_the_remedy() {
     let said = [
-        "gateway: it is not among the services",
+        "gateway: the service is not started",
         "launch.toml:2:2",
-        "2 | [gateway.rates]\n  |  ^^^^^^^ nothing goes out",
+        "2 | [gateway.rates]\n  |  ^^^^^^^ no effect",
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"gateway\", \"cockpit\"]",
         "1 problem",
     ];
@@ -202,7 +202,7 @@ fn a_gateway_that_is_set_and_not_started_is_underlined_with_the_remedy() {
     let left_out =
         "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n[gateway.rates]\nimu = \"all\"\n";
     let output = plumb(&["config", "check"]).arg(System::written(left_out).path("launch.toml")).output().unwrap();
-    assert!(output.status.success(), "who lists the services has left it out: {}", text(&output.stderr));
+    assert!(output.status.success(), "services without the gateway disables the section: {}", text(&output.stderr));
 }
 
 #[test]
@@ -276,7 +276,7 @@ fn a_parameter_that_is_not_a_finite_number_is_wrong_usage() {
 fn a_service_started_by_hand_says_who_starts_it() {
     for service in ["ingest", "gyro", "accel", "fuser", "course"] {
         let said =
-            [&*format!("reading the configuration of service {service}: "), "services are started by `plumb up`"];
+            [&*format!("configuration of service {service} on standard input: "), "start services with `plumb up`"];
         assert_refused(plumb(&["service", service]), 1, &said);
     }
 }
@@ -435,7 +435,7 @@ fn a_second_system_of_the_same_name_is_refused_and_the_first_goes_on() {
     let services = first.all_services();
     let (pid, name) = (first.pid(), &system.name);
     let said = [
-        &*format!("starting the system {name:?}: one of that name already runs (process {pid})"),
+        &*format!("starting the system {name:?}: a system of this name is already running (process {pid})"),
         &format!("stop it (kill {pid})"),
         "set another `name` in launch.toml",
     ];

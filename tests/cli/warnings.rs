@@ -89,7 +89,7 @@ fn each_mistake_is_named_by_up_and_what_is_pasted_helps() {
     let mistakes: [(&str, Change, &str); 6] = [
         ("rates in °/s", in_degrees, "rate-unit: "),
         ("rates divided twice", |row| Row { rate: row.rate.map(f64::to_radians), ..row }, "rate-unit: "),
-        ("a negated gyro", |row| Row { rate: row.rate.map(|x| -x), ..row }, "turning: "),
+        ("a negated gyro", |row| Row { rate: row.rate.map(|x| -x), ..row }, "axes-mismatch: "),
         ("a negated accelerometer", |row| Row { force: row.force.map(|x| -x), ..row }, "upside-down: "),
         ("fields in gauss", |row| Row { field: row.field.map(|x| x / 100.0), ..row }, "field-unit: "),
         ("forces in thousandths of g", |row| Row { force: in_g(row).force.map(|x| x * 1000.0), ..row }, "force-unit: "),
@@ -117,8 +117,8 @@ fn mistakes_that_no_launch_file_mends_are_named_by_up() {
         ("gravity-removed: ", said_of("", rows(20).map(without_gravity), &["--in-process"])),
         ("rate-stuck: ", said_of("", rows(20).map(of_one_axis), &["--in-process"])),
         ("rate-clipped: ", said_of("", rows(20).map(clipped), &["--in-process"])),
-        ("stamps: ", said_of("", twice, &["--in-process"])),
-        ("stamps: ", said_of("", rows(20).map(disordered), &["--in-process"])),
+        ("timestamps: ", said_of("", twice, &["--in-process"])),
+        ("timestamps: ", said_of("", rows(20).map(disordered), &["--in-process"])),
     ] {
         assert!(said.iter().any(|text| text.starts_with(name)), "no {name} in {said:?}");
     }

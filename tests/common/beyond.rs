@@ -36,7 +36,7 @@ pub(crate) fn gateway(system: &System) -> Option<Value> {
 
 /// Where the gateway listens, once it does.
 pub(crate) fn endpoint(system: &System) -> String {
-    let at = || Some(gateway(system)?["at"].as_str()?.to_owned());
+    let at = || Some(gateway(system)?["address"].as_str()?.to_owned());
     until("the gateway to listen", || at().is_some());
     at().unwrap()
 }

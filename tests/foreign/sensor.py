@@ -20,7 +20,7 @@ try:
 except FeedError as error:
     print(error)
     sys.exit(1)
-print(json.dumps({"holds": sensor.holds, "layouts": [Sensor.LAYOUT, Receiver.LAYOUT], "places": [Sensor.PLACE, Receiver.PLACE]}), flush=True)
+print(json.dumps({"capacity": sensor.capacity, "layouts": [Sensor.LAYOUT, Receiver.LAYOUT], "places": [Sensor.PLACE, Receiver.PLACE]}), flush=True)
 ended = threading.Event()
 threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
 count, failed = 0, 0

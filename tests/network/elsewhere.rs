@@ -162,7 +162,7 @@ fn an_unknown_vehicle_or_topic_is_said_with_the_remedy() {
     let nowhere = format!("tcp/127.0.0.1:{}", free_port());
     let nobody = plumb(&["topic", "list", "--remote", "boat", "--connect", &nowhere]).output().unwrap();
     assert_eq!(nobody.status.code(), Some(1));
-    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("nobody listens there"), "{}", said(&nobody));
+    assert!(said(&nobody).contains(&nowhere) && said(&nobody).contains("no process listens there"), "{}", said(&nobody));
 
     for verb in ["echo", "hz", "bw", "info"] {
         let unknown = vehicle.ask(&["topic", verb, "altitude"]);
@@ -210,7 +210,7 @@ fn a_gateway_that_is_killed_is_followed_into_its_next_life() {
     tick();
     signal(gateway(&vehicle.system).unwrap()["pid"].as_u64().unwrap() as u32, Signal::KILL);
     until("the next gateway", || {
-        gateway(&vehicle.system).is_some_and(|one| one["restarts"] == 1 && one["at"].is_string())
+        gateway(&vehicle.system).is_some_and(|one| one["restarts"] == 1 && one["address"].is_string())
     });
     let attitudes = vehicle.on_board(&["topic", "echo", "attitude", "--count", "1"]);
     let restarted = attitudes["tick"].as_u64().unwrap();

@@ -101,7 +101,7 @@ fn two_vehicles_on_one_machine_take_two_ports_and_are_seen_together() {
 }
 
 fn services(link: &Link, vehicle: &str) -> Services {
-    link.ask_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), LIMIT).unwrap()
+    link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), LIMIT).unwrap()
 }
 
 fn epoch(services: &Services) -> u32 {
@@ -126,8 +126,8 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     assert_eq!(standings[3]["stage"], "vqf", "{standings}");
 
     let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| operator.join(file));
-    let ends = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::connecting(&[endpoint]) };
-    let link = Link::reach(&ends, LIMIT).unwrap();
+    let ends = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::with_connect(&[endpoint]) };
+    let link = Link::connect(&ends, LIMIT).unwrap();
     let before = services(&link, "alpha");
     let request = |id: &str, stage: &str| SwapRequest {
         request_id: id.into(),
@@ -138,7 +138,7 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
         ..SwapRequest::default()
     };
     let ask = |request: &SwapRequest| -> SwapAnswer {
-        link.ask_one(&keys::key("alpha", keys::SWAP), request.encoded(), LIMIT).unwrap()
+        link.query_one(&keys::key("alpha", keys::SWAP), request.to_bytes(), LIMIT).unwrap()
     };
     // The same one many times at once, as a network does that is not sure.
     let answers: Vec<SwapAnswer> = thread::scope(|scope| {
@@ -152,24 +152,24 @@ fn a_swap_from_elsewhere_has_one_effect_however_often_late_or_out_of_order_it_co
     // One that was sent before that decision, and one that comes after its time.
     let overtaken = ask(&request("two", "vqf"));
     assert_eq!(overtaken.outcome(), Outcome::Refused);
-    assert!(overtaken.reason.contains("the last decision about `fuser`"), "{overtaken:?}");
+    assert!(overtaken.reason.contains("the epoch of `fuser` is"), "{overtaken:?}");
     let late = SwapRequest { t_deadline_ns: after.t_now_ns, expected_epoch: epoch(&after), ..request("three", "vqf") };
     assert!(ask(&late).reason.contains("after its deadline"));
     let wrong = SwapRequest { expected_epoch: epoch(&after), ..request("four", "kalman") };
-    assert!(ask(&wrong).reason.contains("there is no stage `kalman`"));
+    assert!(ask(&wrong).reason.contains("no stage named `kalman`"));
     // What is no request is refused, counted, and whoever asked reads why.
     let refused = |payload: Vec<u8>, why: &str| {
         let key = keys::key("alpha", keys::SWAP);
-        let error = link.ask_one::<SwapAnswer>(&key, payload, LIMIT).unwrap_err();
-        assert!(matches!(&error, LinkError::Refused { reason, .. } if reason.contains(why)), "{error}");
+        let error = link.query_one::<SwapAnswer>(&key, payload, LIMIT).unwrap_err();
+        assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains(why)), "{error}");
     };
-    refused(vec![0xff; 100], "reading a SwapRequest");
+    refused(vec![0xff; 100], "cannot decode SwapRequest");
     refused(
-        SwapRequest { set: [("beta".into(), f64::NAN)].into(), ..request("five", "madgwick") }.encoded(),
+        SwapRequest { set: [("beta".into(), f64::NAN)].into(), ..request("five", "madgwick") }.to_bytes(),
         "`set` is not finite",
     );
     until("the refusal in its health", || {
-        let report = link.ask_one::<wire::v1::GatewayReport>(&keys::key("alpha", keys::GATEWAY), Vec::new(), LIMIT);
+        let report = link.query_one::<wire::v1::GatewayReport>(&keys::key("alpha", keys::GATEWAY), Vec::new(), LIMIT);
         report
             .is_ok_and(|report| report.refused.is_some_and(|refused| (refused.malformed, refused.not_finite) == (1, 1)))
     });
@@ -195,7 +195,7 @@ fn a_supervisor_that_is_frozen_is_not_waited_for_and_whoever_asks_is_told_so() {
         let output = plumb(&[arguments, place].concat()).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
-        assert!(said.contains("has not answered for 2 s"), "{arguments:?}: {said}");
+        assert!(said.contains("has not responded for 2 s"), "{arguments:?}: {said}");
     }
     let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(here).output().unwrap();
     let said = String::from_utf8(output.stdout).unwrap();
@@ -219,7 +219,7 @@ fn a_gateway_that_is_killed_again_and_again_is_not_missed_on_board() {
     for kill in 1..=3 {
         signal(gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32, Signal::KILL);
         until("the next gateway", || {
-            gateway(&system).is_some_and(|one| one["restarts"] == kill && one["at"].is_string())
+            gateway(&system).is_some_and(|one| one["restarts"] == kill && one["address"].is_string())
         });
     }
     system.assert_ends_undisturbed(running, &out, "");
@@ -316,5 +316,5 @@ fn a_station_that_finds_nobody_says_where_it_looked() {
     let output = plumb(&["ps", "--remote", "boat", "--connect", &endpoint]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains(&endpoint) && said.contains("nobody listens there"), "{said}");
+    assert!(said.contains(&endpoint) && said.contains("no process listens there"), "{said}");
 }

@@ -184,7 +184,7 @@ fn ticks_come_from_whom_the_base_calls_and_from_nobody_who_calls_it() {
     let honest = board(&called, "");
     let base = base(&honest, &called, "");
     let base_runs = base.start(&[]);
-    let at = || Some(standing(&base, "gateway")?["at"].as_str()?.to_owned());
+    let at = || Some(standing(&base, "gateway")?["address"].as_str()?.to_owned());
     until("the base to listen", || at().is_some());
     // Another system under the name of the board.
     let more = format!("vehicle = \"{}\"\nconnect = [{:?}]", honest.name, at().unwrap());
@@ -241,7 +241,7 @@ fn a_slot_is_swapped_on_the_host_that_has_it_and_no_tick_is_lost() {
         assert_eq!(report["outcome"], "committed", "{report}");
     }
     let elsewhere = halves.base.ask_swap(&["gyro", "rk4"]);
-    assert!(elsewhere["reason"].as_str().unwrap().contains("there are fuser, course"), "{elsewhere}");
+    assert!(elsewhere["reason"].as_str().unwrap().contains("slots: fuser, course"), "{elsewhere}");
     let (run, _) = halves.end();
     run.assert_whole();
 }
@@ -327,9 +327,9 @@ fn a_cut_longer_than_the_cache_is_named_exactly() {
     assert_eq!(missing, named, "{}", run.people);
 }
 
-/// The ticks in `lost, no longer kept by the other host: ticks A to B (N), ...; M in all`.
+/// Parses the ticks in `ticks lost, no longer cached by the other host: A to B (N), …; M in total`.
 fn named_losses(people: &str) -> HashSet<u64> {
-    let lines = people.lines().filter_map(|line| line.split_once("no longer kept by the other host: ticks "));
+    let lines = people.lines().filter_map(|line| line.split_once("no longer cached by the other host: "));
     let spans = lines.flat_map(|(_, spans)| spans.split(';').next().unwrap().split(", "));
     spans
         .flat_map(|span| {
@@ -344,12 +344,12 @@ fn a_replay_and_another_speed_are_refused_with_the_reason() {
     let board = board("tcp/127.0.0.1:7451", "");
     for (arguments, why) in [
         (&["--speed", "2"][..], "at another speed"),
-        (&["--in-process"], "one process has all slots"),
-        (&["--replay", "flight.csv"], "a replay waits for its slowest reader"),
+        (&["--in-process"], "runs all slots in one process"),
+        (&["--replay", "flight.csv"], "a replay waits for its slowest subscriber"),
     ] {
         let run = board.run(arguments);
         assert_eq!(run.code, Some(2), "{}", run.people);
-        assert!(run.people.contains("splitting the system over hosts") && run.people.contains(why), "{}", run.people);
+        assert!(run.people.contains("cannot split the system over hosts") && run.people.contains(why), "{}", run.people);
     }
 }
 

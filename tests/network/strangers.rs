@@ -17,7 +17,7 @@ use crate::common::{
     site::Site,
     until,
 };
-use link::SESSIONS_MAX;
+use link::MAX_SESSIONS;
 use wire::{command::ControlMessage, v1::SwapRequest};
 use zenoh::{
     Config, Session, Wait,
@@ -27,7 +27,7 @@ use zenoh::{
 /// The idle connections of an attack that was seen.
 const IDLE: usize = 1200;
 /// What a gateway under attack may have in memory, KiB.
-const MEMORY_MAX_KIB: u64 = 64 * 1024;
+const MAX_MEMORY_KIB: u64 = 64 * 1024;
 
 /// Somebody with nothing of ours.
 fn stranger(endpoint: &str, mode: &str) -> Session {
@@ -99,7 +99,7 @@ fn a_stranger_looks_and_neither_speaks_as_the_vehicle_nor_commands_it() {
             forger.delete(key(rest)).wait().unwrap();
         }
         for command in [key("command/swap"), key("**"), "plumbline/v1/*/command/*".into()] {
-            assert_eq!(ask(forger, &command, request.encoded()), Vec::<Vec<u8>>::new(), "{command}");
+            assert_eq!(ask(forger, &command, request.to_bytes()), Vec::<Vec<u8>>::new(), "{command}");
         }
         let token = forger.liveliness().declare_token(key("@live/ghost")).wait().unwrap();
         let answering = forger.declare_queryable(key("services")).callback({
@@ -184,7 +184,7 @@ fn messages_that_are_too_large_take_neither_memory_nor_the_board() {
         most_kib / 1024,
         latencies[1] / latencies[0]
     );
-    assert!(most_kib < MEMORY_MAX_KIB, "{most_kib} KiB");
+    assert!(most_kib < MAX_MEMORY_KIB, "{most_kib} KiB");
 }
 
 #[test]
@@ -206,10 +206,10 @@ fn a_client_that_declares_without_end_ends_a_gateway_that_says_so_and_the_board_
     }
     drop((declared, sessions));
     until("the next gateway", || {
-        gateway(&system).is_some_and(|one| one["state"] == "running" && one["at"].is_string())
+        gateway(&system).is_some_and(|one| one["state"] == "running" && one["address"].is_string())
     });
     let run = end(running);
-    assert!(run.people.contains("somebody sends or asks for too much"), "{}", run.people);
+    assert!(run.people.contains("memory limit exceeded"), "{}", run.people);
 }
 
 #[test]
@@ -234,10 +234,10 @@ fn who_comes_when_every_place_is_taken_is_told_so_and_gets_in_when_one_is_free()
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
     let endpoint = endpoint(&system);
-    let sessions: Vec<_> = (0..SESSIONS_MAX).map(|_| stranger(&endpoint, "client")).collect();
+    let sessions: Vec<_> = (0..MAX_SESSIONS).map(|_| stranger(&endpoint, "client")).collect();
     let ps = || plumb(&["ps", "--remote", &system.name, "--connect", &endpoint]).output().unwrap();
     let said = String::from_utf8(ps().stderr).unwrap();
-    assert!(said.contains(&format!("it lets in {SESSIONS_MAX} at once and has them")), "{said}");
+    assert!(said.contains(&format!("it accepts at most {MAX_SESSIONS} sessions and all are in use")), "{said}");
     sessions.into_iter().take(8).for_each(|session| session.close().wait().unwrap());
     until("a place", || ps().status.success());
     end(running);

@@ -101,7 +101,7 @@ impl Recording {
         assert_eq!(run.number("/ticks_out"), ticks.len() as f64);
         let refused = self.rows.len() - ticks.len();
         let readings = if refused == 1 { "reading" } else { "readings" };
-        assert!(run.line("ticks").ends_with(&format!(" {refused} {readings} refused")), "{}", run.people);
+        assert!(run.line("ticks").ends_with(&format!(" {refused} {readings} rejected")), "{}", run.people);
         let errors = ticks.iter().zip(attitudes).map(|(row, (_, q))| (row.at_s, inclination_deg(q, row.truth())));
         (run, errors.collect())
     }

@@ -9,8 +9,8 @@ use messages::{AttitudeOutput, Flags, FusedState};
 use pipeline::{Collector, OutFile};
 use runtime::{
     Pace, ServiceConfig, Slot,
-    frames::{attitude_in, fused_in},
-    quantities::chart_of,
+    frames::{attitude_to_frame, fused_to_frame},
+    convert::chart_to_payload,
 };
 use serde::Deserialize;
 
@@ -97,7 +97,7 @@ fn w_and_z_in_their_chart_give_matrix_quaternion_and_angles() {
         assert_angle(name, angles.pitch_rad, it.pitch_rad);
         if it.near_gimbal {
             // Yaw and roll are not told apart, but together they are the attitude.
-            assert!((Attitude::of_angles(angles).matrix() - it.matrix()).amax() < SAME, "{name}: {angles:?}");
+            assert!((Attitude::from_angles(angles).matrix() - it.matrix()).amax() < SAME, "{name}: {angles:?}");
         } else {
             assert_angle(name, angles.yaw_rad, it.yaw_rad);
             assert_angle(name, angles.roll_rad, it.roll_rad);
@@ -114,7 +114,7 @@ fn quaternion_and_angles_give_w_and_z_in_their_chart() {
     for it in vectors() {
         let [w, x, y, z] = it.quaternion_wxyz;
         let angles = Angles { yaw_rad: it.yaw_rad, pitch_rad: it.pitch_rad, roll_rad: it.roll_rad };
-        for got in [Attitude::of_quaternion(Quaternion::new(w, x, y, z)), Attitude::of_angles(angles)] {
+        for got in [Attitude::from_quaternion(Quaternion::new(w, x, y, z)), Attitude::from_angles(angles)] {
             let want = it.attitude();
             assert!((got.matrix() - it.matrix()).amax() < SAME, "{}", it.name);
             // On the equator either chart is right.
@@ -136,9 +136,9 @@ fn others_get_their_own_frames() {
             let name = format!("{}, {frame_name}", it.name);
             let state = FusedState { bias_rad_s: it.rate_rad_s, ..fused(&it) };
             let output = AttitudeOutput { rate_rad_s: it.rate_rad_s, jump: it.quaternion_wxyz, ..published(&it) };
-            let (given, fused) = (attitude_in(frame, output), fused_in(frame, state));
+            let (given, fused) = (attitude_to_frame(frame, output), fused_to_frame(frame, state));
             assert_rotation(&name, given.quaternion, want.quaternion_wxyz);
-            assert_rotation(&name, frames::ours(frame.earth(), frame.body(), given.quaternion), it.quaternion_wxyz);
+            assert_rotation(&name, frames::quaternion_to_native(frame.earth(), frame.body(), given.quaternion), it.quaternion_wxyz);
             assert_angle(&name, given.pitch_rad, want.pitch_rad);
             if !it.near_gimbal {
                 assert_angle(&name, given.yaw_rad, want.yaw_rad);
@@ -167,7 +167,7 @@ fn fused(it: &Vector) -> FusedState {
     FusedState {
         w: [attitude.up.w.re, attitude.up.w.im],
         z_rad: attitude.z_rad,
-        chart: chart_of(attitude.up.chart),
+        chart: chart_to_payload(attitude.up.chart),
         ..bytemuck::Zeroable::zeroed()
     }
 }
@@ -178,13 +178,13 @@ fn published(it: &Vector) -> AttitudeOutput {
         launch: Launch::default(),
         rate_hz: 100.0,
         pace: Pace::Max,
-        ticks_max: None,
+        max_ticks: None,
         incarnation: 0,
         epoch: runtime::service_config::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
-        readings: false,
+        publishes_readings: false,
         supervisor_pid: 0,
     };
     let mut output = None;

@@ -143,7 +143,7 @@ fn faults_of_every_kind_give_the_same_bytes_from_one_process_and_five() {
         "\"off\"",
         "\"stuck\"",
         "\"garbage\"\nseed = 7",
-        "\"wrong\"\nfactor = -0.7",
+        "\"miscalibrated\"\nfactor = -0.7",
         "\"slow\"\nevery = 7",
         "\"delayed\"\ndelay_s = 0.123",
         "\"intermittent\"\nshare = 0.61\nseed = 9",

@@ -192,9 +192,9 @@ fn a_port_that_is_taken_is_told_with_the_remedy_and_opened_once_it_is_free() {
     let port = taken.local_addr().unwrap();
     let system = System::new("");
     let told = Told::start(&system, &["--source", &format!("udp:{port}?rate_hz=100")]);
-    told.await_saying("end it, or set another `listen`; it is tried again");
+    told.await_saying("stop it, or set another `listen`; it is retried automatically");
     drop(taken);
-    told.await_saying(&format!("drivers: no more: reading datagrams to {port}"));
+    told.await_saying(&format!("drivers: resolved: cannot read datagrams to {port}"));
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut t = 0;
     until("readings", || {
@@ -280,7 +280,7 @@ fn a_program_of_ones_own_feeds_a_system_and_goes_on_when_that_has_begun_anew() {
         opened.is_some()
     });
     let mut sensor = opened.unwrap();
-    assert_eq!(sensor.holds(), 1200, "buffer_s is 6");
+    assert_eq!(sensor.capacity(), 1200, "buffer_s is 6");
     let mut t = 0;
     let mut feed_until = |ticks: u64| {
         until("ticks", || {
@@ -301,7 +301,7 @@ fn a_program_of_ones_own_feeds_a_system_and_goes_on_when_that_has_begun_anew() {
     running.interrupt();
     let run = running.wait();
     assert!(run.number("/ticks_out") >= 300.0, "{}", run.people);
-    assert!(run.people.contains("every service starts anew"), "{}", run.people);
+    assert!(run.people.contains("restarting every service"), "{}", run.people);
     assert_eq!(system.remains(), Vec::<String>::new());
 }
 
@@ -343,7 +343,7 @@ fn what_is_wrong_with_a_source_is_said_before_anything_starts() {
     for (arguments, code, said) in [
         (["--source", "serail:/dev/ttyUSB0"], 3, "did you mean \"serial\"?"),
         (["--source", "stdin?format=xml"], 3, "allowed: \"csv\", \"protobuf\""),
-        (["--source", "serial"], 3, "name it: port = "),
+        (["--source", "serial"], 3, "set port = "),
         (["--receiver", "tpc:gnss:1"], 3, "\"tcp:HOST:PORT\""),
         (["--receiver", "tcp:gnss:1"], 2, "name a device, too"),
         (["--map", "gx=wx"], 2, "name one of them"),

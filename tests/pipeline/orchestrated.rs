@@ -7,7 +7,7 @@ use launch::Service;
 use messages::{AttitudeOutput, Chart, Flags, FusedState, Health, SensorReading};
 use runtime::{
     clock::{monotonic_ns, sleep_until_ns},
-    service_config::BUFFER_BESIDE,
+    service_config::CONTROL_BUFFER,
 };
 use rustix::process::Signal;
 use scenario::{Errors, Motion, Sensors};
@@ -43,7 +43,7 @@ impl Bench {
             joined.is_some()
         });
         let bus = joined.unwrap();
-        let health: Subscriber<Health> = bus.subscriber(BUFFER_BESIDE).unwrap();
+        let health: Subscriber<Health> = bus.subscriber(CONTROL_BUFFER).unwrap();
         let attitude = bus.subscriber(BUFFER).unwrap();
         let sensor = bus.publisher(BUFFER).unwrap();
         let mut ready = [false; Service::PATH.len()];

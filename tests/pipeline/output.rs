@@ -212,6 +212,6 @@ print(len(rows), far)
         said.trim().split_once(' ').unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     assert_eq!(rows, "3000");
     assert!(far_rad.parse::<f64>().unwrap() < 1e-7, "{said}");
-    let ours = frames::ours(frames::Earth::Enu, frames::Body::Flu, [1.0, 0.0, 0.0, 0.0]);
+    let ours = frames::quaternion_to_native(frames::Earth::Enu, frames::Body::Flu, [1.0, 0.0, 0.0, 0.0]);
     assert!(ours[0] > 0.0 && ours[3] < 0.0, "level and facing east: {ours:?}");
 }

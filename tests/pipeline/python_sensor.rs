@@ -74,10 +74,10 @@ fn what_python_sends_is_what_ingest_takes_bit_for_bit() {
     let system = System::new(FROM_THE_BUS);
     let running = system.start(&["--readings"]);
     let (feeder, said) = joined(python, &system);
-    assert_eq!(said["holds"], 1200, "buffer_s is 6");
+    assert_eq!(said["capacity"], 1200, "buffer_s is 6");
     let layouts = [SensorReading::layout(), ReceiverReading::layout()].map(|layout| layout.to_string());
     assert_eq!(said["layouts"], serde_json::json!(layouts));
-    assert_eq!(said["places"], serde_json::json!([SensorReading::TOPIC.place, ReceiverReading::TOPIC.place]));
+    assert_eq!(said["places"], serde_json::json!([SensorReading::TOPIC.index, ReceiverReading::TOPIC.index]));
     let bus = Bus::join(&SystemName::new(&system.name).unwrap(), "test").unwrap();
     let readings = bus.subscriber::<TakenReading>(1200).unwrap();
     bus.wake_all();
@@ -133,7 +133,7 @@ fn the_program_goes_on_when_the_system_has_begun_anew() {
     course_has(300);
     running.interrupt();
     let run = running.wait();
-    assert!(run.people.contains("every service starts anew"), "{}", run.people);
+    assert!(run.people.contains("restarting every service"), "{}", run.people);
     // Of another run of the name it joins that one, once it has left the former.
     feeder.said.try_iter().for_each(drop);
     until("the end to be noticed", || feeder.line().contains("gone"));

@@ -292,7 +292,7 @@ fn what_is_wrong_with_the_input_is_told_before_the_table_and_nothing_of_what_is_
     assert!(!said("right.csv").contains("warning"), "{}", said("right.csv"));
     for (file, words) in [
         ("g.csv", ["warning: g: force-unit", "--units g", "ingest.calibration.accel.scale = [9.80665"]),
-        ("twice.csv", ["warning: twice: 400 readings refused", "stamps equal to the one before: 400", "twice: stamps"]),
+        ("twice.csv", ["warning: twice: 400 readings refused", "stamps equal to the one before: 400", "twice: timestamps"]),
     ] {
         words.iter().for_each(|words| assert!(said(file).contains(words), "no {words:?} in:\n{}", said(file)));
     }

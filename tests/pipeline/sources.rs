@@ -454,14 +454,14 @@ fn what_is_wrong_with_a_device_is_named_by_the_doctor_and_told_once() {
             (0..33).map(|i| (n.wrapping_mul(2_654_435_761).wrapping_add(i * 97) >> 3) as u8 | 0x80).collect();
         device.write_all(&noise).is_ok()
     });
-    await_trouble(&system, "no message of witmotion is among them");
+    await_trouble(&system, "but no witmotion message");
     assert!(source_troubles(&system).iter().any(|trouble| trouble.contains("baud")), "the remedy");
     // Unplugged.
     drop(garbage);
-    await_trouble(&system, "it is tried again");
+    await_trouble(&system, "it is retried automatically");
     running.interrupt();
     let run = running.wait();
-    assert_eq!(run.people.matches("no message of witmotion").count(), 1, "{}", run.people);
+    assert_eq!(run.people.matches("but no witmotion message").count(), 1, "{}", run.people);
 }
 
 #[test]
@@ -481,7 +481,7 @@ fn a_second_sender_is_named_and_left_out() {
     let first = sender("0,0,9.8");
     await_ticks(&system, 100);
     let second = sender("9.8,0,0");
-    await_trouble(&system, "another one sends, too");
+    await_trouble(&system, "datagrams from another sender");
     await_ticks(&system, 400);
     drop(second);
     end_level(running, &out);
@@ -513,7 +513,7 @@ fn a_device_that_falls_silent_is_named() {
     let port = system.path("imu");
     let mut device = plugged_in(&port);
     let running = system.start(&["--source", &format!("serial:{}?format=rvc&rate_hz=100", port.display())]);
-    await_trouble(&system, "is open, and nothing comes");
+    await_trouble(&system, "is open but sends no data");
     running.interrupt();
     assert_eq!(running.wait().code, Some(0));
     // The other end stayed open.

@@ -107,7 +107,7 @@ fn a_live_flight_is_flown_again_with_the_date_on_which_it_was_flown() {
         t += 1;
         if t % 100 == 0 {
             let known =
-                driver::Known { latitude_rad: Some(0.9), longitude_rad: Some(-1.2), ..driver::Known::default() };
+                driver::FixMetadata { latitude_rad: Some(0.9), longitude_rad: Some(-1.2), ..driver::FixMetadata::default() };
             receiver.send([0.0; 3], known).unwrap();
         }
         let rate_rad_s = [0.001 * f64::from(t % 7), 0.0, 0.1];

@@ -61,17 +61,17 @@ fn a_candidate_that_dies_when_it_is_ready() {
 
 #[test]
 fn a_candidate_of_another_layout() {
-    assert_aborted("other-layout", "another layout is on the bus");
+    assert_aborted("other-layout", "the layout on the bus differs");
 }
 
 #[test]
 fn a_candidate_that_never_becomes_ready() {
-    assert_aborted("never-ready", "had not opened its topics");
+    assert_aborted("never-ready", "did not open its topics");
 }
 
 #[test]
 fn a_candidate_that_hangs() {
-    assert_aborted("hangs-when-ready", "the new stage ended");
+    assert_aborted("hangs-when-ready", "the new stage exited");
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn a_candidate_that_misses_the_commitment() {
 
 #[test]
 fn a_candidate_that_gives_what_is_not_a_number() {
-    assert_aborted("gives-nan", "what cannot be an output");
+    assert_aborted("gives-nan", "an invalid output");
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn starts_anew_and_loses_nothing(cases: &[(&str, &str)]) {
     }
     let run = system.assert_ends_undisturbed(running, &out, "");
     println!("{} longest latency {} µs", run.json["ticks_out"], run.number("/latency_us/max"));
-    let times = run.people.matches("every service starts anew from its checkpoint").count();
+    let times = run.people.matches("restarting every service from its checkpoint").count();
     assert_eq!(times, cases.len(), "{}", run.people);
 }
 
@@ -73,23 +73,23 @@ fn a_system_whose_files_are_removed_is_not_taken_for_dead_and_starts_anew_when_a
         let doctor = plumb(&[&["doctor", "--json", "--system", &system.name], fix].concat()).output().unwrap();
         let said = String::from_utf8(doctor.stdout).unwrap();
         assert_eq!(doctor.status.code(), Some(1), "{said}");
-        assert!(said.contains("somebody removed files of") && !said.contains("does not run"), "{said}");
+        assert!(said.contains("somebody removed files of") && !said.contains("is not running"), "{said}");
     }
     assert_eq!(system.ps().len(), 5, "the doctor has left it alone");
     let look = plumb(&["topic", "hz", "imu", "--count", "1", "--system", &system.name]).output().unwrap();
     let said = String::from_utf8(look.stderr).unwrap();
-    assert!(said.contains("somebody removed its files while it runs"), "{said}");
+    assert!(said.contains("its files were removed while it is running"), "{said}");
 
     let refused = system.ask_swap(&["fuser", "multiple-model"]);
     let reason = refused["reason"].as_str().unwrap();
-    assert!(reason.contains("somebody removed its files") || reason.contains("every service starts anew"), "{reason}");
+    assert!(reason.contains("its files were removed") || reason.contains("every service is restarting"), "{reason}");
     until("everybody to start anew", || {
         running.services().iter().filter(|(_, pid)| !before.contains(pid)).count() == 5
     });
     system.all_run();
     assert_eq!(system.swap(&["fuser", "multiple-model"])["outcome"], "committed");
     let run = system.assert_ends_undisturbed(running, &out, "");
-    assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 1, "{}", run.people);
+    assert_eq!(run.people.matches("restarting every service from its checkpoint").count(), 1, "{}", run.people);
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn who_removes_files_again_and_again_ends_the_system_with_a_report_that_says_so(
     assert_eq!(run.code, Some(1), "{}", run.people);
     let error = run.json["error"].as_str().unwrap();
     assert!(error.contains("4 times within 60 s"), "{error}");
-    assert_eq!(run.people.matches("every service starts anew from its checkpoint").count(), 3, "{}", run.people);
+    assert_eq!(run.people.matches("restarting every service from its checkpoint").count(), 3, "{}", run.people);
 }
 
 #[test]

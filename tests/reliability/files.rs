@@ -47,7 +47,7 @@ fn found(system: &System) -> Vec<Found> {
 fn assert_own(system: &System, when: &str) {
     let all = found(system);
     let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", system.name));
-    for what in [".wake", ".members", ".global_mgmt", ".data", ".connection", "/door"] {
+    for what in [".wake", ".members", ".global_mgmt", ".data", ".connection", "/control"] {
         assert!(all.iter().any(|one| one.path.to_string_lossy().ends_with(what)), "{when}: no {what} in {all:?}");
     }
     let is_below = |one: &Found| one.is_dir && one.path.starts_with(&folder) && one.path != folder;
@@ -148,14 +148,14 @@ fn the_folder_of_another_user_is_neither_used_nor_removed() {
     }
     let system = System::new("");
     let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", system.name));
-    as_nobody(&format!("mkdir -m 777 {0} && echo x > {0}/door && chmod 666 {0}/door", folder.display()));
+    as_nobody(&format!("mkdir -m 777 {0} && echo x > {0}/control && chmod 666 {0}/control", folder.display()));
     for command in [&mut system.command(&["--for", "1s"]), &mut plumb(&["ps", "--system", &system.name])] {
         let output = command.output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{said}");
-        let why = "it belongs to user 65534, and this is user 0";
+        let why = "it belongs to user 65534, not to user 0";
         assert!(said.contains(why) && said.contains("sudo -u '#65534' plumb"), "{said}");
-        assert_eq!(fs::read_to_string(folder.join("door")).unwrap(), "x\n");
+        assert_eq!(fs::read_to_string(folder.join("control")).unwrap(), "x\n");
     }
     fs::set_permissions(&folder, fs::Permissions::from_mode(0o700)).unwrap();
     fs::remove_dir_all(&folder).unwrap();

@@ -168,13 +168,13 @@ fn a_flight_whose_files_were_removed_in_flight_is_flown_again_to_the_same_bytes(
         system.all_run();
         committed(system, &["fuser", "vqf"]);
     });
-    assert_eq!(flown.run.people.matches("every service starts anew").count(), 1, "{}", flown.run.people);
+    assert_eq!(flown.run.people.matches("restarting every service").count(), 1, "{}", flown.run.people);
     flown.assert_same_again();
 }
 
 #[test]
 fn of_a_flight_in_which_a_slot_was_nobodys_it_is_told_from_which_tick_on_it_may_differ() {
-    let rule = "[restart]\nsettled_s = 60\nlimit = 0\non_limit = \"degrade\"\n";
+    let rule = "[restart]\nmin_uptime_s = 60\nlimit = 0\non_limit = \"degrade\"\n";
     let system = System::new(&format!("lateness_s = 0.3\n{LAUNCH}{rule}"));
     let (running, flights) = Flown::begin(&system, &[]);
     signal(running.service("course"), Signal::KILL);

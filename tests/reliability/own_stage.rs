@@ -117,7 +117,7 @@ fn a_stage_of_any_language_is_swapped_in_and_out_and_nothing_is_lost() {
         let run = running.wait();
         run.assert_whole();
         for said in
-            ["no such parameter; there are time_constant_s", "time_constant_s: expected 0.01 to 1000 s, found 0"]
+            ["unknown parameter; available: time_constant_s", "time_constant_s: expected 0.01 to 1000 s, found 0"]
         {
             assert!(run.people.contains(said), "{said}: {}", run.people);
         }
@@ -165,7 +165,7 @@ fn disturbed_as_undisturbed(compiler: &str) {
         assert!(service(system, "fuser")["restarts"].as_u64() >= Some(4));
         assert_eq!(swapped(system, "fuser", "my-fuser")["jump_deg"], 0.0);
     });
-    for said in ["was ended by signal 9", "ended with signal: 9 (SIGKILL) when", "has said nothing for"] {
+    for said in ["was killed by signal 9", "ended with signal: 9 (SIGKILL) on the request", "has reported no health for"] {
         assert!(people.contains(said), "{said}: {people}");
     }
     let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
@@ -227,7 +227,7 @@ fn a_watch_promotes_a_stage_of_ones_own() {
     running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    assert!(run.people.contains("watch fuser: my-fuser has proved itself"), "{}", run.people);
+    assert!(run.people.contains("watch fuser: promoting my-fuser"), "{}", run.people);
 }
 
 /// The inclination error of each fuser asked for, degrees.
@@ -346,7 +346,7 @@ fn a_program_that_talks_without_end_is_not_held_up_and_its_last_words_are_shown(
     running.interrupt();
     let run = running.wait();
     run.assert_whole();
-    assert!(run.people.contains("bytes are left out)\n") && run.people.contains("xxx"), "{}", run.people);
+    assert!(run.people.contains("earlier bytes omitted)\n") && run.people.contains("xxx"), "{}", run.people);
     assert_eq!(assert_in_order(&out) as f64, run.number("/ticks_out"));
 }
 
@@ -360,11 +360,11 @@ fn an_output_that_is_none_begins_the_stage_anew_once_and_is_flagged() {
 #[test]
 fn a_program_that_gives_no_output_any_more_ends_the_system_with_the_reason_where_that_is_configured() {
     // One that dies is given the time to say why.
-    let rule = "[restart]\nsilence_s = 2\nsettled_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";
+    let rule = "[restart]\nsilence_s = 2\nmin_uptime_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";
     for (fault, said) in [
-        ("gives-nan-always", "`own` gives a course outside [0, 2π), also when it begins anew"),
-        ("dies", "when it was asked to step"),
-        ("hangs", "was asked to step and has said nothing for"),
+        ("gives-nan-always", "`own` returned a course outside [0, 2π), also after a reset"),
+        ("dies", "on the request to step"),
+        ("hangs", "has not responded to the request to step for"),
     ] {
         let run = hosted(fault, rule).run(&["--for", "60s"]);
         assert_eq!(run.code, Some(1), "{fault}: {}", run.people);
@@ -378,12 +378,12 @@ fn what_no_program_can_do_is_said() {
     let with =
         |command: &str| System::new(&format!("{launch}command = {command}\n[restart]\nlimit = 1\nbackoff_s = 0\n"));
     let cases = [
-        ("[\"/nowhere/mine\"]", 3, "there is no file /nowhere/mine"),
-        ("[\"no-such-program\", \"x\"]", 3, "no folder of PATH has a file \"no-such-program\""),
+        ("[\"/nowhere/mine\"]", 3, "file /nowhere/mine does not exist"),
+        ("[\"no-such-program\", \"x\"]", 3, "\"no-such-program\" is not in PATH"),
         (
             "[\"sh\", \"-c\", \"echo I cannot >&2; exit 3\"]",
             1,
-            "ended with exit status: 3 when it was asked to describe itself",
+            "ended with exit status: 3 on the request to describe itself",
         ),
     ];
     for (command, code, said) in cases {
@@ -395,7 +395,7 @@ fn what_no_program_can_do_is_said() {
     }
     let other = format!("[{:?}, \"hosted\", \"none\"]", faulty());
     let run = with(&other).run(&["--in-process"]);
-    assert!(run.people.contains("`slot course`, and it is to fill the slot fuser"), "{}", run.people);
+    assert!(run.people.contains("it is a stage of the slot course, not of fuser"), "{}", run.people);
     let output = plumb(&["stage", "new", "My Fuser", "--lang", "python"]).output().unwrap();
     assert_eq!(output.status.code(), Some(2));
 }

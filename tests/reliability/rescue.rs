@@ -53,7 +53,7 @@ fn assert_no_other_lines(run: &Run, out: &Path) {
 #[test]
 fn a_slot_that_is_held_is_rescued_by_a_swap_and_nothing_is_lost_that_the_topics_hold() {
     let buffer = "buffer_s = 30\nlateness_s = 20\n";
-    let system = failing(buffer, "dies-when-ready", "on_limit = \"hold\"\nbackoff_max_s = 0.2");
+    let system = failing(buffer, "dies-when-ready", "on_limit = \"retry\"\nbackoff_max_s = 0.2");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     until("the limit", || restarts(&system, "course") >= 4);
@@ -65,7 +65,7 @@ fn a_slot_that_is_held_is_rescued_by_a_swap_and_nothing_is_lost_that_the_topics_
     assert_eq!(system.swap(&["course", "track"])["outcome"], "committed");
     assert_eq!(system.swap(&["course", "angles"])["outcome"], "committed");
     let run = system.assert_ends_undisturbed(running, &out, "");
-    assert!(run.people.contains("`plumb swap course STAGE` puts another stage in its place"), "{}", run.people);
+    assert!(run.people.contains("replace its stage with `plumb swap course STAGE`"), "{}", run.people);
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn a_slot_that_has_failed_is_rescued_by_a_swap_and_what_is_lost_is_counted() {
 
 #[test]
 fn each_slot_that_has_failed_is_rescued_by_another_kind_of_stage() {
-    let system = System::new("lateness_s = 0.3\n[restart]\nsettled_s = 60\nlimit = 0\non_limit = \"degrade\"");
+    let system = System::new("lateness_s = 0.3\n[restart]\nmin_uptime_s = 60\nlimit = 0\non_limit = \"degrade\"");
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.all_run();
@@ -114,7 +114,7 @@ fn each_slot_that_has_failed_is_rescued_by_another_kind_of_stage() {
 
 #[test]
 fn who_dies_in_the_place_of_another_leaves_the_slot_as_it_was() {
-    for rule in ["on_limit = \"hold\"\nbackoff_max_s = 0.2", "on_limit = \"degrade\""] {
+    for rule in ["on_limit = \"retry\"\nbackoff_max_s = 0.2", "on_limit = \"degrade\""] {
         let system = failing("", "dies-when-ready", rule);
         let running = system.start(&[]);
         until("the limit", || restarts(&system, "course") >= 2);

@@ -76,9 +76,9 @@ fn a_service_that_somebody_else_asks_to_end_goes_on_and_that_is_said() {
             let ended = format!("{service}: process ");
             run.people.lines().filter(|line| line.starts_with(&ended) && line.contains(how)).count() as u64
         };
-        assert_eq!(told("as if somebody else had sent it SIGTERM"), 1, "{service}: {}", run.people);
+        assert_eq!(told("as after a SIGTERM"), 1, "{service}: {}", run.people);
         // On a machine with too much to do one may be silent for so long that the supervisor kills it.
-        assert_eq!(restarts(&run, service), 1 + told("was ended by signal 9"), "{service}: {}", run.people);
+        assert_eq!(restarts(&run, service), 1 + told("was killed by signal 9"), "{service}: {}", run.people);
     }
 }
 
@@ -176,7 +176,7 @@ fn a_service_that_freezes_is_killed_and_goes_on() {
             until("the frozen one to be replaced", || running.service(service) != pid);
         }
     });
-    assert!(run.people.contains("has said nothing for"), "{}", run.people);
+    assert!(run.people.contains("has reported no health for"), "{}", run.people);
 }
 
 /// Kills a service, and stops its next incarnation as soon as there is one.
@@ -235,7 +235,7 @@ fn a_service_that_cannot_start_yet_is_waited_for_where_the_rule_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let there = folder.path().join("there");
     let command = format!("test -e {} && exec {} hosted none", there.display(), crate::common::faulty().display());
-    let rule = "limit = 1\nbackoff_s = 0.01\nbackoff_max_s = 0.1\non_limit = \"hold\"";
+    let rule = "limit = 1\nbackoff_s = 0.01\nbackoff_max_s = 0.1\non_limit = \"retry\"";
     let stage = format!("slot = \"course\"\ncommand = [\"sh\", \"-c\", {command:?}]");
     let system = System::new(&format!("[course]\nstage = \"late\"\n[stages.late]\n{stage}\n[restart]\n{rule}"));
     let out = system.path("out.csv");
@@ -249,7 +249,7 @@ fn a_service_that_cannot_start_yet_is_waited_for_where_the_rule_says_so() {
 
 #[test]
 fn a_service_that_cannot_live_ends_the_system_with_its_name() {
-    let system = System::new("[restart]\nsettled_s = 60\nbackoff_s = 0\nlimit = 2");
+    let system = System::new("[restart]\nmin_uptime_s = 60\nbackoff_s = 0\nlimit = 2");
     let running = system.start(&["--for", "60s"]);
     let mut last = 0;
     for _ in 0..3 {
@@ -259,7 +259,7 @@ fn a_service_that_cannot_live_ends_the_system_with_its_name() {
     }
     let run = running.wait();
     assert_eq!(run.code, Some(1), "{}", run.people);
-    let said = format!("the service gyro (process {last}) was ended by signal 9; the system was stopped");
+    let said = format!("service gyro (process {last}) was killed by signal 9; the system was stopped");
     assert!(run.people.contains(&said), "{}", run.people);
     assert!(run.json["error"].as_str().unwrap().starts_with(&said), "{}", run.json);
     assert_eq!(restarts(&run, "gyro"), 2);
@@ -269,7 +269,7 @@ fn a_service_that_cannot_live_ends_the_system_with_its_name() {
 #[test]
 fn without_an_accelerometer_a_degraded_system_goes_on_and_says_so() {
     let system =
-        System::new("buffer_s = 1.0\nlateness_s = 0.3\n[restart]\nsettled_s = 60\nlimit = 0\non_limit = \"degrade\"");
+        System::new("buffer_s = 1.0\nlateness_s = 0.3\n[restart]\nmin_uptime_s = 60\nlimit = 0\non_limit = \"degrade\"");
     let running = system.start(&["--for", "4s"]);
     running.all_services();
     pause(1000);
@@ -278,12 +278,12 @@ fn without_an_accelerometer_a_degraded_system_goes_on_and_says_so() {
     assert_eq!(run.code, Some(0), "{}", run.people);
     assert_eq!((run.number("/ticks_out"), run.number("/lost")), (4000.0, 0.0), "{}", run.people);
     assert!(run.line("flags").contains("accel-missing"), "{}", run.people);
-    assert!(run.people.contains("it has failed and stays away"), "{}", run.people);
+    assert!(run.people.contains("restart limit reached, not restarted"), "{}", run.people);
 }
 
 #[test]
 fn where_a_slot_is_held_a_service_that_cannot_live_is_tried_again() {
-    let launch = "[restart]\nsettled_s = 60\nlimit = 0\nbackoff_max_s = 0.1\non_limit = \"hold\"";
+    let launch = "[restart]\nmin_uptime_s = 60\nlimit = 0\nbackoff_max_s = 0.1\non_limit = \"retry\"";
     let run = assert_undisturbed(launch, &[], |running| {
         kill_lives(running, "fuser", 4, 400);
     });

@@ -100,14 +100,14 @@ fn what_cannot_be_is_refused_and_changes_no_byte() {
     let out = system.path("out.csv");
     let running = started(&system, &["--out", out.to_str().unwrap()]);
     for (arguments, reason) in [
-        (&["wing", "wz"][..], "there is no slot `wing`"),
-        (&["ingest", "wz"], "there is no slot `ingest`"),
+        (&["wing", "wz"][..], "no slot `wing`"),
+        (&["ingest", "wz"], "no slot `ingest`"),
         (&["fusr", "wz"], "did you mean `fuser`?"),
-        (&["fuser", "kalman"], "there is no stage `kalman`; for the slot `fuser` there are "),
+        (&["fuser", "kalman"], "no stage named `kalman`; stages of the slot `fuser`: "),
         (&["fuser", "kalman"], ", madgwick-improved, "),
         (&["fuser", "wz-opne"], "did you mean `wz-open`?"),
-        (&["course", "wz"], "`wz` fills the slot `fuser`, not `course`"),
-        (&["fuser", "wz", "--set", "colour=3"], "no such parameter"),
+        (&["course", "wz"], "`wz` belongs to the slot `fuser`, not `course`"),
+        (&["fuser", "wz", "--set", "colour=3"], "unknown parameter"),
         (&["fuser", "wz", "--set", "hard_iron_sd_ut=-3"], "hard_iron_sd_ut"),
     ] {
         let report = system.ask_swap(arguments);
@@ -147,11 +147,11 @@ fn a_candidate_that_dies_and_an_owner_that_dies_meanwhile_leave_the_old_stage() 
         let second = system.ask_swap(&["fuser", "aided"]);
         assert_eq!(second["outcome"], "refused", "two at once: {second}");
         let reason = second["reason"].as_str().unwrap();
-        assert!(reason.contains("still under way") && reason.contains("Ctrl-C"), "{reason}");
+        assert!(reason.contains("is in progress") && reason.contains("Ctrl-C"), "{reason}");
         let victim = lives(&running, "fuser").into_iter().find(|pid| (*pid == owner) == victim_is_owner).unwrap();
         signal(victim, Signal::KILL);
         let said = String::from_utf8(asking.wait_with_output().unwrap().stderr).unwrap();
-        assert!(said.contains("multiple-model stays"), "{said}");
+        assert!(said.contains("unchanged (multiple-model)"), "{said}");
         until("one fuser", || lives(&running, "fuser").len() == 1);
         assert_eq!(stage_in(&system, "fuser"), "multiple-model");
     }

@@ -7,7 +7,7 @@
 use std::{io::Write, process::ExitCode, rc::Rc, time::Duration};
 
 use attitude::{
-    course::{Course, CourseInput, LastReading, Reading},
+    course::{Course, CourseInput, LastReading, CourseReading},
     stage::{RestoreError, Stage},
 };
 use bus::Subscriber;
@@ -28,16 +28,16 @@ fn main() -> ExitCode {
 
 /// The program: sound until its hundredth step.
 fn hosted(fault: &str) -> ExitCode {
-    let stage = Course::named("angles").unwrap();
+    let stage = Course::from_name("angles").unwrap();
     sdk::course(Program { stage, fault: fault.into(), steps: 0 })
 }
 
 fn service() {
     let mut context = ServiceContext::join(Service::Course).unwrap();
-    let program = context.config.launch.program(Service::Course).map(|program| program.command[1].clone());
+    let program = context.config.launch.external_stage(Service::Course).map(|program| program.command[1].clone());
     let Some(fault) = program.filter(|fault| fault != "hosted") else {
         let slot = course::slot(&context.config).unwrap();
-        let (fused, gnss) = (context.reader::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
+        let (fused, gnss) = (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
         return serve(context, slot, &[&fused, &gnss]).unwrap();
     };
     "angles".clone_into(&mut context.config.launch.course.stage);
@@ -57,7 +57,7 @@ fn service() {
         fault: fault.clone(),
         ticks: 0,
     };
-    let (fused, gnss) = (context.reader::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
+    let (fused, gnss) = (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
     serve(context, slot, &[&fused, &gnss]).unwrap();
     if fault == "ignores-sigterm" {
         std::thread::sleep(Duration::from_secs(3600));
@@ -74,22 +74,22 @@ struct Program {
 
 impl Stage for Program {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
 
     fn name(&self) -> &'static str {
         "program"
     }
 
-    fn step(&mut self, input: &CourseInput) -> Reading {
+    fn step(&mut self, input: &CourseInput) -> CourseReading {
         self.steps += 1;
         let reading = self.stage.step(input);
         match self.fault.as_str() {
             "talks" => std::io::stderr().write_all(&vec![b'x'; if self.steps == 20 { 1 << 20 } else { 4096 }]).unwrap(),
             "hangs" if self.steps == 100 => std::thread::sleep(Duration::from_secs(3600)),
             "dies" if self.steps == 100 => panic!("on purpose"),
-            "gives-nan" if self.steps == 100 => return Reading { course_rad: f64::NAN, ..reading },
-            "gives-nan-always" if self.steps >= 100 => return Reading { course_rad: f64::NAN, ..reading },
+            "gives-nan" if self.steps == 100 => return CourseReading { course_rad: f64::NAN, ..reading },
+            "gives-nan-always" if self.steps >= 100 => return CourseReading { course_rad: f64::NAN, ..reading },
             _ => {}
         }
         reading
@@ -143,8 +143,8 @@ impl Slot for Faulty {
         self.slot.sequence()
     }
 
-    fn lacks(&self) -> usize {
-        self.slot.lacks()
+    fn awaited_input(&self) -> usize {
+        self.slot.awaited_input()
     }
 
     fn failure(&self) -> Option<String> {
@@ -159,12 +159,12 @@ impl Slot for Faulty {
         self.slot.stage_mut()
     }
 
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        self.slot.visit_own(visit);
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.slot.visit_own_state(visit);
     }
 
-    fn expect_until(&mut self, tick: u64) {
-        self.slot.expect_until(tick);
+    fn expect_backlog(&mut self, tick: u64) {
+        self.slot.expect_backlog(tick);
     }
 }
 
@@ -191,13 +191,13 @@ impl Message for OtherState {
     const TYPE: &'static str = "plumbline.FusedState.0";
 
     fn layout() -> Layout {
-        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, about: "" }];
+        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, description: "" }];
         Layout {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
             topic: Some(Self::TOPIC.name),
-            about: "",
+            description: "",
             header_fields: 0,
         }
     }

@@ -1,14 +1,20 @@
 //! Yaw, pitch and roll.
 //!
-//! Input: an attitude. Output: angles of the sequence ψ about ζ, ϑ about ξ, γ about η. Time: none.
-//! Failure: none; at ϑ = ±90° yaw and roll are not unique and only their sum or difference means something.
+//! Input: an attitude.
+//!
+//! Output: angles of the sequence ψ about ζ, ϑ about ξ, γ about η.
+//!
+//! Failure: none. At ϑ = ±90° yaw and roll are not unique; only their sum or difference is
+//! meaningful.
 
-use crate::{Vector3, state::Attitude, turn::Turn};
+use crate::{Vector3, state::Attitude, rotation::Rotation};
 
-/// cos ϑ below which the nose is vertical: yaw and roll by themselves would be rounding.
-const VERTICAL: f64 = 1e-8;
+/// Smallest cos ϑ at which yaw and roll are separated. Below it they would consist of rounding
+/// errors.
+const MIN_PITCH_COSINE: f64 = 1e-8;
 
-/// Yaw ψ counter-clockwise from above, pitch ϑ nose up, roll γ right side down — Matveev 2025, (22).
+/// Yaw ψ counter-clockwise from above, pitch ϑ nose up and roll γ right side down — Matveev 2025,
+/// (22).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Angles {
     /// ψ, rad, (−π, π].
@@ -20,18 +26,20 @@ pub struct Angles {
 }
 
 impl Attitude {
-    /// From yaw, pitch and roll — Matveev 2025, (22), (26).
-    pub fn of_angles(angles: Angles) -> Self {
-        let about = |x: f64, y: f64, z: f64| Turn::of_rotation_vector(Vector3::new(x, y, z));
-        let turn = about(0.0, 0.0, angles.yaw_rad).then(about(angles.pitch_rad, 0.0, 0.0)).then(about(
+    /// Creates the attitude from yaw, pitch and roll — Matveev 2025, (22), (26).
+    pub fn from_angles(angles: Angles) -> Self {
+        let about = |x: f64, y: f64, z: f64| Rotation::from_rotation_vector(Vector3::new(x, y, z));
+        let rotation = about(0.0, 0.0, angles.yaw_rad).then(about(angles.pitch_rad, 0.0, 0.0)).then(about(
             0.0,
             angles.roll_rad,
             0.0,
         ));
-        Self::of_quaternion(turn.quaternion())
+        Self::from_quaternion(rotation.quaternion())
     }
 
-    /// Matveev 2025, (23)–(25), with the two-argument arctangent; pitch by the arctangent too, exact up to the vertical.
+    /// Returns yaw, pitch and roll — Matveev 2025, (23)–(25), with the two-argument arctangent.
+    ///
+    /// Pitch uses the arctangent, too, which is exact up to the vertical.
     pub fn angles(self) -> Angles {
         let (u, v) = (self.up.w.re, self.up.w.im);
         let rho = u * u + v * v;
@@ -39,8 +47,9 @@ impl Attitude {
         let (sin, cos) = libm::sincos(self.z_rad);
         let (east, north) = (1.0 + u * u - v * v, 2.0 * u * v);
         let level = libm::hypot(2.0 * u, 1.0 - rho);
-        if level < VERTICAL * (1.0 + rho) {
-            // Of the turns that make up yaw and roll only one is left: all of it is yaw, from the first row of A.
+        if level < MIN_PITCH_COSINE * (1.0 + rho) {
+            // Only the sum or difference of yaw and roll is defined. All of it is yaw, from the
+            // first row of A.
             let across = 1.0 - u * u + v * v;
             let yaw_rad = libm::atan2(across * sin - north * cos, across * cos + north * sin);
             return Angles { yaw_rad, pitch_rad: libm::atan2(sign * 2.0 * v, level), roll_rad: 0.0 };

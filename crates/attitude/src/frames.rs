@@ -1,34 +1,37 @@
-//! The attitude in the frames of others.
+//! Conversion of attitudes and vectors between Plumbline's frames and those of other systems.
 //!
-//! Input: a quaternion body → reference, angles, body vectors, w and z in our frames (body right, forward, up; reference east, north, up), or a
-//! quaternion or vector in theirs. Output: the same in the other. Time: none. Failure: none. `docs/conventions.md` has the equations and
-//! `docs/conventions.json` test vectors. What is made for others has no −0.
+//! Input and output: a quaternion body → reference, angles, body vectors, w and z. *Native* values
+//! are in Plumbline's frames (body right, forward, up; reference east, north, up); *external*
+//! values are in another frame. Native values converted to an external frame contain no −0.
 //!
-//! Theirs are ours in one of three ways, the same for body and reference: as they are; second, −first, third; second, first, −third. The first
-//! two differ by a quarter of a turn about the third axis, the first and the last by half a turn about (1, 1, 0).
+//! `docs/conventions.md` has the equations and `docs/conventions.json` test vectors.
+//!
+//! External axes are one of three permutations of the native axes, the same for body and reference:
+//! the identity; (second, −first, third); (second, first, −third). The first two differ by a
+//! quarter turn about the third axis, the first and the last by a half turn about (1, 1, 0).
 
 use core::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2};
 
 use crate::{angles::Angles, state::wrapped_rad};
 
-/// Frames in which the attitude is given to others: reference and body.
+/// Combination of reference and body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Frame {
-    /// East, north, up; right, forward, up: ours.
+    /// Reference east, north, up; body right, forward, up: Plumbline's native frame.
     #[default]
     EnuRfu,
-    /// East, north, up; forward, left, up: ROS, by REP 103.
+    /// Reference east, north, up; body forward, left, up: ROS, by REP 103.
     EnuFlu,
-    /// North, west, up; forward, left, up.
+    /// Reference north, west, up; body forward, left, up.
     NwuFlu,
-    /// North, east, down; forward, right, down: aircraft, PX4, ArduPilot, MAVLink.
+    /// Reference north, east, down; body forward, right, down: aircraft, PX4, ArduPilot, MAVLink.
     NedFrd,
 }
 
 /// Body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Body {
-    /// Right, forward, up: ours.
+    /// Right, forward, up: native.
     #[default]
     Rfu,
     /// Forward, left, up.
@@ -37,10 +40,10 @@ pub enum Body {
     Frd,
 }
 
-/// Axes of the reference.
+/// Reference axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Earth {
-    /// East, north, up: ours.
+    /// East, north, up: native.
     #[default]
     Enu,
     /// North, west, up.
@@ -49,10 +52,10 @@ pub enum Earth {
     Ned,
 }
 
-/// In which order the parts of a quaternion stand.
+/// Order of the components of a quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum QuaternionOrder {
-    /// w, x, y, z: ours.
+    /// w, x, y, z: native.
     #[default]
     Wxyz,
     /// x, y, z, w.
@@ -60,16 +63,16 @@ pub enum QuaternionOrder {
 }
 
 impl Frame {
-    /// Every frame with its name.
+    /// All frames with their names.
     pub const NAMES: [(&str, Self); 4] =
         [("enu-rfu", Self::EnuRfu), ("enu-flu", Self::EnuFlu), ("nwu-flu", Self::NwuFlu), ("ned-frd", Self::NedFrd)];
 
-    /// Its name.
+    /// Returns the name of the frame.
     pub fn name(self) -> &'static str {
-        name_in(&Self::NAMES, self)
+        name_of(&Self::NAMES, self)
     }
 
-    /// Its reference.
+    /// Returns the reference axes.
     pub fn earth(self) -> Earth {
         match self {
             Self::EnuRfu | Self::EnuFlu => Earth::Enu,
@@ -78,7 +81,7 @@ impl Frame {
         }
     }
 
-    /// Its body axes.
+    /// Returns the body axes.
     pub fn body(self) -> Body {
         match self {
             Self::EnuRfu => Body::Rfu,
@@ -87,40 +90,46 @@ impl Frame {
         }
     }
 
-    /// The quaternion body → reference, w x y z.
-    pub fn quaternion(self, ours: [f64; 4]) -> [f64; 4] {
-        quaternion(self.earth(), self.body(), ours)
+    /// Converts a native quaternion body → reference, w x y z.
+    pub fn quaternion(self, native: [f64; 4]) -> [f64; 4] {
+        quaternion_from_native(self.earth(), self.body(), native)
     }
 
-    /// Yaw, pitch and roll: turns about the third, then the second or, of ours, the first axis, then the one that points forward; the first and the
-    /// last in (−π, π].
-    pub fn angles(self, ours: Angles) -> Angles {
-        let Angles { yaw_rad, pitch_rad, roll_rad } = ours;
+    /// Converts native yaw, pitch and roll.
+    ///
+    /// In every frame these are rotations about the third axis, then the second axis (the first one
+    /// in the native frame), then the axis that points forward. The first and the last are in (−π,
+    /// π].
+    pub fn angles(self, native: Angles) -> Angles {
+        let Angles { yaw_rad, pitch_rad, roll_rad } = native;
         let [yaw_rad, pitch_rad, roll_rad] = match self {
-            Self::EnuRfu => return ours,
+            Self::EnuRfu => return native,
             Self::EnuFlu => [wrapped_rad(yaw_rad + FRAC_PI_2), -pitch_rad, roll_rad],
             Self::NwuFlu => [yaw_rad, -pitch_rad, roll_rad],
             Self::NedFrd => [wrapped_rad(-yaw_rad), pitch_rad, roll_rad],
         }
-        .map(without_sign);
+        .map(without_negative_zero);
         Angles { yaw_rad, pitch_rad, roll_rad }
     }
 
-    /// Their yaw, pitch and roll as ours.
-    pub fn ours_of_angles(self, theirs: Angles) -> Angles {
-        let Angles { yaw_rad, pitch_rad, roll_rad } = theirs;
+    /// Converts external yaw, pitch and roll to native angles.
+    pub fn angles_to_native(self, external: Angles) -> Angles {
+        let Angles { yaw_rad, pitch_rad, roll_rad } = external;
         let [yaw_rad, pitch_rad, roll_rad] = match self {
-            Self::EnuRfu => return theirs,
+            Self::EnuRfu => return external,
             Self::EnuFlu => [wrapped_rad(yaw_rad - FRAC_PI_2), -pitch_rad, roll_rad],
             Self::NwuFlu => [yaw_rad, -pitch_rad, roll_rad],
             Self::NedFrd => [wrapped_rad(-yaw_rad), pitch_rad, roll_rad],
         }
-        .map(without_sign);
+        .map(without_negative_zero);
         Angles { yaw_rad, pitch_rad, roll_rad }
     }
 
-    /// u, v and z: w projects the reference's third axis as the body axes see it, z is the turn about that axis. Inverted, they are those of the body
-    /// turned by π about its right axis, in every frame.
+    /// Converts native u, v and z.
+    ///
+    /// w projects the reference's third axis in body axes and z is the rotation about that axis. In
+    /// the inverted chart they are those of the body rotated by π about its right axis, in every
+    /// frame.
     pub fn point(self, [u, v]: [f64; 2], z_rad: f64) -> ([f64; 2], f64) {
         let (w, z_rad) = match self {
             Self::EnuRfu => return ([u, v], z_rad),
@@ -128,26 +137,26 @@ impl Frame {
             Self::NwuFlu => ([v, -u], z_rad),
             Self::NedFrd => ([-v, -u], wrapped_rad(-z_rad)),
         };
-        (w.map(without_sign), without_sign(z_rad))
+        (w.map(without_negative_zero), without_negative_zero(z_rad))
     }
 }
 
 impl Body {
-    /// Every one with its name.
+    /// All body axes with their names.
     pub const NAMES: [(&str, Self); 3] = [("rfu", Self::Rfu), ("flu", Self::Flu), ("frd", Self::Frd)];
 
-    /// Our vector in these axes.
-    pub fn vector(self, ours: [f64; 3]) -> [f64; 3] {
-        let [right, forward, up] = ours;
+    /// Converts a native vector to these axes.
+    pub fn vector(self, native: [f64; 3]) -> [f64; 3] {
+        let [right, forward, up] = native;
         match self {
-            Self::Rfu => ours,
-            Self::Flu => [forward, -right, up].map(without_sign),
-            Self::Frd => [forward, right, -up].map(without_sign),
+            Self::Rfu => native,
+            Self::Flu => [forward, -right, up].map(without_negative_zero),
+            Self::Frd => [forward, right, -up].map(without_negative_zero),
         }
     }
 
-    /// A vector of these axes in ours. Only signs and places change, so every value stays exact.
-    pub fn ours(self, [first, second, third]: [f64; 3]) -> [f64; 3] {
+    /// Converts a vector of these axes to native axes, exactly: only signs and order change.
+    pub fn to_native(self, [first, second, third]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Rfu => [first, second, third],
             Self::Flu => [-second, first, third],
@@ -155,14 +164,14 @@ impl Body {
         }
     }
 
-    /// A turn of the body, w x y z, in these axes.
-    pub fn turn(self, ours: [f64; 4]) -> [f64; 4] {
-        let [w, x, y, z] = ours;
+    /// Converts a native rotation of the body, w x y z, to these axes.
+    pub fn rotation(self, native: [f64; 4]) -> [f64; 4] {
+        let [w, x, y, z] = native;
         let [x, y, z] = self.vector([x, y, z]);
-        [if self == Self::Rfu { w } else { without_sign(w) }, x, y, z]
+        [if self == Self::Rfu { w } else { without_negative_zero(w) }, x, y, z]
     }
 
-    fn of_earth(self) -> Earth {
+    fn matching_earth(self) -> Earth {
         match self {
             Self::Rfu => Earth::Enu,
             Self::Flu => Earth::Nwu,
@@ -172,20 +181,20 @@ impl Body {
 }
 
 impl Earth {
-    /// Every one with its name.
+    /// All reference axes with their names.
     pub const NAMES: [(&str, Self); 3] = [("enu", Self::Enu), ("nwu", Self::Nwu), ("ned", Self::Ned)];
 
-    /// Our vector in these axes.
-    pub fn vector(self, ours: [f64; 3]) -> [f64; 3] {
-        self.as_body().vector(ours)
+    /// Converts a native vector to these axes.
+    pub fn vector(self, native: [f64; 3]) -> [f64; 3] {
+        self.matching_body().vector(native)
     }
 
-    /// A vector of these axes in ours.
-    pub fn ours(self, theirs: [f64; 3]) -> [f64; 3] {
-        self.as_body().ours(theirs)
+    /// Converts a vector of these axes to native axes.
+    pub fn to_native(self, external: [f64; 3]) -> [f64; 3] {
+        self.matching_body().to_native(external)
     }
 
-    fn as_body(self) -> Body {
+    fn matching_body(self) -> Body {
         match self {
             Self::Enu => Body::Rfu,
             Self::Nwu => Body::Flu,
@@ -195,15 +204,15 @@ impl Earth {
 }
 
 impl QuaternionOrder {
-    /// Every order with its name.
+    /// All orders with their names.
     pub const NAMES: [(&str, Self); 2] = [("wxyz", Self::Wxyz), ("xyzw", Self::Xyzw)];
 
-    /// Its name.
+    /// Returns the name of the order.
     pub fn name(self) -> &'static str {
-        name_in(&Self::NAMES, self)
+        name_of(&Self::NAMES, self)
     }
 
-    /// Of w, x, y, z, or of anything that stands for them.
+    /// Arranges components given as w, x, y, z in this order.
     pub fn ordered<T>(self, [w, x, y, z]: [T; 4]) -> [T; 4] {
         match self {
             Self::Wxyz => [w, x, y, z],
@@ -212,64 +221,70 @@ impl QuaternionOrder {
     }
 }
 
-/// The body axes of a name as `frd`, or those of the reference and the body of one as `ned-frd`, in letters of either size; `None` of what is
-/// neither.
-pub fn named(name: &str) -> Option<(Option<Earth>, Body)> {
+/// Parses the name of body axes such as `frd`, or of reference and body axes such as `ned-frd`.
+///
+/// Case is ignored. Returns `None` for any other text.
+pub fn parse(name: &str) -> Option<(Option<Earth>, Body)> {
     let (earth, body) = name.trim().split_once('-').map_or((None, name.trim()), |(earth, body)| (Some(earth), body));
     let earth = match earth {
-        Some(earth) => Some(of_name(&Earth::NAMES, earth)?),
+        Some(earth) => Some(find_by_name(&Earth::NAMES, earth)?),
         None => None,
     };
-    Some((earth, of_name(&Body::NAMES, body)?))
+    Some((earth, find_by_name(&Body::NAMES, body)?))
 }
 
-/// −0 as 0.
-fn without_sign(number: f64) -> f64 {
+/// Replaces −0 by 0.
+fn without_negative_zero(number: f64) -> f64 {
     number + 0.0
 }
 
-fn of_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
+fn find_by_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
     names.iter().find(|(other, _)| other.eq_ignore_ascii_case(name)).map(|(_, found)| *found)
 }
 
-fn name_in<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
+fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
     names.iter().find(|(_, other)| *other == one).map_or("", |(name, _)| name)
 }
 
-/// A quarter of a turn about the third axis, and half a turn about (1, 1, 0): v_theirs = b v_ours b*.
-const QUARTER_TURN: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
-const HALF_TURN: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
-const NO_TURN: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
+/// Rotations b with v_external = b v_native b*: a quarter turn about the third axis, and a half
+/// turn about (1, 1, 0).
+const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
+const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
+const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
 impl Body {
     fn quaternion(self) -> [f64; 4] {
         match self {
-            Self::Rfu => NO_TURN,
-            Self::Flu => QUARTER_TURN,
-            Self::Frd => HALF_TURN,
+            Self::Rfu => IDENTITY,
+            Self::Flu => FLU_ROTATION,
+            Self::Frd => FRD_ROTATION,
         }
     }
 }
 
-/// Our quaternion, w x y z, as one from the axes `body` to the axes `earth`: e q b*. Where both differ from ours in one way, only signs and places
+/// Converts a native quaternion, w x y z, to one from the axes `body` to the axes `earth`: e q b*.
+///
+/// If body and reference differ from the native axes by the same permutation, only signs and order
 /// change.
-pub fn quaternion(earth: Earth, body: Body, ours: [f64; 4]) -> [f64; 4] {
-    if body.of_earth() == earth {
-        return body.turn(ours);
+pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f64; 4] {
+    if body.matching_earth() == earth {
+        return body.rotation(native);
     }
-    product(product(earth.as_body().quaternion(), ours), conjugate(body.quaternion())).map(without_sign)
+    product(product(earth.matching_body().quaternion(), native), conjugate(body.quaternion()))
+        .map(without_negative_zero)
 }
 
-/// The quaternion, w x y z, from the axes `body` to the axes `earth` as ours: e* q b.
-pub fn ours(earth: Earth, body: Body, theirs: [f64; 4]) -> [f64; 4] {
-    let [w, x, y, z] = theirs;
+/// Converts a quaternion, w x y z, from the axes `body` to the axes `earth` to a native one: e* q
+/// b.
+pub fn quaternion_to_native(earth: Earth, body: Body, external: [f64; 4]) -> [f64; 4] {
+    let [w, x, y, z] = external;
     match (earth, body) {
         (Earth::Enu, Body::Flu) => [w + z, x - y, x + y, z - w].map(|part| part * FRAC_1_SQRT_2),
-        _ if body.of_earth() == earth => {
-            let [x, y, z] = body.ours([x, y, z]);
+        _ if body.matching_earth() == earth => {
+            let [x, y, z] = body.to_native([x, y, z]);
             [w, x, y, z]
         }
-        _ => product(product(conjugate(earth.as_body().quaternion()), theirs), body.quaternion()),
+        _ => product(product(conjugate(earth.matching_body().quaternion()), external), body.quaternion()),
     }
 }
 
@@ -295,7 +310,7 @@ mod tests {
         [x, y, z]
     }
 
-    fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+    fn max_difference(a: [f64; 3], b: [f64; 3]) -> f64 {
         a.into_iter().zip(b).map(|(a, b)| libm::fabs(a - b)).fold(0.0, f64::max)
     }
 
@@ -303,39 +318,39 @@ mod tests {
     const V: [f64; 3] = [0.2, -1.3, 0.8];
 
     #[test]
-    fn a_vector_comes_to_the_same_place_in_every_frame_and_back() {
+    fn vectors_round_trip_through_every_frame() {
         for (_, earth) in Earth::NAMES {
             for (_, body) in Body::NAMES {
-                let theirs = quaternion(earth, body, Q);
+                let external = quaternion_from_native(earth, body, Q);
                 assert!(
-                    apart(rotated(theirs, body.vector(V)), earth.vector(rotated(Q, V))) < 1e-15,
+                    max_difference(rotated(external, body.vector(V)), earth.vector(rotated(Q, V))) < 1e-15,
                     "{earth:?} {body:?}"
                 );
-                let back = ours(earth, body, theirs);
-                assert!(apart(rotated(back, V), rotated(Q, V)) < 1e-15, "{earth:?} {body:?}");
-                assert_eq!((body.ours(body.vector(V)), earth.ours(earth.vector(V))), (V, V));
+                let back = quaternion_to_native(earth, body, external);
+                assert!(max_difference(rotated(back, V), rotated(Q, V)) < 1e-15, "{earth:?} {body:?}");
+                assert_eq!((body.to_native(body.vector(V)), earth.to_native(earth.vector(V))), (V, V));
             }
         }
     }
 
     #[test]
-    fn each_axis_goes_where_its_name_says() {
-        let ours = [1.0, 2.0, 3.0];
-        assert_eq!(Body::NAMES.map(|(_, body)| body.vector(ours)), [ours, [2.0, -1.0, 3.0], [2.0, 1.0, -3.0]]);
+    fn body_axes_match_their_names() {
+        let native = [1.0, 2.0, 3.0];
+        assert_eq!(Body::NAMES.map(|(_, body)| body.vector(native)), [native, [2.0, -1.0, 3.0], [2.0, 1.0, -3.0]]);
     }
 
     #[test]
-    fn a_name_is_that_of_body_axes_or_of_both() {
-        assert_eq!(named("frd"), Some((None, Body::Frd)));
-        assert_eq!(named(" NED-frd "), Some((Some(Earth::Ned), Body::Frd)));
-        assert_eq!([named("ned"), named("ned-"), named("frd-ned"), named("enu-flu-x"), named("")], [None; 5]);
+    fn parse_accepts_body_or_reference_and_body() {
+        assert_eq!(parse("frd"), Some((None, Body::Frd)));
+        assert_eq!(parse(" NED-frd "), Some((Some(Earth::Ned), Body::Frd)));
+        assert_eq!([parse("ned"), parse("ned-"), parse("frd-ned"), parse("enu-flu-x"), parse("")], [None; 5]);
         for (name, frame) in Frame::NAMES {
-            assert_eq!((named(name), frame.name()), (Some((Some(frame.earth()), frame.body())), name));
+            assert_eq!((parse(name), frame.name()), (Some((Some(frame.earth()), frame.body())), name));
         }
     }
 
     #[test]
-    fn nothing_is_minus_zero() {
+    fn conversions_yield_no_negative_zero() {
         for (name, frame) in Frame::NAMES.into_iter().skip(1) {
             for zero in [0.0, -0.0] {
                 let angles = frame.angles(Angles { yaw_rad: zero, pitch_rad: zero, roll_rad: zero });

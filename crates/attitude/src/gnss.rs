@@ -1,44 +1,44 @@
-//! What a satellite receiver tells a stage.
+//! Fixes of a satellite receiver.
 
-use crate::{Vector3, numbers::Numbers};
+use crate::{Vector3, scalars::Scalars};
 
-/// One fix, at the tick at which it arrived.
+/// Velocity fix, at the tick at which it arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fix {
     /// Velocity over ground, m/s, east, north, up.
     pub velocity_m_s: Vector3<f64>,
-    /// Standard deviation of each component, m/s, where the receiver tells it.
+    /// Standard deviation of each velocity component, m/s, if reported.
     pub sd_m_s: Option<f64>,
-    /// How old the velocity was on arrival, s, where it is known.
+    /// Age of the velocity on arrival, s, if known.
     pub age_s: Option<f64>,
-    /// Geodetic latitude, rad, north positive, where it is known.
+    /// Geodetic latitude, rad, north positive, if known.
     pub latitude_rad: Option<f64>,
 }
 
 impl Fix {
-    /// The fix without what is no number; nothing is left of it without a velocity.
+    /// Removes optional fields that are not finite. Returns `None` if the velocity is not finite.
     pub fn finite(self) -> Option<Self> {
-        let number = |told: Option<f64>| told.filter(|told| told.is_finite());
+        let number = |value: Option<f64>| value.filter(|value| value.is_finite());
         let (sd_m_s, age_s, latitude_rad) = (number(self.sd_m_s), number(self.age_s), number(self.latitude_rad));
         let known = self.velocity_m_s.iter().all(|component| component.is_finite());
         known.then_some(Self { sd_m_s, age_s, latitude_rad, ..self })
     }
 
-    /// Speed over ground, m/s.
+    /// Returns the speed over ground, m/s.
     pub fn speed_m_s(&self) -> f64 {
         libm::hypot(self.velocity_m_s.x, self.velocity_m_s.y)
     }
 
-    /// Track over ground, rad, clockwise from true north, (−π, π].
+    /// Returns the track over ground, rad, clockwise from true north, (−π, π].
     pub fn track_rad(&self) -> f64 {
         libm::atan2(self.velocity_m_s.x, self.velocity_m_s.y)
     }
 }
 
-impl Numbers for Fix {
+impl Scalars for Fix {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { velocity_m_s, sd_m_s, age_s, latitude_rad } = self;
         velocity_m_s.visit(visit);
-        [sd_m_s, age_s, latitude_rad].into_iter().for_each(|told| told.visit(visit));
+        [sd_m_s, age_s, latitude_rad].into_iter().for_each(|value| value.visit(visit));
     }
 }

@@ -1,36 +1,41 @@
-//! The differential equations of (w, z) and two ways to integrate them, for comparison with the exact step.
+//! Differential equations of (w, z) and two numerical integrators, for comparison with the exact
+//! step.
 //!
-//! Input: an attitude and the rate over a step. Output: the attitude after it. Time: the step's length.
-//! Failure: none; these methods drift, which is what they are here to show.
+//! Input: an attitude, the rate over a step and the duration of the step.
+//!
+//! Output: the attitude after the step.
+//!
+//! Failure: none. Both integrators drift, which the comparison demonstrates.
 
 use crate::{Complex, Vector3, point::Point, state::Attitude};
 
-/// d(u, v, z)/dt in the attitude's chart — Matveev 2025, (18)–(20).
+/// Returns d(u, v, z)/dt in the attitude's chart — Matveev 2025, (18)–(20).
 ///
-/// `rate_rad_s` is in body axes. Returns w' = u' + j v' in 1/s and z' in rad/s.
+/// `rate_rad_s` is in body axes. The result is w' = u' + j v' in 1/s and z' in rad/s.
 pub fn derivative(attitude: Attitude, rate_rad_s: Vector3<f64>) -> (Complex<f64>, f64) {
     let (u, v) = (attitude.up.w.re, attitude.up.w.im);
-    let rate = attitude.up.chart.view(rate_rad_s);
+    let rate = attitude.up.chart.flip(rate_rad_s);
     let u_dot = v * rate.z + u * v * rate.x - 0.5 * rate.y * (1.0 + u * u - v * v);
     let v_dot = -u * rate.z - u * v * rate.y + 0.5 * rate.x * (1.0 - u * u + v * v);
     (Complex::new(u_dot, v_dot), rate.z + u * rate.x + v * rate.y)
 }
 
-/// One step by Euler's method: first order, an error of the order of dt in the result.
+/// Integrates one step by Euler's method, of first order: the error of the result is of the order
+/// of dt.
 pub fn euler(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> Attitude {
-    advanced(attitude, derivative(attitude, rate_rad_s), dt_s).rebounded()
+    advanced(attitude, derivative(attitude, rate_rad_s), dt_s).normalised()
 }
 
-/// One step by the classical fourth-order Runge–Kutta method.
+/// Integrates one step by the classical fourth-order Runge–Kutta method.
 ///
-/// `rate_rad_s` gives the body rate at a fraction 0, ½ and 1 of the step.
+/// `rate_rad_s` returns the body rate at a fraction 0, ½ or 1 of the step.
 pub fn rk4(attitude: Attitude, rate_rad_s: impl Fn(f64) -> Vector3<f64>, dt_s: f64) -> Attitude {
     let k1 = derivative(attitude, rate_rad_s(0.0));
     let k2 = derivative(advanced(attitude, k1, 0.5 * dt_s), rate_rad_s(0.5));
     let k3 = derivative(advanced(attitude, k2, 0.5 * dt_s), rate_rad_s(0.5));
     let k4 = derivative(advanced(attitude, k3, dt_s), rate_rad_s(1.0));
     let slope = ((k1.0 + (k2.0 + k3.0) * 2.0 + k4.0) / 6.0, (k1.1 + (k2.1 + k3.1) * 2.0 + k4.1) / 6.0);
-    advanced(attitude, slope, dt_s).rebounded()
+    advanced(attitude, slope, dt_s).normalised()
 }
 
 fn advanced(attitude: Attitude, slope: (Complex<f64>, f64), dt_s: f64) -> Attitude {
@@ -39,8 +44,8 @@ fn advanced(attitude: Attitude, slope: (Complex<f64>, f64), dt_s: f64) -> Attitu
 }
 
 impl Attitude {
-    /// Back into the bounds of its chart after a sum.
-    pub(crate) fn rebounded(self) -> Self {
-        self.leaned(Complex::new(0.0, 0.0)).attitude
+    /// Restores the bounds of the chart after an addition.
+    pub(crate) fn normalised(self) -> Self {
+        self.tilted(Complex::new(0.0, 0.0)).attitude
     }
 }

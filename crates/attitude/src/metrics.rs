@@ -1,27 +1,30 @@
-//! How far an estimated attitude is from the true one.
+//! Errors of an estimated attitude against the reference.
 //!
-//! Input: quaternions body → earth, the earth frame's third axis up, and the angles that people read. Output: angles in degrees, and their RMSE over
-//! many. Time: none.
+//! Input: quaternions body → earth, with the earth frame's third axis up, and yaw, pitch, roll and
+//! course.
+//!
+//! Output: angles in degrees, and their RMSE over many samples.
+//!
 //! Failure: none for quaternions that are finite and not zero; their length does not matter.
 //!
-//! Laidig et al., BROAD, *Data* 6(7):72, 2021: e = q_est q_ref*, in earth axes. Every angle is taken by the two-argument
-//! arctangent, which is exact near 0 and near 180°, where the arc cosine is not.
+//! Laidig et al., BROAD, *Data* 6(7):72, 2021: e = q_est q_ref*, in earth axes. Every angle uses
+//! the two-argument arctangent, which is exact near 0° and near 180°, where the arc cosine is not.
 
 use crate::{Quaternion, angles::Angles, course::GIMBAL_RAD, state::wrapped_rad};
 
-/// The angles of e = q_est q_ref*, each in [0, 180]. No heading offset is taken out.
+/// Error angles of e = q_est q_ref*, each in [0, 180]. A heading offset is not removed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AttitudeError {
-    /// The whole turn, 2 acos |e_w|, degrees.
+    /// Angle of the whole rotation, 2 acos |e_w|, degrees.
     pub total_deg: f64,
-    /// The turn about the vertical, 2 atan |e_z / e_w|, degrees.
+    /// Angle of the rotation about the vertical, 2 atan |e_z / e_w|, degrees.
     pub heading_deg: f64,
-    /// The angle between the up vectors, 2 acos √(e_w² + e_z²), degrees.
+    /// Angle between the up vectors, 2 acos √(e_w² + e_z²), degrees.
     pub inclination_deg: f64,
 }
 
 impl AttitudeError {
-    /// How far `estimate` is from `truth`.
+    /// Returns the error of `estimate` against `truth`.
     pub fn between(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> Self {
         let e = estimate * truth.conjugate();
         let (tilt, upright) = (libm::hypot(e.i, e.j), libm::hypot(e.w, e.k));
@@ -33,8 +36,8 @@ impl AttitudeError {
         }
     }
 
-    /// Each angle by itself with that of another.
-    fn with(&self, other: &Self, combine: impl Fn(f64, f64) -> f64) -> Self {
+    /// Combines each angle with the same angle of `other`.
+    fn zip_with(&self, other: &Self, combine: impl Fn(f64, f64) -> f64) -> Self {
         Self {
             total_deg: combine(self.total_deg, other.total_deg),
             heading_deg: combine(self.heading_deg, other.heading_deg),
@@ -43,14 +46,16 @@ impl AttitudeError {
     }
 }
 
-/// The turn about the vertical with its sign, counter-clockwise from above positive, (−180, 180], degrees; its size is
-/// [`AttitudeError::heading_deg`].
-pub fn turn_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
+/// Returns the heading error with its sign, counter-clockwise from above positive, (−180, 180],
+/// degrees.
+///
+/// Its absolute value is [`AttitudeError::heading_deg`].
+pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
     let e = estimate * truth.conjugate();
     wrapped_rad(2.0 * libm::atan2(e.k, e.w)).to_degrees()
 }
 
-/// Angles of an estimate less those of the truth, each in (−180, 180].
+/// Angles of an estimate minus those of the truth, each in (−180, 180].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AngleError {
     /// Roll, right side down positive, degrees.
@@ -64,61 +69,64 @@ pub struct AngleError {
 }
 
 impl AngleError {
-    /// `None` where either nose is within 1° of the vertical: yaw, roll and course mean nothing there.
+    /// Returns the error of an estimate, or `None` if either nose is within 1° of the vertical.
+    ///
+    /// Yaw, roll and course are meaningless there.
     pub fn between(estimate: Angles, course_rad: f64, truth: Angles) -> Option<Self> {
-        let off_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
+        let wrapped_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
         let is_vertical = [estimate, truth].iter().any(|angles| libm::fabs(angles.pitch_rad) > GIMBAL_RAD);
         (!is_vertical).then(|| Self {
-            roll_deg: off_deg(estimate.roll_rad - truth.roll_rad),
-            pitch_deg: off_deg(estimate.pitch_rad - truth.pitch_rad),
-            yaw_deg: off_deg(estimate.yaw_rad - truth.yaw_rad),
+            roll_deg: wrapped_deg(estimate.roll_rad - truth.roll_rad),
+            pitch_deg: wrapped_deg(estimate.pitch_rad - truth.pitch_rad),
+            yaw_deg: wrapped_deg(estimate.yaw_rad - truth.yaw_rad),
             // The true course is −ψ.
-            course_deg: off_deg(course_rad + truth.yaw_rad),
+            course_deg: wrapped_deg(course_rad + truth.yaw_rad),
         })
     }
 }
 
-/// The errors of many samples.
+/// Error statistics over many samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Accuracy {
     count: u64,
     /// Sums of squares, degrees².
     squares: AttitudeError,
-    /// The largest of each.
+    /// Largest value of each angle.
     pub max: AttitudeError,
-    /// The last.
-    pub now: AttitudeError,
+    /// Error of the newest sample.
+    pub last: AttitudeError,
 }
 
 impl Accuracy {
-    /// Takes the error of one more sample.
+    /// Adds the error of one sample.
     pub fn add(&mut self, error: AttitudeError) {
         self.count += 1;
-        self.squares = self.squares.with(&error, |sum, x| sum + x * x);
-        self.max = self.max.with(&error, f64::max);
-        self.now = error;
+        self.squares = self.squares.zip_with(&error, |sum, x| sum + x * x);
+        self.max = self.max.zip_with(&error, f64::max);
+        self.last = error;
     }
 
-    /// Samples taken.
+    /// Returns the number of samples.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Roots of the means of the squares; `None` without a single sample.
+    /// Returns the root mean squares, or `None` without a sample.
     pub fn rmse(&self) -> Option<AttitudeError> {
         let count = self.count as f64;
-        (self.count > 0).then(|| self.squares.with(&self.squares, |sum, _| libm::sqrt(sum / count)))
+        (self.count > 0).then(|| self.squares.zip_with(&self.squares, |sum, _| libm::sqrt(sum / count)))
     }
 
-    /// The mean of each, as over the trials of a benchmark; `None` of nothing.
-    pub fn mean(of: impl IntoIterator<Item = AttitudeError>) -> Option<AttitudeError> {
+    /// Returns the mean of each angle, such as over the trials of a benchmark, or `None` for no
+    /// errors.
+    pub fn mean(errors: impl IntoIterator<Item = AttitudeError>) -> Option<AttitudeError> {
         let mut sum = AttitudeError::default();
         let mut count = 0.0;
-        for error in of {
-            sum = sum.with(&error, |sum, x| sum + x);
+        for error in errors {
+            sum = sum.zip_with(&error, |sum, x| sum + x);
             count += 1.0;
         }
-        (count > 0.0).then(|| sum.with(&sum, |sum, _| sum / count))
+        (count > 0.0).then(|| sum.zip_with(&sum, |sum, _| sum / count))
     }
 }
 
@@ -127,7 +135,7 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_1_SQRT_2;
 
-    const NONE: Quaternion<f64> = Quaternion::new(1.0, 0.0, 0.0, 0.0);
+    const IDENTITY: Quaternion<f64> = Quaternion::new(1.0, 0.0, 0.0, 0.0);
 
     fn assert_near(error: AttitudeError, [total, heading, inclination]: [f64; 3]) {
         let pairs = [(error.total_deg, total), (error.heading_deg, heading), (error.inclination_deg, inclination)];
@@ -135,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn quarter_turns_about_the_axes_are_what_a_hand_computes() {
+    fn known_rotations_match_hand_computed_errors() {
         let s = FRAC_1_SQRT_2;
         for (e, expected) in [
             (Quaternion::new(1.0, 0.0, 0.0, 0.0), [0.0, 0.0, 0.0]),
@@ -144,7 +152,8 @@ mod tests {
             (Quaternion::new(s, 0.0, 0.0, s), [90.0, 90.0, 0.0]),
             (Quaternion::new(0.0, 1.0, 0.0, 0.0), [180.0, 0.0, 180.0]),
             (Quaternion::new(0.0, 0.0, 0.0, 1.0), [180.0, 180.0, 0.0]),
-            // acos ½ = 60°: a third of a turn about the space diagonal; heading 2 atan 1, inclination 2 acos √½.
+            // acos ½ = 60°: a third of a revolution about the space diagonal; heading 2 atan 1,
+            // inclination 2 acos √½.
             (Quaternion::new(0.5, 0.5, 0.5, 0.5), [120.0, 90.0, 90.0]),
             // 3-4-5: total 2 acos 0.8, all of it about ξ0.
             (
@@ -152,35 +161,36 @@ mod tests {
                 [2.0 * 0.8f64.acos().to_degrees(), 0.0, 2.0 * 0.6f64.asin().to_degrees()],
             ),
         ] {
-            assert_near(AttitudeError::between(e, NONE), expected);
-            assert_near(AttitudeError::between(-e, NONE), expected);
+            assert_near(AttitudeError::between(e, IDENTITY), expected);
+            assert_near(AttitudeError::between(-e, IDENTITY), expected);
         }
     }
 
     #[test]
-    fn the_error_is_taken_in_earth_axes() {
-        // The body lies on its side; a turn of the estimate about the earth's vertical is heading, whatever the body's axes.
+    fn error_is_resolved_in_earth_axes() {
+        // The body lies on its side. A rotation of the estimate about the earth's vertical is
+        // heading, whatever the body's axes.
         let truth = Quaternion::new(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0);
         let about_vertical = Quaternion::new(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2);
         assert_near(AttitudeError::between(about_vertical * truth, truth), [90.0, 90.0, 0.0]);
-        // The same turn about the body's ζ, which is horizontal, is inclination.
+        // The same rotation about the body's ζ, which is horizontal, is inclination.
         assert_near(AttitudeError::between(truth * about_vertical, truth), [90.0, 0.0, 90.0]);
     }
 
     #[test]
-    fn the_turn_about_the_vertical_has_the_sign_of_yaw() {
+    fn signed_heading_error_has_sign_of_yaw() {
         for turn_deg in [-170.0_f64, -30.0, 0.0, 90.0, 180.0] {
             let (sin, cos) = (0.5 * turn_deg).to_radians().sin_cos();
             let truth = Quaternion::new(0.6, 0.8, 0.0, 0.0);
             let estimate = Quaternion::new(cos, 0.0, 0.0, sin) * truth;
             for estimate in [estimate, -estimate] {
-                assert!((super::turn_deg(estimate, truth) - turn_deg).abs() < 1e-12, "{turn_deg}");
+                assert!((super::signed_heading_error_deg(estimate, truth) - turn_deg).abs() < 1e-12, "{turn_deg}");
             }
         }
     }
 
     #[test]
-    fn angles_are_held_against_each_other_the_short_way_round_and_not_at_the_vertical() {
+    fn angle_errors_wrap_and_are_none_near_vertical() {
         let angles = |yaw_deg: f64, pitch_deg: f64, roll_deg: f64| Angles {
             yaw_rad: yaw_deg.to_radians(),
             pitch_rad: pitch_deg.to_radians(),
@@ -195,15 +205,15 @@ mod tests {
     }
 
     #[test]
-    fn a_billionth_of_a_degree_is_still_seen() {
+    fn errors_of_1e_9_deg_are_resolved() {
         let half_rad = 0.5e-9f64.to_radians();
-        let error = AttitudeError::between(Quaternion::new(half_rad.cos(), 0.0, half_rad.sin(), 0.0), NONE);
+        let error = AttitudeError::between(Quaternion::new(half_rad.cos(), 0.0, half_rad.sin(), 0.0), IDENTITY);
         assert!((error.total_deg / 1e-9 - 1.0).abs() < 1e-12, "{error:?}");
         assert!((error.inclination_deg / 1e-9 - 1.0).abs() < 1e-12, "{error:?}");
     }
 
     #[test]
-    fn the_length_of_a_quaternion_does_not_matter() {
+    fn error_ignores_quaternion_length() {
         let estimate = Quaternion::new(0.9, 0.1, -0.2, 0.3);
         let truth = Quaternion::new(0.7, 0.5, 0.1, -0.4);
         let AttitudeError { total_deg, heading_deg, inclination_deg } = AttitudeError::between(estimate, truth);
@@ -211,16 +221,16 @@ mod tests {
     }
 
     #[test]
-    fn rmse_is_over_samples_and_the_mean_over_trials() {
-        let of = |deg: f64| AttitudeError { total_deg: deg, heading_deg: 2.0 * deg, inclination_deg: 0.5 * deg };
+    fn rmse_averages_samples_and_mean_averages_trials() {
+        let error = |deg: f64| AttitudeError { total_deg: deg, heading_deg: 2.0 * deg, inclination_deg: 0.5 * deg };
         let mut accuracy = Accuracy::default();
         assert_eq!(accuracy.rmse(), None);
-        [3.0, 4.0, 5.0, 0.0].into_iter().for_each(|deg| accuracy.add(of(deg)));
+        [3.0, 4.0, 5.0, 0.0].into_iter().for_each(|deg| accuracy.add(error(deg)));
         // √((9 + 16 + 25 + 0) / 4)
         let rmse_deg = 12.5f64.sqrt();
         assert_near(accuracy.rmse().unwrap(), [rmse_deg, 2.0 * rmse_deg, 0.5 * rmse_deg]);
-        assert_eq!((accuracy.count(), accuracy.max, accuracy.now), (4, of(5.0), of(0.0)));
-        assert_eq!(Accuracy::mean([of(1.0), of(3.0)]), Some(of(2.0)));
+        assert_eq!((accuracy.count(), accuracy.max, accuracy.last), (4, error(5.0), error(0.0)));
+        assert_eq!(Accuracy::mean([error(1.0), error(3.0)]), Some(error(2.0)));
         assert_eq!(Accuracy::mean([]), None);
     }
 }

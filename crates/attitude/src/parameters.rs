@@ -1,49 +1,56 @@
-//! The numbers by which a stage can be set.
+//! Adjustable parameters of a stage.
 //!
-//! Input: a name and a value. Output: a stage that works with it. Time: before the first step. Failure: a name that the stage does
-//! not have, or a value outside its range, is refused and changes nothing.
+//! Input: a parameter name and a value.
+//!
+//! Time: parameters are set before the first step.
+//!
+//! Failure: an unknown name or a value outside the range is rejected and changes nothing.
 
 use core::fmt;
 
-/// A number by which a stage can be set.
+/// Description of an adjustable parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Its name, unit last.
+    /// Name, with the unit as its suffix.
     pub name: &'static str,
-    /// Its unit; empty for a pure number.
+    /// Unit; empty for a dimensionless number.
     pub unit: &'static str,
-    /// Its value where nothing is said.
+    /// Default value.
     pub default: f64,
-    /// The least allowed.
-    pub least: f64,
-    /// The most allowed.
-    pub most: f64,
-    /// What it means.
-    pub about: &'static str,
+    /// Minimum allowed value.
+    pub min: f64,
+    /// Maximum allowed value.
+    pub max: f64,
+    /// Meaning in one sentence.
+    pub description: &'static str,
 }
 
-/// Parameters of a stage, by name.
+/// Set of parameters that are accessed by name.
 pub trait Parameters {
-    /// All of them.
+    /// Descriptions of all parameters.
     const TABLE: &'static [Parameter];
 
-    /// Sets the parameter of that name.
+    /// Sets the parameter `name`.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`ParameterError`] if there is no such parameter or the value is out of range.
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError>;
 }
 
-/// Why a parameter was refused.
+/// Error when a parameter is set.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParameterError {
-    /// The stage has no such parameter.
+    /// The stage has no parameter of that name.
     Unknown {
-        /// Those it has.
+        /// Parameters of the stage.
         known: &'static [Parameter],
     },
-    /// The value is outside the range, or not a number.
+    /// The value is outside the allowed range or not a number.
     OutOfRange {
-        /// The parameter.
+        /// Parameter that was to be set.
         parameter: &'static Parameter,
-        /// The value.
+        /// Rejected value.
         value: f64,
     },
 }
@@ -51,16 +58,16 @@ pub enum ParameterError {
 impl fmt::Display for ParameterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unknown { known: [] } => write!(f, "this stage has no parameters"),
+            Self::Unknown { known: [] } => write!(f, "unknown parameter; this stage has no parameters"),
             Self::Unknown { known } => {
-                write!(f, "no such parameter; there are")?;
+                write!(f, "unknown parameter; available:")?;
                 known
                     .iter()
                     .enumerate()
                     .try_for_each(|(i, known)| write!(f, "{} {}", if i == 0 { "" } else { "," }, known.name))
             }
             Self::OutOfRange { parameter, value } => {
-                let Parameter { name, unit, least, most, .. } = parameter;
+                let Parameter { name, unit, min: least, max: most, .. } = parameter;
                 write!(f, "{name}: expected {least} to {most}")?;
                 if !unit.is_empty() {
                     write!(f, " {unit}")?;
@@ -73,7 +80,7 @@ impl fmt::Display for ParameterError {
 
 impl core::error::Error for ParameterError {}
 
-/// Declares a stage's settings: a struct of `f64` with defaults, ranges and units.
+/// Declares the settings of a stage: a struct of `f64` fields with defaults, ranges and units.
 ///
 /// ```
 /// attitude::parameters::settings! {
@@ -90,13 +97,16 @@ macro_rules! settings {
     (
         $(#[$meta:meta])*
         $vis:vis struct $Settings:ident {
-            $(#[doc = $about:literal] $name:ident: $default:literal in $least:literal .. $most:literal, $unit:literal;)*
+            $(
+                $(#[doc = $description:literal])+
+                $name:ident: $default:literal in $min:literal .. $max:literal, $unit:literal;
+            )*
         }
     ) => {
         $(#[$meta])*
         #[derive(Debug, Clone, Copy, PartialEq)]
         $vis struct $Settings {
-            $(#[doc = $about] $vis $name: f64,)*
+            $($(#[doc = $description])+ $vis $name: f64,)*
         }
 
         impl Default for $Settings {
@@ -111,16 +121,16 @@ macro_rules! settings {
                     name: stringify!($name),
                     unit: $unit,
                     default: $default,
-                    least: $least,
-                    most: $most,
-                    about: $about.trim_ascii(),
+                    min: $min,
+                    max: $max,
+                    description: concat!($($description),+).trim_ascii(),
                 },
             )*];
 
             fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::parameters::ParameterError> {
                 let unknown = $crate::parameters::ParameterError::Unknown { known: Self::TABLE };
                 let parameter = Self::TABLE.iter().find(|parameter| parameter.name == name).ok_or(unknown)?;
-                if !(parameter.least..=parameter.most).contains(&value) {
+                if !(parameter.min..=parameter.max).contains(&value) {
                     return Err($crate::parameters::ParameterError::OutOfRange { parameter, value });
                 }
                 match name {
@@ -139,7 +149,7 @@ mod tests {
     use super::*;
 
     settings! {
-        /// For the tests.
+        /// Settings for the tests.
         struct Settings {
             /// Time constant of the tilt.
             time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
@@ -149,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_in_range_is_taken_and_any_other_changes_nothing() {
+    fn set_accepts_only_values_in_range() {
         let mut settings = Settings::default();
         assert_eq!(settings.set("damping", 0.5), Ok(()));
         for value in [0.0, 3.0, f64::NAN, f64::INFINITY] {
@@ -160,9 +170,9 @@ mod tests {
     }
 
     #[test]
-    fn the_table_tells_unit_range_and_meaning() {
+    fn table_lists_unit_range_and_description() {
         let [time, _] = Settings::TABLE else { panic!("two parameters") };
-        assert_eq!((time.unit, time.least, time.most, time.default), ("s", 0.01, 1000.0, 1.0));
-        assert_eq!(time.about, "Time constant of the tilt.");
+        assert_eq!((time.unit, time.min, time.max, time.default), ("s", 0.01, 1000.0, 1.0));
+        assert_eq!(time.description, "Time constant of the tilt.");
     }
 }

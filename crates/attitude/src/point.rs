@@ -1,25 +1,29 @@
-//! A direction of the body frame as a point of the complex plane: the stereographic projection of the sphere.
+//! Direction in body axes as a point of the complex plane, by stereographic projection.
 //!
-//! Input: a direction, usually the up vector in body axes. Output: a point with |w| ≤ 1 in one of two charts.
-//! Time: none. Failure: a vector without a direction has no point.
+//! Input: a direction, usually the up vector in body axes.
+//!
+//! Output: a point with |w| ≤ 1 in one of two charts.
+//!
+//! Failure: a zero vector or one that is not finite has no point.
 
-use crate::{Complex, Vector3, numbers::Numbers};
+use crate::{Complex, Vector3, scalars::Scalars};
 
-/// From which pole the sphere is projected.
+/// Pole from which the sphere is projected.
 ///
-/// The inverted chart is the upright chart of a body turned by π about its ξ axis, ŵ = 1/w: every formula of the upright chart
-/// holds in it for vectors whose η and ζ components have changed sign.
+/// The inverted chart is the upright chart of a body rotated by π about its ξ axis, ŵ = 1/w. Every
+/// formula of the upright chart holds in the inverted chart for vectors whose η and ζ components
+/// are negated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Chart {
-    /// Projected from −ζ: w = 0 is level, w = ∞ upside down.
+    /// Projection from −ζ: w = 0 is level, w = ∞ upside down.
     #[default]
     Upright,
-    /// Projected from +ζ: ŵ = 0 is upside down, ŵ = ∞ level.
+    /// Projection from +ζ: ŵ = 0 is upside down, ŵ = ∞ level.
     Inverted,
 }
 
 impl Chart {
-    /// The other chart.
+    /// Returns the opposite chart.
     pub fn other(self) -> Self {
         match self {
             Self::Upright => Self::Inverted,
@@ -27,72 +31,75 @@ impl Chart {
         }
     }
 
-    /// The components of a body vector as this chart's formulas take them; its own inverse.
+    /// Converts a body vector to the axes of the chart or back: the inverted chart negates η and ζ.
     #[inline]
-    pub fn view(self, body: Vector3<f64>) -> Vector3<f64> {
+    pub fn flip(self, body: Vector3<f64>) -> Vector3<f64> {
         let sign = self.sign();
         Vector3::new(body.x, sign * body.y, sign * body.z)
     }
 
-    /// +1 upright, −1 inverted.
+    /// Returns +1 for the upright chart and −1 for the inverted one.
     #[inline]
     pub fn sign(self) -> f64 {
         [1.0, -1.0][self as usize]
     }
 }
 
-/// A unit vector of the body frame as a point of a chart.
+/// Unit vector in body axes as a point of a chart.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Point {
-    /// u + j v, dimensionless.
+    /// Coordinates u + j v, dimensionless.
     pub w: Complex<f64>,
-    /// The chart that `w` is in.
+    /// Chart of `w`.
     pub chart: Chart,
 }
 
 impl Point {
-    /// The point of a direction, in the chart where |w| ≤ 1; `None` for a vector that is zero or not finite.
+    /// Projects a direction into the chart where |w| ≤ 1. Returns `None` for a vector that is zero
+    /// or not finite.
     ///
     /// w = (a + j b) / (1 + c) — Matveev 2025, (12), (28).
-    pub fn of(direction: Vector3<f64>) -> Option<Self> {
+    pub fn from_direction(direction: Vector3<f64>) -> Option<Self> {
         let norm = direction.norm();
-        (norm > f64::MIN_POSITIVE && norm.is_finite()).then(|| Self::of_known_norm(direction, norm))
+        (norm > f64::MIN_POSITIVE && norm.is_finite()).then(|| Self::from_direction_and_norm(direction, norm))
     }
 
-    /// The point of a direction whose norm is known, above 0 and finite.
+    /// Projects a direction whose norm is known, finite and above 0.
     #[inline]
-    pub(crate) fn of_known_norm(direction: Vector3<f64>, norm: f64) -> Self {
+    pub(crate) fn from_direction_and_norm(direction: Vector3<f64>, norm: f64) -> Self {
         let chart = if direction.z >= 0.0 { Chart::Upright } else { Chart::Inverted };
-        let v = chart.view(direction);
+        let v = chart.flip(direction);
         let scale = 1.0 / (norm + v.z);
         Self { w: Complex::new(v.x * scale, v.y * scale), chart }
     }
 
-    /// The unit vector in body axes — Matveev 2025, (13).
+    /// Returns the unit vector in body axes — Matveev 2025, (13).
     #[inline]
     pub fn direction(self) -> Vector3<f64> {
         let rho = self.w.norm_sqr();
         let scale = 1.0 / (1.0 + rho);
-        self.chart.view(Vector3::new(2.0 * self.w.re, 2.0 * self.w.im, 1.0 - rho) * scale)
+        self.chart.flip(Vector3::new(2.0 * self.w.re, 2.0 * self.w.im, 1.0 - rho) * scale)
     }
 
-    /// The same direction in `chart`, with |w| held to `limit`.
+    /// Returns w of this direction in `chart`, with |w| limited to `max_modulus` in the other
+    /// chart.
     ///
-    /// The pole of a chart is at infinity; sums of points need a finite stand-in in the same direction.
-    pub fn seen_in(self, chart: Chart, limit: f64) -> Complex<f64> {
+    /// The pole of a chart is at infinity; sums of points need a finite substitute in the same
+    /// direction.
+    pub fn w_in_chart(self, chart: Chart, max_modulus: f64) -> Complex<f64> {
         if self.chart == chart {
             return self.w;
         }
-        let size = libm::sqrt(self.w.norm_sqr());
-        if size * limit < 1.0 {
-            let heading = if size > 0.0 { self.w.conj() / size } else { Complex::new(1.0, 0.0) };
-            return heading * limit;
+        let modulus = libm::sqrt(self.w.norm_sqr());
+        if modulus * max_modulus < 1.0 {
+            let direction = if modulus > 0.0 { self.w.conj() / modulus } else { Complex::new(1.0, 0.0) };
+            return direction * max_modulus;
         }
         self.w.inv()
     }
 }
 
-impl Numbers for Point {
+impl Scalars for Point {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { w, chart } = self;
         let mut inverted = *chart == Chart::Inverted;

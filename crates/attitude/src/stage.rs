@@ -1,136 +1,164 @@
-//! The contract of a stage: a plain value that turns one tick's input into one output.
+//! Contract of a stage: a plain value that computes one output from the input of one tick.
 //!
-//! Input: what its slot offers at a tick. Output: exactly one value per step, finite for finite input. Time: a stage reads no
-//! clock; its output is a function of its configuration and its inputs. Failure: a state it is given is checked before it is used.
+//! Input: the input of the slot at a tick.
+//!
+//! Output: exactly one value per step, finite for finite input.
+//!
+//! Time: a stage reads no clock. Its output depends only on its configuration and its inputs.
+//!
+//! Failure: a state is validated before it is restored or adopted.
 
 use core::fmt;
 
 use crate::{
     Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError},
     state::Attitude,
 };
 
-/// What a stage gives at a tick, as it must be.
-pub trait Sound {
-    /// What is wrong with it: a number that is not finite, a rotation that is none.
-    fn flaw(&self) -> Option<&'static str>;
+/// Validation of a stage's output.
+pub trait Validate {
+    /// Returns the reason if the value is invalid: a number is not finite or a rotation is not of
+    /// unit length.
+    fn validation_error(&self) -> Option<&'static str>;
 }
 
-/// By how much the square of a length of 1 may differ from 1.
-pub const UNIT: f64 = 1e-6;
+/// Tolerance on the squared norm of a unit quaternion or unit vector.
+pub const UNIT_NORM_SQUARED_TOLERANCE: f64 = 1e-6;
 
-/// Numbers a state may have at most.
-pub const STATE_LIMIT: usize = 1536;
+/// Maximum number of values in the state of a stage.
+pub const MAX_STATE_VALUES: usize = 1536;
 
-/// An estimator that can fill a slot.
+/// Estimator that can fill a slot.
 pub trait Stage {
-    /// What the slot offers at a tick.
+    /// Input of the slot at a tick.
     type Input;
-    /// What the slot publishes.
+    /// Output that the slot publishes.
     type Output;
-    /// What every stage of the slot can take over from every other.
+    /// State that every stage of the slot can hand over to every other stage of the slot.
     type Common: Copy;
 
-    /// The name by which it is chosen.
+    /// Returns the name that selects the stage in a launch file or a swap request.
     fn name(&self) -> &'static str;
 
-    /// The stages it consists of, where it runs others.
+    /// Returns the names of the stages that this stage runs internally.
     fn parts(&self) -> &'static [&'static str] {
         &[]
     }
 
-    /// The numbers by which it can be set.
+    /// Returns the adjustable parameters.
     fn parameters(&self) -> &'static [Parameter] {
         &[]
     }
 
-    /// Sets one of them; before the first step.
+    /// Sets a parameter. Call it before the first step.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`ParameterError`] if the stage has no parameter of that name or the value is out
+    /// of range. The stage is unchanged.
     fn set(&mut self, _name: &str, _value: f64) -> Result<(), ParameterError> {
         Err(ParameterError::Unknown { known: self.parameters() })
     }
 
-    /// One tick.
+    /// Processes the input of one tick.
     fn step(&mut self, input: &Self::Input) -> Self::Output;
 
-    /// Hands every number of the state to `visit`, always in the same order.
+    /// Visits every number of the state, always in the same order.
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64));
 
-    /// What is wrong with a state of finite numbers: a length that is not 1, a variance below zero.
-    fn flaw(&self) -> Option<&'static str> {
+    /// Returns the reason if a state of finite numbers is invalid, such as a negative variance.
+    fn validation_error(&self) -> Option<&'static str> {
         None
     }
 
-    /// The part of the state that another stage of the slot can go on with.
+    /// Returns the part of the state that another stage of the slot can adopt.
     fn common(&self) -> Self::Common;
 
-    /// Goes on from where another stage of the slot was; what cannot be taken over leaves the stage as it was.
+    /// Continues from the state of another stage of the slot.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`RestoreError`] if the state is invalid. The stage is unchanged.
     fn adopt(&mut self, common: &Self::Common) -> Result<(), RestoreError>;
 
-    /// Why the stage cannot go on, if it cannot: what it gives from then on means nothing. A stage in this process always can.
+    /// Returns the error of a stage that has failed permanently. Its outputs are meaningless from
+    /// then on.
+    ///
+    /// Only stages in a separate process can fail.
     fn failure(&self) -> Option<&dyn core::error::Error> {
         None
     }
 
-    /// The state as a record.
+    /// Returns a snapshot of the state.
     fn snapshot(&self) -> Snapshot
     where
         Self: Clone,
     {
-        let mut record = Snapshot { stage: self.name(), values: [0.0; STATE_LIMIT], len: 0, checksum: 0 };
+        let mut record = Snapshot { stage: self.name(), values: [0.0; MAX_STATE_VALUES], len: 0, checksum: 0 };
         self.clone().visit_state(&mut |value| {
             record.values[record.len] = *value;
             record.len += 1;
         });
-        record.checksum = record.sum();
+        record.checksum = record.compute_checksum();
         record
     }
 
-    /// Takes over a recorded state; a record that does not fit leaves the stage as it was.
+    /// Restores the state from a snapshot.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`RestoreError`] if the snapshot belongs to another stage, is corrupt or holds an
+    /// invalid state. The stage is unchanged.
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError>
     where
         Self: Clone,
     {
-        record.check(self.name(), self.snapshot().len)?;
+        record.validate(self.name(), self.snapshot().len)?;
         let mut restored = self.clone();
         let mut index = 0;
         restored.visit_state(&mut |value| {
             *value = record.values[index];
             index += 1;
         });
-        if let Some(flaw) = restored.flaw() {
-            return Err(RestoreError::Flaw { flaw });
+        if let Some(flaw) = restored.validation_error() {
+            return Err(RestoreError::Invalid { reason: flaw });
         }
         *self = restored;
         Ok(())
     }
 }
 
-/// The state of a stage at one tick.
+/// State of a stage at one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Snapshot {
-    /// The stage it belongs to.
+    /// Name of the stage that wrote the snapshot.
     pub stage: &'static str,
-    /// The numbers of the state; those from `len` on are zero.
-    pub values: [f64; STATE_LIMIT],
-    /// How many of them there are.
+    /// Values of the state. Entries from `len` on are zero.
+    pub values: [f64; MAX_STATE_VALUES],
+    /// Number of values in use.
     pub len: usize,
-    /// Of the values, so that a record that was damaged on its way is known.
+    /// Checksum of the values, which detects damage in transit.
     pub checksum: u64,
 }
 
 impl Snapshot {
-    /// FNV-1a over the bits of the values.
-    pub fn sum(&self) -> u64 {
+    /// Computes the FNV-1a hash over the bits of the values.
+    pub fn compute_checksum(&self) -> u64 {
         self.values[..self.len]
             .iter()
             .flat_map(|value| value.to_bits().to_le_bytes())
             .fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
     }
 
-    /// Refuses what no stage of that name with so many numbers has recorded.
-    pub fn check(&self, stage: &'static str, expected: usize) -> Result<(), RestoreError> {
+    /// Checks that the snapshot was written by `stage` with `expected` values and is intact.
+    ///
+    /// # Errors
+    ///
+    /// Returns a [`RestoreError`] for another stage, another length, a value that is not finite or
+    /// a wrong checksum.
+    pub fn validate(&self, stage: &'static str, expected: usize) -> Result<(), RestoreError> {
         if self.stage != stage {
             return Err(RestoreError::OtherStage { expected: stage, found: self.stage });
         }
@@ -140,50 +168,52 @@ impl Snapshot {
         if let Some(index) = self.values[..self.len].iter().position(|value| !value.is_finite()) {
             return Err(RestoreError::NotFinite { index });
         }
-        if self.checksum != self.sum() { Err(RestoreError::Corrupt) } else { Ok(()) }
+        if self.checksum != self.compute_checksum() { Err(RestoreError::Corrupt) } else { Ok(()) }
     }
 }
 
-/// Why a recorded state was refused.
+/// Error of [`Stage::restore`], [`Stage::adopt`] or [`Attitude::validate`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RestoreError {
-    /// It was recorded by another stage.
+    /// The state belongs to another stage.
     OtherStage {
-        /// The stage that was to take it over.
+        /// Name of the stage that restores.
         expected: &'static str,
-        /// The stage that recorded it.
+        /// Name of the stage that wrote the snapshot.
         found: &'static str,
     },
-    /// It has another number of values.
+    /// The number of values differs from that of the stage's state.
     OtherLength {
-        /// Numbers in the state of this stage.
+        /// Number of values in the state of the stage.
         expected: usize,
-        /// Numbers in the record.
+        /// Number of values in the snapshot.
         found: usize,
     },
     /// A value is infinite or not a number.
     NotFinite {
-        /// Which one.
+        /// Index of the first such value.
         index: usize,
     },
-    /// The values are not those that were recorded.
+    /// The checksum does not match the values.
     Corrupt,
-    /// The values are finite and yet no state of this stage.
-    Flaw {
-        /// What is wrong.
-        flaw: &'static str,
+    /// The values are finite but are not a valid state of the stage.
+    Invalid {
+        /// Validation error of the stage.
+        reason: &'static str,
     },
 }
 
 impl fmt::Display for RestoreError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "restoring a stage's state: ")?;
+        write!(f, "cannot restore stage state: ")?;
         match self {
-            Self::OtherStage { expected, found } => write!(f, "a record of {found}, this is {expected}"),
-            Self::OtherLength { expected, found } => write!(f, "{found} values, expected {expected}"),
+            Self::OtherStage { expected, found } => {
+                write!(f, "the snapshot belongs to stage {found}, expected {expected}")
+            }
+            Self::OtherLength { expected, found } => write!(f, "found {found} values, expected {expected}"),
             Self::NotFinite { index } => write!(f, "value {index} is not finite"),
-            Self::Corrupt => write!(f, "the checksum does not fit the values"),
-            Self::Flaw { flaw } => write!(f, "{flaw}"),
+            Self::Corrupt => write!(f, "the checksum does not match the values"),
+            Self::Invalid { reason } => write!(f, "{reason}"),
         }
     }
 }
@@ -191,8 +221,12 @@ impl fmt::Display for RestoreError {
 impl core::error::Error for RestoreError {}
 
 impl Attitude {
-    /// Refuses what is not an attitude.
-    pub fn checked(&self) -> Result<(), RestoreError> {
+    /// Checks that all values are finite and within the bounds of the chart.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RestoreError::NotFinite`] or [`RestoreError::Invalid`].
+    pub fn validate(&self) -> Result<(), RestoreError> {
         let mut index = 0;
         let mut bad = None;
         { *self }.visit(&mut |value| {
@@ -202,17 +236,17 @@ impl Attitude {
         if let Some(index) = bad {
             return Err(RestoreError::NotFinite { index });
         }
-        attitude_flaw(*self).map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
+        attitude_validation_error(*self).map_or(Ok(()), |flaw| Err(RestoreError::Invalid { reason: flaw }))
     }
 }
 
-/// What is wrong with an attitude; one that is not a number is in no chart.
-pub fn attitude_flaw(attitude: Attitude) -> Option<&'static str> {
+/// Returns the reason if an attitude exceeds the bounds of its chart or is not a number.
+pub fn attitude_validation_error(attitude: Attitude) -> Option<&'static str> {
     let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
     (!inside).then_some("an attitude outside its chart")
 }
 
-/// What is wrong with a gyro bias of finite numbers.
-pub fn bias_flaw(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
+/// Returns the reason if a gyro bias of finite components exceeds 10 rad/s.
+pub fn bias_validation_error(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
     (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

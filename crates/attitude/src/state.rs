@@ -1,51 +1,59 @@
-//! The attitude (w, z) and what acts on it.
+//! Attitude (w, z) and the operations on it.
 //!
-//! Input: turns of the body, corrections of the level. Output: an attitude bounded in its chart, |w| ≤ 1.2. Time: none.
-//! Failure: none; every attitude has a chart in which it is far from the pole.
+//! Input: rotations of the body and corrections of the level.
+//!
+//! Output: an attitude bounded in its chart, |w| ≤ 1.2.
+//!
+//! Failure: none, because every attitude has a chart in which it is far from the pole.
 
 use core::f64::consts::{PI, TAU};
 
 use crate::{
     Complex, J, Matrix3, Quaternion, Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     point::{Chart, Point},
-    turn::Turn,
+    rotation::Rotation,
 };
 
-/// |w|² beyond which the chart is changed: the modulus 1.2, so that an attitude on the equator does not flutter.
-const CHART_LIMIT: f64 = 1.44;
-
-/// The attitude of a body: first a turn z about the vertical, then the shortest turn that tilts it to w.
+/// Maximum |w|². Beyond it the chart changes.
 ///
-/// A = A(w) A(z) — Matveev 2025, (1), (7), (15). In the inverted chart the same holds for the body turned by π about ξ.
+/// The modulus 1.2 leaves a hysteresis, so that attitudes near the equator do not switch back and
+/// forth.
+const MAX_CHART_NORM_SQUARED: f64 = 1.44;
+
+/// Attitude of a body: a rotation z about the vertical, then the shortest rotation that tilts the
+/// body to w.
+///
+/// A = A(w) A(z) — Matveev 2025, (1), (7), (15). The inverted chart describes the body rotated by π
+/// about ξ.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Attitude {
-    /// Where the up vector is.
+    /// Up vector in body axes.
     pub up: Point,
-    /// The turn about the vertical, rad, counter-clockwise from above, (−π, π].
+    /// Rotation about the vertical, rad, counter-clockwise from above, (−π, π].
     pub z_rad: f64,
 }
 
-/// An attitude after it was acted on.
+/// Result of an operation on an attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moved {
-    /// The new attitude.
+pub struct AttitudeUpdate {
+    /// New attitude.
     pub attitude: Attitude,
-    /// e^{−j Δz}: multiplies horizontal vectors kept in the level frame, which turned by Δz.
-    pub swing: Complex<f64>,
+    /// Factor e^{−j Δz} for horizontal vectors in the level frame, which was rotated by Δz.
+    pub level_frame_rotation: Complex<f64>,
 }
 
-/// The body's axes in a frame with a vertical.
+/// Body axes in a frame with a vertical third axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Axes {
-    /// Of each axis, its horizontal part ξ + j η.
+pub(crate) struct BodyAxes {
+    /// Horizontal part ξ + j η of each axis.
     pub(crate) horizontal: [Complex<f64>; 3],
-    /// Of each axis, its part along the vertical: the up vector in body axes.
+    /// Vertical part of each axis: the up vector in body axes.
     pub(crate) up: Vector3<f64>,
 }
 
-impl Axes {
-    /// Horizontal part of a body vector.
+impl BodyAxes {
+    /// Returns the horizontal part of a body vector.
     #[inline]
     pub(crate) fn horizontal(&self, body: Vector3<f64>) -> Complex<f64> {
         let [x, y, z] = self.horizontal;
@@ -54,15 +62,15 @@ impl Axes {
 }
 
 impl Attitude {
-    /// The attitude in which `up` is up, with z = 0.
-    pub fn levelled(up: Point) -> Self {
+    /// Creates the attitude with the given up vector and z = 0.
+    pub fn from_up(up: Point) -> Self {
         Self { up, z_rad: 0.0 }
     }
 
-    /// From a quaternion body → reference, of any length but zero.
+    /// Creates the attitude from a quaternion body → reference of any non-zero length.
     ///
     /// w = j β/α, z = 2 arg α with α = q0 + j q3, β = q1 + j q2; ŵ = −j α/β, ẑ = 2 arg β.
-    pub fn of_quaternion(q: Quaternion<f64>) -> Self {
+    pub fn from_quaternion(q: Quaternion<f64>) -> Self {
         let (alpha, beta) = (Complex::new(q.w, q.k), Complex::new(q.i, q.j));
         if alpha.norm_sqr() >= beta.norm_sqr() {
             Self { up: Point { w: J * beta / alpha, chart: Chart::Upright }, z_rad: wrapped_rad(double_arg(alpha)) }
@@ -71,7 +79,7 @@ impl Attitude {
         }
     }
 
-    /// The unit quaternion body → reference; its sign carries no meaning.
+    /// Returns the unit quaternion body → reference. Its sign carries no meaning.
     pub fn quaternion(self) -> Quaternion<f64> {
         let (sin, cos) = libm::sincos(0.5 * self.z_rad);
         let first = Complex::new(cos, sin) / libm::sqrt(1.0 + self.up.w.norm_sqr());
@@ -83,7 +91,8 @@ impl Attitude {
         Quaternion::new(alpha.re, beta.re, beta.im, alpha.im)
     }
 
-    /// Direction cosines reference → body, v_body = A v_ref — Matveev 2025, (14), (15).
+    /// Returns the direction cosine matrix reference → body, v_body = A v_ref — Matveev 2025, (14),
+    /// (15).
     pub fn matrix(self) -> Matrix3<f64> {
         let (u, v) = (self.up.w.re, self.up.w.im);
         let rho = u * u + v * v;
@@ -104,24 +113,25 @@ impl Attitude {
         Matrix3::from_diagonal(&Vector3::new(1.0, sign, sign)) * tilt * heading
     }
 
-    /// The attitude after a turn of the body; exact for any turn.
+    /// Returns the attitude after a rotation of the body, exact for any angle.
     ///
-    /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w: the solution of Matveev 2025, (18)–(20) for a constant rate.
+    /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w: the solution of Matveev 2025,
+    /// (18)–(20) for a constant rate.
     #[inline]
-    pub fn turned(self, turn: Turn) -> Moved {
-        let Turn { p, s } = turn.view(self.up.chart);
+    pub fn rotated(self, rotation: Rotation) -> AttitudeUpdate {
+        let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
         self.mapped(p.conj() * w + J * s, p + J * s.conj() * w)
     }
 
-    /// [`Attitude::turned`], in place.
+    /// Applies [`Attitude::rotated`] in place.
     #[inline]
-    pub(crate) fn turn(&mut self, turn: Turn) {
-        let Turn { p, s } = turn.view(self.up.chart);
+    pub(crate) fn rotate(&mut self, rotation: Rotation) {
+        let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
         let (numerator, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
         let m2 = m.norm_sqr();
-        if numerator.norm_sqr() > CHART_LIMIT * m2 {
+        if numerator.norm_sqr() > MAX_CHART_NORM_SQUARED * m2 {
             *self = self.rechart(numerator, m).attitude;
             return;
         }
@@ -129,118 +139,127 @@ impl Attitude {
         self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
     }
 
-    /// Turns the body while the level frame is leaned, by a point of that frame before the turn; `azimuth` is the unit number that
-    /// takes what is in the level frame to where it does not turn. The body's axes there.
+    /// Rotates the body and tilts the level frame in one step, and returns the new body axes.
     ///
-    /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w: both maps in one. With the azimuth
-    /// r⁺ = r M²/|M|² the axes need one division, by |M|² + |N|².
+    /// `tilt` is a point of the level frame before the rotation. `azimuth` is the unit number that
+    /// takes the level frame to a frame that does not rotate about the vertical. The returned axes
+    /// are in the latter.
+    ///
+    /// w⁺ = N/M, z⁺ = z + 2 arg M, N = n + l m̄, M = m − l n̄, n = p̄ w + j s, m = p + j s̄ w, with
+    /// l the tilt: the composition of both maps. With the azimuth r⁺ = r M²/|M|² the axes need one
+    /// division, by |M|² + |N|².
     #[inline]
-    pub(crate) fn turn_and_lean(&mut self, turn: Turn, lean: Complex<f64>, azimuth: &mut Complex<f64>) -> Axes {
-        let Turn { p, s } = turn.view(self.up.chart);
+    pub(crate) fn rotate_and_tilt(&mut self, rotation: Rotation, tilt: Complex<f64>, azimuth: &mut Complex<f64>) -> BodyAxes {
+        let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
         let (n, m) = (p.conj() * w + J * s, p + J * s.conj() * w);
-        let (numerator, m) = (n + lean * m.conj(), m - lean * n.conj());
+        let (numerator, m) = (n + tilt * m.conj(), m - tilt * n.conj());
         let (numerator2, m2) = (numerator.norm_sqr(), m.norm_sqr());
-        if numerator2 > CHART_LIMIT * m2 {
+        if numerator2 > MAX_CHART_NORM_SQUARED * m2 {
             let moved = self.rechart(numerator, m);
-            *azimuth *= moved.swing.conj();
+            *azimuth *= moved.level_frame_rotation.conj();
             *self = moved.attitude;
             return self.axes(*azimuth);
         }
         let (inverse, half) = (1.0 / m2, 1.0 / (m2 + numerator2));
-        let turned = *azimuth * m;
-        *azimuth = turned * m * inverse;
+        let rotated = *azimuth * m;
+        *azimuth = rotated * m * inverse;
         self.up.w = numerator * m.conj() * inverse;
         self.z_rad = wrapped_rad(self.z_rad + double_arg(m));
-        let tilt = turned * numerator * (2.0 * half);
-        self.axes_of(*azimuth, tilt, 2.0 * m2 * half)
+        let scaled_tilt = rotated * numerator * (2.0 * half);
+        self.axes_from_tilt(*azimuth, scaled_tilt, 2.0 * m2 * half)
     }
 
-    /// The attitude after its level frame was leaned by the rotation that brings ζ0 to the level-frame point `lean`.
+    /// Returns the attitude after a tilt of its level frame by the rotation that brings ζ0 to the
+    /// level-frame point `tilt`.
     ///
-    /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l: a turn about a horizontal axis, so heading does not follow the tilt.
+    /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l. The rotation axis is horizontal, so the
+    /// heading does not change with the tilt.
     #[inline]
-    pub fn leaned(self, lean: Complex<f64>) -> Moved {
-        self.mapped(self.up.w + lean, Complex::new(1.0, 0.0) - self.up.w.conj() * lean)
+    pub fn tilted(self, tilt: Complex<f64>) -> AttitudeUpdate {
+        self.mapped(self.up.w + tilt, Complex::new(1.0, 0.0) - self.up.w.conj() * tilt)
     }
 
-    /// The attitude after the shortest turn of its level that brings `up` up; heading does not follow.
-    pub fn realigned(self, up: Point) -> Moved {
-        let seen = up.direction();
-        let vertical = 1.0 + seen.dot(&self.up.direction());
-        // Exactly upside down there is no shortest turn: any horizontal axis will do.
-        let lean = if vertical > 1e-9 { self.horizontal(seen) / vertical } else { Complex::new(1e9, 0.0) };
-        self.leaned(lean)
+    /// Returns the attitude after the shortest tilt that makes `up` the up vector. The heading is
+    /// kept.
+    pub fn realigned(self, up: Point) -> AttitudeUpdate {
+        let direction = up.direction();
+        let vertical = 1.0 + direction.dot(&self.up.direction());
+        // For an exactly inverted level the shortest rotation is not unique: any horizontal axis
+        // will do.
+        let tilt = if vertical > 1e-9 { self.horizontal(direction) / vertical } else { Complex::new(1e9, 0.0) };
+        self.tilted(tilt)
     }
 
-    /// Horizontal part of a body vector in the level frame, the reference frame turned by z: ξ + j η.
+    /// Returns the horizontal part ξ + j η of a body vector in the level frame, the reference frame
+    /// rotated by z.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)), F = f_ξ + j f_η: the first two rows of A(w)ᵀ f.
     #[inline]
     pub fn horizontal(self, body: Vector3<f64>) -> Complex<f64> {
-        let f = self.up.chart.view(body);
+        let f = self.up.chart.flip(body);
         let (w, plane) = (self.up.w, Complex::new(f.x, f.y));
         plane - w * (2.0 / (1.0 + w.norm_sqr()) * (f.z + w.re * plane.re + w.im * plane.im))
     }
 
-    /// The body's axes in the level frame turned by `azimuth`, a unit number.
-    pub(crate) fn axes(self, azimuth: Complex<f64>) -> Axes {
+    /// Returns the body axes in the level frame rotated by `azimuth`, a unit number.
+    pub(crate) fn axes(self, azimuth: Complex<f64>) -> BodyAxes {
         let scale = 2.0 / (1.0 + self.up.w.norm_sqr());
-        self.axes_of(azimuth, azimuth * self.up.w * scale, scale)
+        self.axes_from_tilt(azimuth, azimuth * self.up.w * scale, scale)
     }
 
-    /// `scale` is 2/(1 + ρ), `tilt` the azimuth times w times that.
+    /// Returns the body axes for `scale` = 2/(1 + ρ) and `scaled_tilt` = azimuth · w · scale.
     #[inline]
-    fn axes_of(self, azimuth: Complex<f64>, tilt: Complex<f64>, scale: f64) -> Axes {
+    fn axes_from_tilt(self, azimuth: Complex<f64>, scaled_tilt: Complex<f64>, scale: f64) -> BodyAxes {
         let (w, sign) = (self.up.w, self.up.chart.sign());
-        let second = (J * azimuth - tilt * w.im) * sign;
+        let second = (J * azimuth - scaled_tilt * w.im) * sign;
         let up = Vector3::new(scale * w.re, sign * scale * w.im, sign * (scale - 1.0));
-        Axes { horizontal: [azimuth - tilt * w.re, second, tilt * -sign], up }
+        BodyAxes { horizontal: [azimuth - scaled_tilt * w.re, second, scaled_tilt * -sign], up }
     }
 
-    /// The image of a Möbius map given as numerator and m, in the chart where it is far from the pole.
+    /// Returns the image numerator/m of a Möbius map, in the chart where it is far from the pole.
     #[inline]
-    fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
+    fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> AttitudeUpdate {
         let size2 = m.norm_sqr();
-        if numerator.norm_sqr() > CHART_LIMIT * size2 {
+        if numerator.norm_sqr() > MAX_CHART_NORM_SQUARED * size2 {
             return self.rechart(numerator, m);
         }
         let inverse = m.conj() * (1.0 / size2);
         let up = Point { w: numerator * inverse, chart: self.up.chart };
         let z_rad = wrapped_rad(self.z_rad + double_arg(m));
-        Moved { attitude: Self { up, z_rad }, swing: m.conj() * inverse }
+        AttitudeUpdate { attitude: Self { up, z_rad }, level_frame_rotation: m.conj() * inverse }
     }
 
-    /// ŵ = m/numerator, ẑ = z + 2 arg(numerator) + π.
+    /// Returns the image in the other chart: ŵ = m/numerator, ẑ = z + 2 arg(numerator) + π.
     #[cold]
     #[inline(never)]
-    fn rechart(self, numerator: Complex<f64>, m: Complex<f64>) -> Moved {
+    fn rechart(self, numerator: Complex<f64>, m: Complex<f64>) -> AttitudeUpdate {
         let size2 = numerator.norm_sqr();
         let up = Point { w: m * numerator.conj() / size2, chart: self.up.chart.other() };
         let z_rad = wrapped_rad(self.z_rad + double_arg(J * numerator));
-        Moved { attitude: Self { up, z_rad }, swing: -numerator.conj() * numerator.conj() / size2 }
+        AttitudeUpdate { attitude: Self { up, z_rad }, level_frame_rotation: -numerator.conj() * numerator.conj() / size2 }
     }
 }
 
-impl Turn {
-    /// The turn that takes one attitude to another, q_from* q_to.
+impl Rotation {
+    /// Returns the rotation from one attitude to another, q_from* q_to.
     pub fn between(from: Attitude, to: Attitude) -> Self {
-        Self::of_quaternion(from.quaternion().conjugate() * to.quaternion())
+        Self::from_quaternion(from.quaternion().conjugate() * to.quaternion())
     }
 }
 
-/// The same angle in (−π, π].
+/// Wraps an angle to (−π, π].
 #[inline]
 pub fn wrapped_rad(angle_rad: f64) -> f64 {
-    if angle_rad > -PI && angle_rad <= PI { angle_rad } else { far_wrapped_rad(angle_rad) }
+    if angle_rad > -PI && angle_rad <= PI { angle_rad } else { wrap_large_rad(angle_rad) }
 }
 
 #[cold]
 #[inline(never)]
-fn far_wrapped_rad(angle_rad: f64) -> f64 {
+fn wrap_large_rad(angle_rad: f64) -> f64 {
     let wrapped = angle_rad - TAU * libm::rint(angle_rad / TAU);
     if wrapped.abs() > 4.0 {
-        // So many turns that their product with 2π is not exact.
+        // For this many revolutions the product with 2π is not exact.
         return libm::remainder(angle_rad, TAU);
     }
     if wrapped <= -PI { wrapped + TAU } else { wrapped }
@@ -251,7 +270,7 @@ fn double_arg(m: Complex<f64>) -> f64 {
     2.0 * arg(m)
 }
 
-/// arg m, rad, (−π, π]: by its series for the small angles of a sample.
+/// Returns arg m, rad, (−π, π]. The small angles of one sample use a series.
 #[inline]
 pub(crate) fn arg(m: Complex<f64>) -> f64 {
     let t = m.im / m.re;
@@ -274,7 +293,7 @@ fn wide_arg(m: Complex<f64>) -> f64 {
     libm::atan2(m.im, m.re)
 }
 
-impl Numbers for Attitude {
+impl Scalars for Attitude {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { up, z_rad } = self;
         up.visit(visit);

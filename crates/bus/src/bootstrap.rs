@@ -1,10 +1,15 @@
-//! What a system begins with: the folder of its bus, and the segment from which iceoryx2 counts the nodes.
+//! Creates what a system needs before its first member joins: the folder and the node segment.
 //!
-//! Input: a name that is claimed and has no members. Output: both, this user's alone. Time: none. Failure: said; a user who changes the
-//! segment in the moment in which it is open to everybody keeps a system from starting, and no more.
+//! Input: a claimed name without members.
 //!
-//! iceoryx2 makes that segment readable and writable for everybody, whatever the umask; whoever finds one uses it as it is. So one is
-//! made, and another with the same contents takes its place before anybody else joins.
+//! Output: a folder and the segment in which iceoryx2 counts nodes, accessible to this user only.
+//!
+//! Failure: reported. Another user who modifies the segment during the short time in which it is
+//! accessible can prevent the start, but nothing else.
+//!
+//! iceoryx2 creates that segment readable and writable for everybody regardless of the umask, and
+//! uses an existing one as it is. Therefore the segment is created once and then replaced by a
+//! private copy before any other process joins.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -15,33 +20,33 @@ use std::{
 
 use crate::{BusError, SystemName, owned_files, topic};
 
-/// More than the segment has, bytes.
-const SEGMENT_MAX: u64 = 4096;
+/// Upper bound of the segment size, bytes.
+const MAX_SEGMENT_BYTES: u64 = 4096;
 
 impl SystemName {
-    /// Makes what members of the system need before the first of them joins.
-    pub(crate) fn found(&self) -> Result<(), BusError> {
-        owned_files::make_folder(&self.root())?;
-        self.join_once()?;
+    /// Creates the folder and the node segment of the bus.
+    pub(crate) fn create_bus(&self) -> Result<(), BusError> {
+        owned_files::create_folder(&self.root())?;
+        self.create_first_node()?;
         let suffix = self.config().global.node.global_mgmt_suffix.to_string();
-        let open: Vec<PathBuf> =
+        let segments: Vec<PathBuf> =
             self.files().into_iter().filter(|path| path.to_string_lossy().ends_with(&suffix)).collect();
-        for path in open {
-            replace(&path).map_err(|cause| BusError::File { doing: "closing to other users", path, cause })?;
+        for path in segments {
+            replace(&path).map_err(|cause| BusError::File { doing: "restricting access to", path, cause })?;
         }
-        // It is what iceoryx2 expects.
-        self.join_once()
+        // This checks that iceoryx2 accepts the copy.
+        self.create_first_node()
     }
 
-    fn join_once(&self) -> Result<(), BusError> {
-        topic::node(self, "founder").map(drop)
+    fn create_first_node(&self) -> Result<(), BusError> {
+        topic::create_node(self, "founder").map(drop)
     }
 }
 
-/// Puts a file of this user alone in the place of another with the same contents.
+/// Replaces a file by a copy that only this user can access.
 fn replace(path: &Path) -> io::Result<()> {
     let mut contents = Vec::new();
-    File::open(path)?.take(SEGMENT_MAX).read_to_end(&mut contents)?;
+    File::open(path)?.take(MAX_SEGMENT_BYTES).read_to_end(&mut contents)?;
     fs::remove_file(path)?;
     OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?.write_all(&contents)
 }

@@ -1,172 +1,176 @@
+//! Errors of the bus.
+
 use std::{io, path::PathBuf};
 
-use crate::machine_limits::{FILES, MORE_FILES, MORE_MEMORY, Mib, SharedMemory};
+use crate::machine_limits::{REQUIRED_OPEN_FILES, OPEN_FILES_REMEDY, SHARED_MEMORY_REMEDY, Mib, SharedMemory};
 
-/// Why the bus could not do what it was asked.
+/// Error of a bus operation.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// The name cannot be part of a file's name.
-    #[error("naming a system: {name:?} is not a name; use 1 to 32 of a-z, 0-9, - and _")]
-    Name {
-        /// The name asked for.
+    /// The name cannot be part of a file name.
+    #[error("invalid system name {name:?}: use 1 to 32 characters of a-z, 0-9, - and _")]
+    InvalidName {
+        /// Requested name.
         name: String,
     },
     /// Another supervisor holds the name.
-    #[error("starting the system {name:?}: one of that name already runs{owner}, or set another `name` in launch.toml")]
-    Taken {
-        /// The name asked for.
-        name: String,
-        /// Who holds it, and how to stop it.
-        owner: String,
-    },
-    /// Services of an earlier run still live.
     #[error(
-        "starting the system {name:?}: services of an earlier run still live; end them (pkill -KILL -f 'plumb service')"
+        "starting the system {name:?}: a system of this name is already running{hint} or set another `name` in launch.toml"
+    )]
+    NameInUse {
+        /// Requested name.
+        name: String,
+        /// The running process, if known, and how to stop it.
+        hint: String,
+    },
+    /// Services of an earlier run are still running.
+    #[error(
+        "starting the system {name:?}: services of an earlier run are still running; end them (pkill -KILL -f 'plumb service')"
     )]
     Lingering {
-        /// The name asked for.
+        /// Requested name.
         name: String,
     },
-    /// Something that carries the name of a system is not this user's alone.
+    /// A file of the system belongs to another user or is accessible to others.
     #[error(
-        "using {path}: {why}; it is left as it is: {their_own}remove it where nobody needs it (sudo rm -r {path}), or set another `name` in launch.toml"
+        "using {path}: {why}; it was left unchanged: {hint}remove it if it is not needed (sudo rm -r {path}), or set another `name` in launch.toml"
     )]
-    NotOurs {
-        /// The file or folder.
+    ForeignFile {
+        /// File or folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Problem of the file.
         why: String,
-        /// What to do where another user's system runs; empty where it is this user's.
-        their_own: String,
+        /// Advice if another user's system may be running; empty for a file of this user.
+        hint: String,
     },
-    /// The page of wake words, or the folder of the bus.
-    #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is space")]
+    /// A file or folder of the bus could not be used.
+    #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is free space")]
     File {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// The file.
+        /// File or folder.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// A service was started without its system.
-    #[error("joining the system {name:?}: it does not run; start it with `plumb up`")]
+    /// The system is not running.
+    #[error("joining the system {name:?}: it is not running; start it with `plumb up`")]
     NotRunning {
-        /// The system's name.
+        /// Name of the system.
         name: String,
     },
-    /// It runs, and nobody can join it.
+    /// The system is running, but its files were removed, so that no process can join.
     #[error(
-        "joining the system {name:?}: somebody removed its files while it runs (processes {pids:?}); it starts anew by itself once a service ends or is swapped"
+        "joining the system {name:?}: its files were removed while it is running (processes {pids:?}); it recovers by itself when a service ends or is swapped"
     )]
     FilesRemoved {
-        /// The system's name.
+        /// Name of the system.
         name: String,
-        /// Its processes.
+        /// Processes of the system.
         pids: Vec<u32>,
     },
-    /// Too few files may be open.
+    /// The limit on open files is too low.
     #[error(
-        "joining a system: a process of it has up to {} files open, this one may have {allowed}; {}",
-        FILES,
-        MORE_FILES
+        "joining a system: its processes need up to {} open files, but only {allowed} are allowed; {}",
+        REQUIRED_OPEN_FILES,
+        OPEN_FILES_REMEDY
     )]
-    Files {
-        /// The limit.
+    OpenFileLimit {
+        /// Limit of this process.
         allowed: u64,
     },
-    /// Too little shared memory is free.
+    /// Not enough shared memory is free.
     #[error(
-        "starting the system {name:?}: its topics need {needed} of shared memory, {memory}; {}, or lower buffer_s in launch.toml",
-        MORE_MEMORY
+        "starting the system {name:?}: its topics need {needed} of shared memory, but {memory}; {}, or lower buffer_s in launch.toml",
+        SHARED_MEMORY_REMEDY
     )]
-    Memory {
-        /// The system's name.
+    SharedMemory {
+        /// Name of the system.
         name: String,
-        /// What it needs.
+        /// Required memory.
         needed: Mib,
-        /// What there is.
+        /// Available memory.
         memory: SharedMemory,
     },
-    /// The node could not be made.
+    /// The iceoryx2 node could not be created or listed.
     #[error("joining the bus of {name:?}: {cause}")]
     Node {
-        /// The system's name.
+        /// Name of the system.
         name: String,
-        /// What iceoryx2 answered.
+        /// Error of iceoryx2.
         cause: String,
     },
-    /// Every place of an observer is taken.
+    /// The system has the maximum number of observers.
     #[error(
-        "observing the system {name:?}: {} observers look at it already, more could crowd out its services; end one (`plumb top`, `plumb topic`): processes {pids:?}",
-        crate::OBSERVERS
+        "observing the system {name:?}: {} observers are attached already, which is the maximum; end one (`plumb top`, `plumb topic`): processes {pids:?}",
+        crate::MAX_OBSERVERS
     )]
-    Crowded {
-        /// The system's name.
+    TooManyObservers {
+        /// Name of the system.
         name: String,
-        /// The observers, as far as they are this user's.
+        /// Observing processes of this user.
         pids: Vec<u32>,
     },
-    /// A process was killed while it made a segment; nobody can open it.
-    #[error("observing the system {name:?}: a process was killed while it made {path}; start the system anew")]
-    HalfMade {
-        /// The system's name.
+    /// A process was killed while it created a segment, so that the segment cannot be opened.
+    #[error("observing the system {name:?}: {path} is incomplete because its creator was killed; restart the system")]
+    IncompleteSegment {
+        /// Name of the system.
         name: String,
-        /// The segment.
+        /// Incomplete segment.
         path: PathBuf,
     },
-    /// Nobody publishes or reads the topic.
+    /// The topic has no publisher and no subscriber.
     #[error("opening the topic `{topic}`: no service of the system has opened it")]
-    Unopened {
-        /// The topic.
+    TopicNotOpen {
+        /// Name of the topic.
         topic: &'static str,
     },
-    /// Both sides of a topic were built from different sources.
+    /// The topic was created with another payload layout, by another version of the program.
     #[error(
-        "opening the topic `{topic}`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only"
+        "opening the topic `{topic}`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     )]
-    Layout {
-        /// The topic.
+    LayoutMismatch {
+        /// Name of the topic.
         topic: &'static str,
-        /// Our layout.
+        /// Layout of this program.
         here: String,
-        /// The layout of whoever created the topic.
+        /// Layout of the creator of the topic.
         there: String,
     },
-    /// Whoever opened the topic first had it hold less.
+    /// The topic was created with a smaller buffer.
     #[error(
-        "opening the topic `{topic}`: it was opened first with room for {there} messages for each reader, here {here} are asked for; every program that publishes or reads a topic of the path asks for buffer_s x rate_hz of the launch file, rounded up, and for 256 at least"
+        "opening the topic `{topic}`: it was created with a buffer of {there} messages per subscriber, but {here} are requested; every publisher and subscriber of a path topic must request buffer_s x rate_hz of the launch file, rounded up, and at least 256"
     )]
-    Buffer {
-        /// The topic.
+    BufferMismatch {
+        /// Name of the topic.
         topic: &'static str,
-        /// Messages asked for here.
+        /// Number of messages requested.
         here: usize,
-        /// Messages that the topic holds.
+        /// Number of messages that the topic buffers.
         there: usize,
     },
     /// The topic could not be opened.
     #[error("opening the topic `{topic}`: {cause}")]
     Topic {
-        /// The topic.
+        /// Name of the topic.
         topic: &'static str,
-        /// What iceoryx2 answered.
+        /// Error of iceoryx2.
         cause: String,
     },
     /// A message could not be sent.
     #[error("publishing on the topic `{topic}`: {cause}")]
     Send {
-        /// The topic.
+        /// Name of the topic.
         topic: &'static str,
-        /// What iceoryx2 answered.
+        /// Error of iceoryx2.
         cause: String,
     },
     /// A message could not be received.
     #[error("reading the topic `{topic}`: {cause}")]
     Receive {
-        /// The topic.
+        /// Name of the topic.
         topic: &'static str,
-        /// What iceoryx2 answered.
+        /// Error of iceoryx2.
         cause: String,
     },
 }

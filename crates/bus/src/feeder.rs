@@ -1,55 +1,61 @@
-//! Feeding a running system without being part of it: a program of somebody's own that publishes on a topic which ingest reads.
+//! Feeders: external programs that publish on a topic of a running system, for ingest to read.
 
 use iceoryx2::{node::Node, prelude::ipc};
 use messages::Message;
 
-use crate::{BusError, Publisher, SystemName, port::Topic, topic, visit::Visit};
+use crate::{BusError, Publisher, SystemName, port::BusTopic, topic, session::ObserverSession};
 
-/// The publishing end of `M` in one run of a system.
+/// Publisher of `M` in one run of a system, without being part of the system.
 #[derive(Debug)]
 pub struct Feeder<M: Message> {
-    visit: Visit,
-    /// Given back when the feeder is dropped; the port before the node that it belongs to.
-    end: Option<(Publisher<M>, Node<ipc::Service>)>,
-    holds: usize,
+    session: ObserverSession,
+    /// Released when the feeder is dropped. The port precedes the node it belongs to.
+    endpoint: Option<(Publisher<M>, Node<ipc::Service>)>,
+    buffer: usize,
 }
 
 impl<M: Message> Feeder<M> {
-    /// Publishes on a topic that is open in the system that runs; `who` is the name under which the port is seen.
-    pub fn join(system_name: &SystemName, who: &str) -> Result<Self, BusError> {
-        let (visit, inside) = Visit::begin(system_name)?;
-        if let Some(path) = system_name.half_made() {
-            return Err(BusError::HalfMade { name: system_name.name().into(), path });
+    /// Joins the running system and publishes on the topic of `M`.
+    ///
+    /// `process_name` is the name under which the port is listed.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the system is not running, the topic is not open or its layout differs.
+    pub fn join(system_name: &SystemName, process_name: &str) -> Result<Self, BusError> {
+        let (session, lock) = ObserverSession::open(system_name)?;
+        if let Some(path) = system_name.incomplete_segment() {
+            return Err(BusError::IncompleteSegment { name: system_name.name().into(), path });
         }
-        let node = topic::node(system_name, who)?;
-        let topic = Topic::open::<M>(&node)?;
-        let publisher = Publisher::visiting(&topic, visit.page())?;
-        let holds = topic.buffer();
-        drop((topic, inside));
-        Ok(Self { visit, end: Some((publisher, node)), holds })
+        let node = topic::create_node(system_name, process_name)?;
+        let topic = BusTopic::open::<M>(&node)?;
+        let publisher = Publisher::for_session(&topic, session.state())?;
+        let buffer = topic.buffer();
+        drop((topic, lock));
+        Ok(Self { session, endpoint: Some((publisher, node)), buffer })
     }
 
-    /// Publishes a message and wakes whoever reads it; never waits.
+    /// Publishes a message and wakes the subscribers, without blocking.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
-        let Some((publisher, _)) = &self.end else { return Err(self.visit.system_name().absent()) };
+        let Some((publisher, _)) = &self.endpoint else { return Err(self.session.system_name().absence_error()) };
         publisher.send(message)?;
         publisher.wake();
         Ok(())
     }
 
-    /// Messages that the topic holds for each reader.
-    pub fn holds(&self) -> usize {
-        self.holds
+    /// Returns the number of messages that the topic buffers per subscriber.
+    pub fn buffer(&self) -> usize {
+        self.buffer
     }
 
-    /// The run that was joined goes on.
+    /// Returns `true` while the joined run continues.
     pub fn is_running(&self) -> bool {
-        self.visit.is_running()
+        self.session.is_running()
     }
 }
 
 impl<M: Message> Drop for Feeder<M> {
     fn drop(&mut self) {
-        self.visit.leave(self.end.take());
+        self.session.release(self.endpoint.take());
     }
 }

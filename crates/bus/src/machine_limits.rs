@@ -1,7 +1,10 @@
-//! What a system needs of the machine: shared memory, and files that a process may have open.
+//! Resource requirements of a system: shared memory and open files.
 //!
-//! Input: the machine's limits. Output: that they suffice, or what is short and the remedy. Time: none. Failure: where a limit cannot be
-//! read nothing is short.
+//! Input: the limits of the machine.
+//!
+//! Output: confirmation, or the resource that is short and the remedy.
+//!
+//! Failure: a limit that cannot be read counts as sufficient.
 
 use std::{fmt, fs, io};
 
@@ -17,38 +20,44 @@ use signal_hook::{
 
 use crate::{BusError, system_name::SHARED_MEMORY};
 
-/// Files that a process of a system may have to have open: 75 with five services, more with a gateway, stages beside, and what the killed leave.
-pub const FILES: u64 = 256;
-/// How to have more of them.
-pub const MORE_FILES: &str =
+/// Number of files that a process must be allowed to open. Five services use 75; gateway,
+/// candidates and leftovers of killed processes need more.
+pub const REQUIRED_OPEN_FILES: u64 = 256;
+/// Advice for raising the limit on open files.
+pub const OPEN_FILES_REMEDY: &str =
     "allow more: ulimit -n 4096, or LimitNOFILE=4096 in the unit; in a container --ulimit nofile=4096";
-/// How to have more shared memory.
-pub const MORE_MEMORY: &str =
+/// Advice for freeing or adding shared memory.
+pub const SHARED_MEMORY_REMEDY: &str =
     "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
-/// So few files, or so little memory, are as good as none: what failed has given back what it had taken.
-const FILES_SPARE: u64 = 16;
-const MEMORY_SPARE: u64 = 256 << 10;
+/// Spare files and memory below which a failure is attributed to their shortage. A failed operation
+/// has already returned what it had taken.
+const MIN_SPARE_FILES: u64 = 16;
+const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
-/// The shared memory of this machine, bytes.
+/// Shared memory of this machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SharedMemory {
-    /// What is free.
-    pub free: u64,
-    /// All there is.
-    pub size: u64,
+    /// Free bytes.
+    pub free_bytes: u64,
+    /// Total bytes.
+    pub size_bytes: u64,
 }
 
 impl SharedMemory {
-    /// What there is now; `None` where it cannot be known.
-    pub fn now() -> Option<Self> {
+    /// Returns the current amounts, or `None` if they cannot be determined.
+    pub fn query() -> Option<Self> {
         let stat = statvfs(SHARED_MEMORY).ok()?;
-        Some(Self { free: stat.f_bavail * stat.f_frsize, size: stat.f_blocks * stat.f_frsize })
+        Some(Self { free_bytes: stat.f_bavail * stat.f_frsize, size_bytes: stat.f_blocks * stat.f_frsize })
     }
 
-    /// Fails where less than `needed` bytes are free for the system `name`.
-    pub fn suffices(name: &str, needed: u64) -> Result<(), BusError> {
-        match Self::now().filter(|memory| memory.free < needed) {
-            Some(memory) => Err(BusError::Memory { name: name.into(), needed: Mib(needed), memory }),
+    /// Checks that `needed_bytes` are free for the system `name`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if fewer bytes are free.
+    pub fn check(name: &str, needed_bytes: u64) -> Result<(), BusError> {
+        match Self::query().filter(|memory| memory.free_bytes < needed_bytes) {
+            Some(memory) => Err(BusError::SharedMemory { name: name.into(), needed: Mib(needed_bytes), memory }),
             None => Ok(()),
         }
     }
@@ -56,11 +65,11 @@ impl SharedMemory {
 
 impl fmt::Display for SharedMemory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {} are free in {SHARED_MEMORY}", Mib(self.free), Mib(self.size))
+        write!(f, "{} of {} are free in {SHARED_MEMORY}", Mib(self.free_bytes), Mib(self.size_bytes))
     }
 }
 
-/// Bytes, as people read them.
+/// Number of bytes, displayed in MiB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mib(pub u64);
 
@@ -70,43 +79,44 @@ impl fmt::Display for Mib {
     }
 }
 
-/// Lets this process, and those that it starts, have as many files open as they may.
-pub(crate) fn allow_files() -> Result<(), BusError> {
+/// Raises the limit on open files of this process and its children to the maximum.
+pub(crate) fn raise_open_file_limit() -> Result<(), BusError> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     if current != maximum {
-        // Where it cannot be raised it stays, and is looked at below.
+        // If the limit cannot be raised, the check below reports it.
         let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
     }
-    match getrlimit(Resource::Nofile).current.filter(|allowed| *allowed < FILES) {
-        Some(allowed) => Err(BusError::Files { allowed }),
+    match getrlimit(Resource::Nofile).current.filter(|allowed| *allowed < REQUIRED_OPEN_FILES) {
+        Some(allowed) => Err(BusError::OpenFileLimit { allowed }),
         None => Ok(()),
     }
 }
 
-/// Whoever touches shared memory of which none is left is ended by SIGBUS; from now on this process says why before that.
-pub fn say_when_memory_runs_out() {
-    let say = || {
-        for part in ["there is no shared memory left for a part of the bus (df /dev/shm); ", MORE_MEMORY, "\n"] {
-            // Where nobody reads it the signal says it alone.
+/// Installs a handler that explains SIGBUS, which the kernel sends when shared memory is exhausted.
+pub fn report_memory_exhaustion() {
+    let report = || {
+        for part in ["out of shared memory for the bus (df /dev/shm); ", SHARED_MEMORY_REMEDY, "\n"] {
+            // Without a reader of stderr only the signal reports the cause.
             let _ = rustix::io::write(io::stderr(), part.as_bytes());
         }
         let _ = emulate_default_handler(SIGBUS);
     };
     #[allow(unsafe_code)]
-    // SAFETY: it writes to a file and takes the signal's default, both of which a handler may do; it takes no lock and no memory.
-    let registered = unsafe { register(SIGBUS, say) };
-    // Without it the signal ends the process all the same.
+    // SAFETY: the handler only writes to a file and restores the default action, both of which are
+    // async-signal-safe. It takes no lock and allocates no memory.
+    let registered = unsafe { register(SIGBUS, report) };
+    // Without the handler the signal still ends the process.
     drop(registered);
 }
 
-/// What iceoryx2 answered, and why, where the machine is short of something.
-pub(crate) fn why(answer: &dyn fmt::Debug) -> String {
+/// Describes an error of iceoryx2. A shortage of files or memory is added as the likely cause.
+pub(crate) fn describe_cause(cause: &dyn fmt::Debug) -> String {
     let open = fs::read_dir("/proc/self/fd").map_or(0, |entries| entries.count() as u64);
-    let allowed = getrlimit(Resource::Nofile).current.filter(|allowed| open + FILES_SPARE > *allowed);
-    let memory = SharedMemory::now().filter(|memory| memory.free < MEMORY_SPARE);
+    let allowed = getrlimit(Resource::Nofile).current.filter(|allowed| open + MIN_SPARE_FILES > *allowed);
+    let memory = SharedMemory::query().filter(|memory| memory.free_bytes < MIN_SPARE_MEMORY_BYTES);
     match (allowed, memory) {
-        (Some(allowed), _) => format!("{open} files are open, {allowed} may be; {MORE_FILES} (iceoryx2: {answer:?})"),
-        (_, Some(memory)) => format!("{memory}; {MORE_MEMORY} (iceoryx2: {answer:?})"),
-        _ => format!("{answer:?}"),
+        (Some(allowed), _) => format!("{open} of {allowed} allowed files are open; {OPEN_FILES_REMEDY} (iceoryx2: {cause:?})"),
+        (_, Some(memory)) => format!("{memory}; {SHARED_MEMORY_REMEDY} (iceoryx2: {cause:?})"),
+        _ => format!("{cause:?}"),
     }
 }

@@ -1,6 +1,7 @@
-//! Looking at a running system without being part of it.
+//! Observers of a running system, which are not part of it.
 //!
-//! An observer has a seat, one of few, so that the topics always have room for it and for the services. It waits for nobody and wakes nobody.
+//! The number of observers is limited by lock files, so that topics always have enough ports for
+//! services. An observer neither waits for nor wakes any other process.
 
 use std::{fs::File, rc::Rc};
 
@@ -8,63 +9,67 @@ use graph::Topic;
 use iceoryx2::{node::Node, prelude::ipc};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::{BusError, SystemName, Tap, port::OBSERVERS, topic, visit::Visit};
+use crate::{BusError, SystemName, Tap, port::MAX_OBSERVERS, topic, session::ObserverSession};
 
-/// A process that looks at a running system.
+/// Observing process of a running system.
 #[derive(Debug)]
 pub struct Observer {
-    visit: Rc<Visit>,
+    session: Rc<ObserverSession>,
     node: Option<Node<ipc::Service>>,
-    _seat: File,
+    _lock: File,
 }
 
 impl Observer {
-    /// Takes a seat in the system; `who` is the name under which its ports are seen.
-    pub fn sit(system_name: &SystemName, who: &str) -> Result<Self, BusError> {
-        let (visit, inside) = Visit::begin(system_name)?;
-        let seat = seat(system_name)?;
-        // Whoever was killed in this seat: its ports are free again. What cannot be removed the supervisor tries again.
-        let _ = system_name.clean();
-        let node = topic::node(system_name, who)?;
-        drop(inside);
-        Ok(Self { visit: Rc::new(visit), node: Some(node), _seat: seat })
+    /// Attaches to the running system. `process_name` is the name under which its ports are listed.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the system is not running or has [`MAX_OBSERVERS`] observers.
+    pub fn attach(system_name: &SystemName, process_name: &str) -> Result<Self, BusError> {
+        let (session, run_lock) = ObserverSession::open(system_name)?;
+        let lock = lock_free_place(system_name)?;
+        // Frees the ports of killed observers. The supervisor retries what cannot be removed.
+        let _ = system_name.remove_dead_nodes();
+        let node = topic::create_node(system_name, process_name)?;
+        drop(run_lock);
+        Ok(Self { session: Rc::new(session), node: Some(node), _lock: lock })
     }
 
-    /// Reads a topic from its next message on.
+    /// Subscribes to a topic from its next message on.
     pub fn tap(&self, topic: Topic) -> Result<Tap, BusError> {
-        let gone = || self.visit.system_name().absent();
+        let gone = || self.session.system_name().absence_error();
         let node = self.node.as_ref().ok_or_else(gone)?;
-        let _inside = self.visit.step_in()?.ok_or_else(gone)?;
-        if let Some(path) = self.visit.system_name().half_made() {
-            return Err(BusError::HalfMade { name: self.visit.system_name().name().into(), path });
+        let _lock = self.session.lock_run()?.ok_or_else(gone)?;
+        if let Some(path) = self.session.system_name().incomplete_segment() {
+            return Err(BusError::IncompleteSegment { name: self.session.system_name().name().into(), path });
         }
-        Tap::open(node, topic, self.visit.clone())
+        Tap::open(node, topic, self.session.clone())
     }
 
-    /// The system that was joined still runs.
+    /// Returns `true` while the joined run continues.
     pub fn is_running(&self) -> bool {
-        self.visit.is_running()
+        self.session.is_running()
     }
 
-    /// The supervisor's process.
+    /// Returns the process identifier of the supervisor.
     pub fn owner_pid(&self) -> u32 {
-        self.visit.page().owner_pid()
+        self.session.state().owner_pid()
     }
 }
 
 impl Drop for Observer {
     fn drop(&mut self) {
-        self.visit.leave(self.node.take());
+        self.session.release(self.node.take());
     }
 }
 
-/// A free seat, held for as long as the file is.
-fn seat(system_name: &SystemName) -> Result<File, BusError> {
-    for number in 0..OBSERVERS {
-        let file = system_name.open_seat(number)?;
+/// Locks a free observer place, which is held as long as the file is open.
+fn lock_free_place(system_name: &SystemName) -> Result<File, BusError> {
+    for number in 0..MAX_OBSERVERS {
+        let file = system_name.open_observer_lock(number)?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() {
             return Ok(file);
         }
     }
-    Err(BusError::Crowded { name: system_name.name().into(), pids: system_name.seated() })
+    Err(BusError::TooManyObservers { name: system_name.name().into(), pids: system_name.observer_pids() })
 }

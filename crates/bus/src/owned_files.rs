@@ -1,7 +1,11 @@
-//! Files and folders of this user alone, where everybody may put some.
+//! Files and folders in a world-writable folder that only this user can access.
 //!
-//! Input: a path. Output: what is there, opened. Time: none; nothing waits for another program. Failure: a symbolic link is not
-//! followed; what is of another kind, of another user or open to others is named, and left as it is.
+//! Input: a path.
+//!
+//! Output: the opened file, or the result of the check.
+//!
+//! Failure: symbolic links are not followed. A file of another kind or of another user, or one
+//! accessible to others, is reported and left unchanged.
 
 use std::{
     fs::{self, File},
@@ -18,81 +22,81 @@ use rustix::{
 
 use crate::BusError;
 
-/// What group and others may do.
-const OTHERS: u32 = 0o077;
+/// Permission bits of group and others.
+const GROUP_AND_OTHERS: u32 = 0o077;
 
-/// Opens a file to read and write; with `create` makes one where there is none.
-pub(crate) fn file(path: &Path, create: bool) -> Result<File, BusError> {
+/// Opens a file for reading and writing. With `create` it is created if missing.
+pub(crate) fn open_file(path: &Path, create: bool) -> Result<File, BusError> {
     let create = if create { OFlags::CREATE } else { OFlags::empty() };
-    // Without a wait, should it be a pipe.
+    // Non-blocking, in case the path is a named pipe.
     let flags = OFlags::RDWR | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC | create;
     match open(path, flags, Mode::RUSR | Mode::WUSR) {
         Ok(opened) => {
             let file = File::from(opened);
-            let found = file.metadata().map_err(|cause| failed("looking at", path, cause))?;
-            sound(path, &found, "file", found.is_file()).map(|()| file)
+            let found = file.metadata().map_err(|cause| failed("inspecting", path, cause))?;
+            check_access(path, &found, "file", found.is_file()).map(|()| file)
         }
         Err(Errno::NOENT) => Err(failed("opening", path, Errno::NOENT.into())),
         Err(cause) => {
-            // What is there says more than that it cannot be opened.
-            let found = fs::symlink_metadata(path).map_err(|cause| failed("looking at", path, cause))?;
-            sound(path, &found, "file", found.is_file())?;
+            // The kind and owner of the existing file explain more than the error of `open`.
+            let found = fs::symlink_metadata(path).map_err(|cause| failed("inspecting", path, cause))?;
+            check_access(path, &found, "file", found.is_file())?;
             Err(failed("opening", path, cause.into()))
         }
     }
 }
 
-/// Makes a folder where there is none. Nobody else can put another in its place: `/dev/shm` is sticky.
-pub(crate) fn make_folder(path: &Path) -> Result<(), BusError> {
+/// Creates a folder if it is missing. Other users cannot replace it, because `/dev/shm` is sticky.
+pub(crate) fn create_folder(path: &Path) -> Result<(), BusError> {
     match mkdir(path, Mode::RWXU) {
-        Ok(()) | Err(Errno::EXIST) => folder(path),
-        Err(cause) => Err(failed("making", path, cause.into())),
+        Ok(()) | Err(Errno::EXIST) => check_folder(path),
+        Err(cause) => Err(failed("creating", path, cause.into())),
     }
 }
 
-/// Looks at a folder.
-pub(crate) fn folder(path: &Path) -> Result<(), BusError> {
-    let found = fs::symlink_metadata(path).map_err(|cause| failed("looking at", path, cause))?;
-    sound(path, &found, "folder", found.is_dir())
+/// Checks that the path is a folder that only this user can access.
+pub(crate) fn check_folder(path: &Path) -> Result<(), BusError> {
+    let found = fs::symlink_metadata(path).map_err(|cause| failed("inspecting", path, cause))?;
+    check_access(path, &found, "folder", found.is_dir())
 }
 
-/// Whose it is, whatever it is; where nothing is any more it is nobody's.
-pub(crate) fn owner(path: &Path) -> Result<(), BusError> {
+/// Checks that the path belongs to this user, whatever its kind. A missing path is accepted.
+pub(crate) fn check_owner(path: &Path) -> Result<(), BusError> {
     match fs::symlink_metadata(path) {
-        Ok(found) => mine(path, &found),
+        Ok(found) => check_uid(path, &found),
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(cause) => Err(failed("looking at", path, cause)),
+        Err(cause) => Err(failed("inspecting", path, cause)),
     }
 }
 
-fn sound(path: &Path, found: &fs::Metadata, kind: &str, is_kind: bool) -> Result<(), BusError> {
+fn check_access(path: &Path, found: &fs::Metadata, kind: &str, is_kind: bool) -> Result<(), BusError> {
     if !is_kind {
-        return Err(refused(path, format!("it is {}, not a {kind}", kind_of(found)), found));
+        return Err(foreign_file(path, format!("it is {}, not a {kind}", kind_of(found)), found));
     }
-    mine(path, found)?;
-    if found.mode() & OTHERS != 0 {
-        return Err(refused(path, format!("other users may use it (mode {:o})", found.mode() & 0o7777), found));
+    check_uid(path, found)?;
+    if found.mode() & GROUP_AND_OTHERS != 0 {
+        return Err(foreign_file(path, format!("it is accessible to other users (mode {:o})", found.mode() & 0o7777), found));
     }
     if found.is_file() && found.nlink() > 1 {
-        return Err(refused(path, "it is another file too (a hard link)".into(), found));
+        return Err(foreign_file(path, "it has a second name (a hard link)".into(), found));
     }
     Ok(())
 }
 
-fn mine(path: &Path, found: &fs::Metadata) -> Result<(), BusError> {
-    let me = geteuid().as_raw();
-    if found.uid() == me {
+fn check_uid(path: &Path, found: &fs::Metadata) -> Result<(), BusError> {
+    let own_uid = geteuid().as_raw();
+    if found.uid() == own_uid {
         return Ok(());
     }
-    Err(refused(path, format!("it belongs to user {}, and this is user {me}", found.uid()), found))
+    Err(foreign_file(path, format!("it belongs to user {}, not to user {own_uid}", found.uid()), found))
 }
 
-fn refused(path: &Path, why: String, found: &fs::Metadata) -> BusError {
-    let their_own = match found.uid() {
+fn foreign_file(path: &Path, why: String, found: &fs::Metadata) -> BusError {
+    let hint = match found.uid() {
         uid if uid == geteuid().as_raw() => String::new(),
-        uid => format!("where that user's system runs, be that user (sudo -u '#{uid}' plumb …); else "),
+        uid => format!("if that user's system is running, run plumb as that user (sudo -u '#{uid}' plumb …); otherwise "),
     };
-    BusError::NotOurs { path: path.into(), why, their_own }
+    BusError::ForeignFile { path: path.into(), why, hint }
 }
 
 fn kind_of(found: &fs::Metadata) -> &'static str {

@@ -1,4 +1,4 @@
-//! What systems leave behind on this machine, and what may be removed of it.
+//! Files that systems have left on this machine, and their removal.
 
 use std::{
     collections::BTreeSet,
@@ -13,100 +13,112 @@ use iceoryx2::{
 };
 
 use crate::{
-    BusError, OBSERVERS, Port, SystemName,
-    damage::REMOVED,
+    BusError, MAX_OBSERVERS, Port, SystemName,
+    removed_files::DELETED_SUFFIX,
     owned_files,
-    system_name::{FAMILY, LOOK, OWNER_LIMIT, SHARED_MEMORY},
-    visit::members,
+    system_name::{NAME_PREFIX, POLL_INTERVAL, OWNER_START_TIMEOUT, SHARED_MEMORY},
+    session::list_processes,
 };
 
-/// The files of one system.
+/// Files of one system.
 #[derive(Debug)]
 pub struct StaleResources {
-    /// The system.
+    /// Name of the system.
     pub system_name: SystemName,
-    /// Whether it lives.
+    /// Liveness of the system.
     pub liveness: SystemLiveness,
-    /// Every file and folder that carries its name.
+    /// All files and folders of the system.
     pub files: Vec<PathBuf>,
-    /// Who has been killed and is still noted on its bus.
+    /// Killed processes that are still registered on its bus.
     pub dead: Vec<Port>,
-    /// A segment whose maker was killed: whoever opens its topic waits for ever.
-    pub half_made: Option<PathBuf>,
+    /// Segment whose creator was killed. Opening its topic would block forever.
+    pub incomplete_segment: Option<PathBuf>,
 }
 
-/// Whether a system lives.
+/// Liveness of a system.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum SystemLiveness {
-    /// It runs under this supervisor.
-    Runs {
-        /// The supervisor's process; 0 while it has not said who it is.
+    /// The system runs under a supervisor.
+    Running {
+        /// Process of the supervisor; 0 if not recorded yet.
         pid: u32,
     },
-    /// It runs, and somebody has removed its files: nobody can join it.
+    /// The system is running, but its files were removed, so that no process can join.
     Unreachable {
-        /// Its processes.
+        /// Processes of the system.
         pids: Vec<u32>,
     },
-    /// Its supervisor has ended, these processes of it have not.
-    Lingers {
-        /// The processes.
+    /// The supervisor has ended, but other processes of the system have not.
+    Lingering {
+        /// Remaining processes.
         pids: Vec<u32>,
     },
-    /// Nobody is left.
+    /// No process is left.
     Dead,
 }
 
 impl StaleResources {
-    /// Every system of which there is anything on this machine; an error for each whose files are another user's.
+    /// Returns every system with files on this machine, or an error if they belong to another user.
     pub fn all() -> Vec<Result<Self, BusError>> {
         let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
         let file_names = entries.map(|entry| entry.file_name());
         let named = file_names.filter_map(|file| {
-            let file = file.to_str()?.strip_prefix(FAMILY)?;
+            let file = file.to_str()?.strip_prefix(NAME_PREFIX)?;
             Some(file.split_once('.').map_or(file, |(name, _)| name).to_owned())
         });
         let names: BTreeSet<String> = named.collect();
-        names.iter().filter_map(|name| Some(Self::of(&SystemName::new(name).ok()?))).collect()
+        names.iter().filter_map(|name| Some(Self::for_system(&SystemName::new(name).ok()?))).collect()
     }
 
-    /// What there is of one system. Fails where its files are another user's.
-    pub fn of(system_name: &SystemName) -> Result<Self, BusError> {
+    /// Returns the files of one system.
+    ///
+    /// # Errors
+    ///
+    /// Fails if a file belongs to another user.
+    pub fn for_system(system_name: &SystemName) -> Result<Self, BusError> {
         let files = system_name.files();
-        files.iter().try_for_each(|path| owned_files::owner(path))?;
+        files.iter().try_for_each(|path| owned_files::check_owner(path))?;
         let liveness = match system_name.owner_pid()? {
-            Some(pid) => SystemLiveness::Runs { pid },
-            None => match (system_name.unreachable(), holders(&system_name.members_path())) {
+            Some(pid) => SystemLiveness::Running { pid },
+            None => match (system_name.processes_without_files(), pids_with_open(&system_name.members_path())) {
                 (pids, _) if !pids.is_empty() => SystemLiveness::Unreachable { pids },
-                (_, pids) if !pids.is_empty() => SystemLiveness::Lingers { pids },
+                (_, pids) if !pids.is_empty() => SystemLiveness::Lingering { pids },
                 _ => SystemLiveness::Dead,
             },
         };
         set_log_level(LogLevel::Fatal);
-        let mut dead = if files.is_empty() { Vec::new() } else { members(system_name, &system_name.config())? };
+        let mut dead = if files.is_empty() { Vec::new() } else { list_processes(system_name, &system_name.config())? };
         dead.retain(|(_, port)| !port.alive);
         let dead = dead.into_iter().map(|(_, port)| port).collect();
-        Ok(Self { system_name: system_name.clone(), liveness, files, dead, half_made: system_name.half_made() })
+        Ok(Self { system_name: system_name.clone(), liveness, files, dead, incomplete_segment: system_name.incomplete_segment() })
     }
 
-    /// Removes what nobody needs: of a dead system everything, of a living one what the killed left on its bus.
-    pub fn clear(&self) -> Result<(), BusError> {
+    /// Removes all files of a dead system, or the leftovers of killed processes of a running one.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the system is unreachable or processes without a supervisor are still running.
+    pub fn remove(&self) -> Result<(), BusError> {
         match self.liveness {
-            // Who owns the name for a moment removes everything of it at the end.
+            // Claiming the name and releasing it removes all its files.
             SystemLiveness::Dead => self.system_name.claim_within(Duration::ZERO).map(drop),
-            SystemLiveness::Runs { .. } => {
-                let _inside = self.system_name.step_in()?;
-                self.system_name.clean()
+            SystemLiveness::Running { .. } => {
+                let _lock = self.system_name.lock_running()?;
+                self.system_name.remove_dead_nodes()
             }
-            SystemLiveness::Unreachable { .. } => Err(self.system_name.absent()),
-            SystemLiveness::Lingers { .. } => Err(BusError::Lingering { name: self.system_name.name().into() }),
+            SystemLiveness::Unreachable { .. } => Err(self.system_name.absence_error()),
+            SystemLiveness::Lingering { .. } => Err(BusError::Lingering { name: self.system_name.name().into() }),
         }
     }
 }
 
 impl SystemName {
-    /// Removes what the killed have left on the bus of a system that runs.
-    pub fn clean(&self) -> Result<(), BusError> {
+    /// Removes what killed processes have left on the bus of a running system.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the bus cannot be listed or a resource cannot be removed.
+    pub fn remove_dead_nodes(&self) -> Result<(), BusError> {
         let failed = |cause| BusError::Node { name: self.name().into(), cause };
         let mut left = None;
         Node::<ipc::Service>::list(&self.config(), |node| {
@@ -115,32 +127,32 @@ impl SystemName {
             }
             CallbackProgression::Continue
         })
-        .map_err(|cause| failed(format!("listing who is there: {cause:?}")))?;
+        .map_err(|cause| failed(format!("listing processes: {cause:?}")))?;
         left.map_or(Ok(()), |cause| Err(failed(format!("cleaning up after a killed process: {cause:?}"))))
     }
 
-    /// Why nobody can join.
-    pub(crate) fn absent(&self) -> BusError {
+    /// Returns the reason why no process can join.
+    pub(crate) fn absence_error(&self) -> BusError {
         let name = self.name().into();
-        match self.unreachable() {
+        match self.processes_without_files() {
             pids if pids.is_empty() => BusError::NotRunning { name },
             pids => BusError::FilesRemoved { name, pids },
         }
     }
 
-    /// The processes of a system whose files somebody has removed.
-    fn unreachable(&self) -> Vec<u32> {
+    /// Returns the processes of a system whose files were removed.
+    fn processes_without_files(&self) -> Vec<u32> {
         let mut removed = self.members_path().into_os_string();
-        removed.push(REMOVED);
-        holders(Path::new(&removed))
+        removed.push(DELETED_SUFFIX);
+        pids_with_open(Path::new(&removed))
     }
 
-    /// The observers.
-    pub(crate) fn seated(&self) -> Vec<u32> {
-        (0..OBSERVERS).flat_map(|number| holders(&self.seat_path(number))).collect()
+    /// Returns the processes of the observers.
+    pub(crate) fn observer_pids(&self) -> Vec<u32> {
+        (0..MAX_OBSERVERS).flat_map(|number| pids_with_open(&self.observer_lock_path(number))).collect()
     }
 
-    /// Every file and folder that carries the name.
+    /// Returns all files and folders of the system.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let prefix = self.prefix();
         let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
@@ -149,25 +161,26 @@ impl SystemName {
         own.map(|entry| entry.path()).chain(folder).collect()
     }
 
-    /// A segment whose maker was killed before it had a size: whoever opens it waits for ever.
-    pub(crate) fn half_made(&self) -> Option<PathBuf> {
-        let empty = |path: &PathBuf| {
+    /// Returns a segment whose creator was killed before setting its size. Opening it would block
+    /// forever.
+    pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
+        let is_empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
             made && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
         };
-        let mut suspects: Vec<_> = self.files().into_iter().filter(empty).collect();
-        let deadline = Instant::now() + OWNER_LIMIT;
-        // One that is just being made has a size at the next look.
+        let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
+        let deadline = Instant::now() + OWNER_START_TIMEOUT;
+        // A segment that is just being created has a size at a later check.
         while !suspects.is_empty() && Instant::now() < deadline {
-            std::thread::sleep(LOOK);
-            suspects.retain(empty);
+            std::thread::sleep(POLL_INTERVAL);
+            suspects.retain(is_empty);
         }
         suspects.pop()
     }
 }
 
-/// The processes of this user that have a file open.
-fn holders(file: &Path) -> Vec<u32> {
+/// Returns the processes of this user that have `file` open.
+fn pids_with_open(file: &Path) -> Vec<u32> {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let pids = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     let holds = |pid: &u32| {

@@ -1,4 +1,5 @@
-//! A system's name and everything that carries it: one running system per name, nothing left when it ends.
+//! System names: each running system has a unique name, which all its files carry and which are
+//! removed at its end.
 
 use std::{
     fs::{self, File},
@@ -13,177 +14,194 @@ use rustix::fs::{FlockOperation, flock};
 
 use crate::{
     BusError, owned_files,
-    page::{PAGE_BYTES, Page},
+    shared_state::{SHARED_STATE_BYTES, SharedState},
 };
 
-/// Where the segments and the folders of every system are.
+/// Folder of the segments and folders of all systems.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// How the names of all of them begin; a system's own name and a point follow.
-pub(crate) const FAMILY: &str = "plumbline.";
-/// How long the services of an earlier owner may take to end.
-const MEMBERS_LIMIT: Duration = Duration::from_secs(5);
-/// How long an owner that was killed may take until it holds nothing any more.
-const DEATH_LIMIT: Duration = Duration::from_millis(500);
-/// How long an owner may take to write down who it is, and whoever looks for one may hold its lock.
-pub(crate) const OWNER_LIMIT: Duration = Duration::from_millis(100);
-/// How long an owner that ends waits for observers who are just coming or going.
-const OBSERVERS_LIMIT: Duration = Duration::from_millis(200);
-/// Between two looks at a lock.
-pub(crate) const LOOK: Duration = Duration::from_millis(2);
+/// Prefix of all their names, followed by the name of the system and a dot.
+pub(crate) const NAME_PREFIX: &str = "plumbline.";
+/// Timeout for the services of a previous owner to end.
+const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Timeout for the locks of a killed owner to be released.
+const OWNER_EXIT_TIMEOUT: Duration = Duration::from_millis(500);
+/// Timeout for an owner to record its process identifier, and for the check of an owner's lock.
+pub(crate) const OWNER_START_TIMEOUT: Duration = Duration::from_millis(100);
+/// Timeout of an ending owner for observers that are attaching or detaching.
+const OBSERVERS_TIMEOUT: Duration = Duration::from_millis(200);
+/// Interval between two attempts to take a lock.
+pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(2);
 
-/// The name of a system: prefix of its shared memory, name of its folder.
+/// Name of a system, which determines the names of its shared memory and folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SystemName {
     name: String,
 }
 
 impl SystemName {
-    /// The name of a system: 1 to 32 of a-z, 0-9, - and _.
+    /// Creates a system name.
+    ///
+    /// # Errors
+    ///
+    /// Fails unless `name` has 1 to 32 characters of a-z, 0-9, - and _.
     pub fn new(name: &str) -> Result<Self, BusError> {
-        let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
-        if name.is_empty() || name.len() > 32 || !name.chars().all(legal) {
-            return Err(BusError::Name { name: name.into() });
+        let is_allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+        if name.is_empty() || name.len() > 32 || !name.chars().all(is_allowed) {
+            return Err(BusError::InvalidName { name: name.into() });
         }
         Ok(Self { name: name.into() })
     }
 
-    /// The system's name.
+    /// Returns the name as text.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Makes this process the owner of the name; what an earlier owner left behind is removed.
+    /// Makes this process the owner of the name and removes the files of a previous owner.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the name is in use, services of an earlier run are still running, or a file belongs
+    /// to another user.
     pub fn claim(&self) -> Result<Claim, BusError> {
-        let (claim, alone) = self.own(MEMBERS_LIMIT, true)?;
-        self.found()?;
-        drop(alone);
+        let (claim, members_lock) = self.acquire(MEMBERS_EXIT_TIMEOUT, true)?;
+        self.create_bus()?;
+        drop(members_lock);
         Ok(claim)
     }
 
-    /// Only to remove what an earlier owner left behind, whose services may take so long to end.
+    /// Claims the name only to remove the files of a previous owner. Its services have
+    /// `members_limit` to end.
     pub(crate) fn claim_within(&self, members_limit: Duration) -> Result<Claim, BusError> {
-        self.own(members_limit, true).map(|(claim, _)| claim)
+        self.acquire(members_limit, true).map(|(claim, _)| claim)
     }
 
-    /// The same, where an earlier owner has left its page; who comes after another that has removed it makes none.
-    pub(crate) fn claim_left(&self, members_limit: Duration) -> Result<Claim, BusError> {
-        self.own(members_limit, false).map(|(claim, _)| claim)
+    /// Claims the name like [`claim_within`](Self::claim_within), but only if a previous owner left
+    /// its shared state. After another process has removed the state, this fails instead of
+    /// creating it.
+    pub(crate) fn claim_orphaned(&self, members_limit: Duration) -> Result<Claim, BusError> {
+        self.acquire(members_limit, false).map(|(claim, _)| claim)
     }
 
-    /// The name, and a lock that keeps everybody from joining.
-    fn own(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
-        self.files().iter().try_for_each(|path| owned_files::owner(path))?;
-        let deadline = Instant::now() + DEATH_LIMIT;
-        // The last owner removes the page when it ends; a page locked after that is nobody's, so look again.
+    /// Acquires the name, and a lock that prevents other processes from joining.
+    fn acquire(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
+        self.files().iter().try_for_each(|path| owned_files::check_owner(path))?;
+        let deadline = Instant::now() + OWNER_EXIT_TIMEOUT;
+        // An ending owner removes the file. A file locked after that is stale, so the loop opens it
+        // again.
         for _ in 0..1000 {
-            let file = self.open_page(create)?;
+            let file = self.open_shared_state(create)?;
             match flock(&file, FlockOperation::NonBlockingLockExclusive) {
                 Ok(()) => {}
                 Err(rustix::io::Errno::WOULDBLOCK) if Instant::now() < deadline => {
-                    std::thread::sleep(LOOK);
+                    std::thread::sleep(POLL_INTERVAL);
                     continue;
                 }
                 Err(rustix::io::Errno::WOULDBLOCK) => {
-                    return Err(BusError::Taken { name: self.name.clone(), owner: owner(&file) });
+                    return Err(BusError::NameInUse { name: self.name.clone(), hint: owner_hint(&file) });
                 }
-                Err(cause) => return Err(self.page_error("locking", cause.into())),
+                Err(cause) => return Err(self.shared_state_error("locking", cause.into())),
             }
-            if !is_at(&file, &self.page_path()) {
+            if !is_same_file(&file, &self.shared_state_path()) {
                 continue;
             }
-            let is_new = file.metadata().is_ok_and(|page| page.len() == 0);
-            let taken = self.take_over(&file, members_limit);
-            if taken.is_err() && is_new {
-                // No earlier run has left it, so nothing is found by it.
-                let _ = fs::remove_file(self.page_path());
+            let is_new = file.metadata().is_ok_and(|metadata| metadata.len() == 0);
+            let result = self.take_over(&file, members_limit);
+            if result.is_err() && is_new {
+                // No earlier run created the file, so there are no other files to find through it.
+                let _ = fs::remove_file(self.shared_state_path());
             }
-            return taken.map(|alone| (Claim { system_name: self.clone(), lock: file }, alone));
+            return result.map(|members_lock| (Claim { system_name: self.clone(), lock: file }, members_lock));
         }
-        Err(self.page_error("locking", io::Error::other("it kept disappearing")))
+        Err(self.shared_state_error("locking", io::Error::other("it kept disappearing")))
     }
 
-    /// Begins a run under the page that is locked, with a lock that keeps everybody from joining.
-    fn take_over(&self, page: &File, members_limit: Duration) -> Result<File, BusError> {
-        page.set_len(PAGE_BYTES as u64).map_err(|cause| self.page_error("sizing", cause))?;
-        let page = Page::map(page).map_err(|cause| self.page_error("mapping", cause))?;
-        page.set_owner_pid(std::process::id());
-        let alone = self.await_members(members_limit)?;
-        page.begin_run();
-        self.remove_remains();
-        Ok(alone)
+    /// Starts a run in the locked file. Returns a lock that prevents other processes from joining.
+    fn take_over(&self, file: &File, members_limit: Duration) -> Result<File, BusError> {
+        file.set_len(SHARED_STATE_BYTES as u64).map_err(|cause| self.shared_state_error("sizing", cause))?;
+        let state = SharedState::map(file).map_err(|cause| self.shared_state_error("mapping", cause))?;
+        state.set_owner_pid(std::process::id());
+        let members_lock = self.wait_for_members(members_limit)?;
+        state.start_run();
+        self.remove_files();
+        Ok(members_lock)
     }
 
-    /// The process that owns the name, if one does; 0 while it has not said who it is.
+    /// Returns the process that owns the name, if any; 0 if it has not recorded its identifier yet.
     pub fn owner_pid(&self) -> Result<Option<u32>, BusError> {
-        let file = match self.open_page(false) {
+        let file = match self.open_shared_state(false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
             other => other?,
         };
         match flock(&file, FlockOperation::NonBlockingLockShared) {
             Ok(()) => Ok(None),
-            Err(rustix::io::Errno::WOULDBLOCK) => Ok(Some(Page::map(&file).map_or(0, |page| page.owner_pid()))),
-            Err(cause) => Err(self.page_error("locking", cause.into())),
+            Err(rustix::io::Errno::WOULDBLOCK) => Ok(Some(SharedState::map(&file).map_or(0, |state| state.owner_pid()))),
+            Err(cause) => Err(self.shared_state_error("locking", cause.into())),
         }
     }
 
-    pub(crate) fn page(&self) -> Result<Page, BusError> {
-        let file = match self.open_page(false) {
+    pub(crate) fn shared_state(&self) -> Result<SharedState, BusError> {
+        let file = match self.open_shared_state(false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => {
-                return Err(self.absent());
+                return Err(self.absence_error());
             }
             other => other?,
         };
-        Page::map(&file).map_err(|cause| self.page_error("mapping", cause))
+        SharedState::map(&file).map_err(|cause| self.shared_state_error("mapping", cause))
     }
 
-    /// Takes part in the system: while the file is held, no later owner of the name clears it.
-    pub(crate) fn take_part(&self) -> Result<File, BusError> {
-        let file = owned_files::file(&self.members_path(), true)?;
+    /// Joins the members of the system. While the file is held, a later owner does not remove the
+    /// system's files.
+    pub(crate) fn lock_members(&self) -> Result<File, BusError> {
+        let file = owned_files::open_file(&self.members_path(), true)?;
         match flock(&file, FlockOperation::LockShared) {
             Ok(()) => Ok(file),
             Err(cause) => Err(BusError::File { doing: "locking", path: self.members_path(), cause: cause.into() }),
         }
     }
 
-    /// As a service does, but only while the system runs: nothing of its name is removed while the file is held.
-    pub(crate) fn step_in(&self) -> Result<File, BusError> {
-        let file = match owned_files::file(&self.members_path(), false) {
-            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Err(self.absent()),
+    /// Joins the members for a short time, but only while the system is running. While the file is
+    /// held, no later owner removes the system's files.
+    pub(crate) fn lock_running(&self) -> Result<File, BusError> {
+        let file = match owned_files::open_file(&self.members_path(), false) {
+            Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Err(self.absence_error()),
             other => other?,
         };
-        let deadline = Instant::now() + OBSERVERS_LIMIT;
+        let deadline = Instant::now() + OBSERVERS_TIMEOUT;
         while flock(&file, FlockOperation::NonBlockingLockShared).is_err() {
             if Instant::now() > deadline {
-                return Err(self.absent());
+                return Err(self.absence_error());
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
-        Some(file).filter(|file| is_at(file, &self.members_path())).ok_or_else(|| self.absent())
+        Some(file).filter(|file| is_same_file(file, &self.members_path())).ok_or_else(|| self.absence_error())
     }
 
-    /// Waits until the services of an earlier owner have ended: they would remove what is made anew under their names.
-    fn await_members(&self, limit: Duration) -> Result<File, BusError> {
-        let file = owned_files::file(&self.members_path(), true)?;
-        let deadline = Instant::now() + limit;
+    /// Waits until the services of a previous owner have ended, because they would remove files
+    /// that are created again under the same names.
+    fn wait_for_members(&self, timeout: Duration) -> Result<File, BusError> {
+        let file = owned_files::open_file(&self.members_path(), true)?;
+        let deadline = Instant::now() + timeout;
         while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             if Instant::now() > deadline {
                 return Err(BusError::Lingering { name: self.name.clone() });
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         }
         Ok(file)
     }
 
     pub(crate) fn config(&self) -> Config {
         let mut config = Config::default();
-        // Names are checked in `new`, so both conversions hold.
+        // The name was checked in `new`, so neither conversion fails.
         if let Ok(prefix) = FileName::new(self.prefix().as_bytes()) {
             config.global.prefix = prefix;
         }
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
-        // The supervisor clears away what the killed leave: nobody else waits for it.
+        // The supervisor cleans up after killed processes, so that no other process has to wait for
+        // it.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
@@ -191,22 +209,27 @@ impl SystemName {
     }
 
     pub(crate) fn prefix(&self) -> String {
-        format!("{FAMILY}{}.", self.name)
+        format!("{NAME_PREFIX}{}.", self.name)
     }
 
-    /// In memory: iceoryx2 syncs each file that it makes, and a disk would hold up every start for tens of milliseconds.
+    /// Returns the root folder for iceoryx2. It is in memory because iceoryx2 syncs each new file,
+    /// which would delay every start by tens of milliseconds on a disk.
     pub(crate) fn root(&self) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{FAMILY}{}", self.name))
+        Path::new(SHARED_MEMORY).join(format!("{NAME_PREFIX}{}", self.name))
     }
 
-    /// The socket at which the owner of the name answers questions; it goes with the name. Fails where the folder is not this user's
-    /// alone, or not there.
-    pub fn door(&self) -> Result<PathBuf, BusError> {
-        owned_files::folder(&self.root())?;
-        Ok(self.root().join("door"))
+    /// Returns the path of the control socket of the system.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the system's folder does not exist, belongs to another user or is accessible to
+    /// others.
+    pub fn control_socket_path(&self) -> Result<PathBuf, BusError> {
+        owned_files::check_folder(&self.root())?;
+        Ok(self.root().join("control"))
     }
 
-    pub(crate) fn page_path(&self) -> PathBuf {
+    pub(crate) fn shared_state_path(&self) -> PathBuf {
         Path::new(SHARED_MEMORY).join(self.prefix() + "wake")
     }
 
@@ -214,35 +237,38 @@ impl SystemName {
         Path::new(SHARED_MEMORY).join(self.prefix() + "members")
     }
 
-    fn page_error(&self, doing: &'static str, cause: io::Error) -> BusError {
-        BusError::File { doing, path: self.page_path(), cause }
+    fn shared_state_error(&self, doing: &'static str, cause: io::Error) -> BusError {
+        BusError::File { doing, path: self.shared_state_path(), cause }
     }
 
-    fn open_page(&self, create: bool) -> Result<File, BusError> {
-        owned_files::file(&self.page_path(), create)
+    fn open_shared_state(&self, create: bool) -> Result<File, BusError> {
+        owned_files::open_file(&self.shared_state_path(), create)
     }
 
-    /// The place of an observer, to be locked by whoever sits in it.
-    pub(crate) fn open_seat(&self, number: usize) -> Result<File, BusError> {
-        owned_files::file(&self.seat_path(number), true)
+    /// Opens the lock file of an observer place.
+    pub(crate) fn open_observer_lock(&self, number: usize) -> Result<File, BusError> {
+        owned_files::open_file(&self.observer_lock_path(number), true)
     }
 
-    pub(crate) fn seat_path(&self, number: usize) -> PathBuf {
-        Path::new(SHARED_MEMORY).join(format!("{}seat.{number}", self.prefix()))
+    pub(crate) fn observer_lock_path(&self, number: usize) -> PathBuf {
+        Path::new(SHARED_MEMORY).join(format!("{}observer.{number}", self.prefix()))
     }
 
-    /// Removes every file that carries the name but those of its locks. Only the owner of the name may, when no service of it lives.
-    fn remove_remains(&self) {
-        let kept = [self.page_path(), self.members_path(), self.root()];
+    /// Removes every file of the system except its locks. The caller must own the name, and no
+    /// service may be running.
+    fn remove_files(&self) {
+        let kept = [self.shared_state_path(), self.members_path(), self.root()];
         for path in self.files().iter().filter(|path| !kept.contains(path)) {
-            // What cannot be removed is somebody else's; making it anew will say so.
+            // A file that cannot be removed belongs to another user. Creating it again reports
+            // that.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());
     }
 }
 
-/// Ownership of a system's name. When it is dropped nothing of the name remains; drop it after the last service has ended.
+/// Ownership of a system name. Dropping it removes all files of the name, so drop it after the last
+/// service has ended.
 #[derive(Debug)]
 pub struct Claim {
     system_name: SystemName,
@@ -250,27 +276,32 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// The name.
+    /// Returns the owned name.
     pub fn system_name(&self) -> &SystemName {
         &self.system_name
     }
 
-    /// Takes the name anew when somebody has removed its files: nothing of before is left but the ticks that the topics have had. No process
-    /// may have anything open on the bus by then.
+    /// Releases and claims the name again after its files were removed.
+    ///
+    /// Only the next tick of each topic is kept. No process may have anything open on the bus.
+    ///
+    /// # Errors
+    ///
+    /// Fails like [`SystemName::claim`].
     pub fn renew(self) -> Result<Self, BusError> {
         let system_name = self.system_name.clone();
-        let page = |file: &File| Page::map(file).map_err(|cause| system_name.page_error("mapping", cause));
-        let earlier = page(&self.lock)?;
+        let map = |file: &File| SharedState::map(file).map_err(|cause| system_name.shared_state_error("mapping", cause));
+        let previous = map(&self.lock)?;
         drop(self);
         let claim = system_name.claim()?;
-        page(&claim.lock)?.go_on_from(&earlier);
+        map(&claim.lock)?.copy_ticks_from(&previous);
         Ok(claim)
     }
 
-    /// Its files were removed, and another has taken the name since.
+    /// Returns `true` if the files were removed and another process has claimed the name since.
     fn is_superseded(&self) -> bool {
-        let page_path = self.system_name.page_path();
-        page_path.exists() && !is_at(&self.lock, &page_path)
+        let page_path = self.system_name.shared_state_path();
+        page_path.exists() && !is_same_file(&self.lock, &page_path)
     }
 }
 
@@ -279,23 +310,23 @@ impl Drop for Claim {
         if self.is_superseded() {
             return;
         }
-        let _alone = self.system_name.await_members(OBSERVERS_LIMIT);
-        self.system_name.remove_remains();
+        let _members_lock = self.system_name.wait_for_members(OBSERVERS_TIMEOUT);
+        self.system_name.remove_files();
         let _ = fs::remove_file(self.system_name.members_path());
-        let _ = fs::remove_file(self.system_name.page_path());
+        let _ = fs::remove_file(self.system_name.shared_state_path());
     }
 }
 
-/// The open file is the one that is at the path.
-fn is_at(file: &File, path: &Path) -> bool {
+/// Returns `true` if the open file is the one at the path.
+fn is_same_file(file: &File, path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|at_path| file.metadata().is_ok_and(|held| held.ino() == at_path.ino()))
 }
 
-/// Who holds the page, as far as it has said so.
-fn owner(page: &File) -> String {
-    let deadline = Instant::now() + OWNER_LIMIT;
+/// Returns the identity of the process that holds the file, if recorded, and how to stop it.
+fn owner_hint(file: &File) -> String {
+    let deadline = Instant::now() + OWNER_START_TIMEOUT;
     loop {
-        match Page::map(page).map(|page| page.owner_pid()) {
+        match SharedState::map(file).map(|state| state.owner_pid()) {
             Ok(pid) if pid != 0 => return format!(" (process {pid}); stop it (kill {pid})"),
             _ if Instant::now() > deadline => return "; stop it".into(),
             _ => std::thread::sleep(Duration::from_millis(5)),

@@ -1,4 +1,4 @@
-//! A topic read by its name: the bytes of its messages, whatever their type.
+//! Untyped access to a topic: reads the bytes of its messages by topic name.
 
 use std::{mem, rc::Rc};
 
@@ -6,76 +6,79 @@ use iceoryx2::{node::Node, prelude::ipc};
 
 use crate::{
     BusError,
-    port::{InPort, Topic},
-    visit::Visit,
+    port::{InPort, BusTopic},
+    session::ObserverSession,
 };
 
-/// Messages that an observer holds at most, of what the topic does; what it is too slow for is overwritten in its own buffer and nowhere else.
-const BUFFER: usize = 16_384;
+/// Maximum number of messages buffered for an observer. If it is too slow, messages are overwritten
+/// in its own buffer only.
+const MAX_BUFFER: usize = 16_384;
 
-/// An observer's end of a topic.
+/// Observer's subscription to a topic.
 #[derive(Debug)]
 pub struct Tap {
-    /// Given back when the tap is dropped.
-    end: Option<End>,
-    visit: Rc<Visit>,
+    /// Released when the tap is dropped.
+    endpoint: Option<Endpoint>,
+    session: Rc<ObserverSession>,
 }
 
 #[derive(Debug)]
-struct End {
-    topic: Topic,
+struct Endpoint {
+    topic: BusTopic,
     port: Box<dyn InPort>,
 }
 
-/// Who is at a topic.
+/// Processes connected to a topic.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Ports {
-    /// Who publishes.
+    /// Publishing processes.
     pub publishers: Vec<Port>,
-    /// Who reads, this observer among them.
+    /// Subscribing processes, including this observer.
     pub subscribers: Vec<Port>,
-    /// Messages that a reader holds at most.
+    /// Maximum number of messages buffered per subscriber.
     pub buffer: usize,
 }
 
-/// A process at a topic.
+/// Process connected to a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Port {
-    /// The name that it joined the bus under.
+    /// Name under which the process joined the bus.
     pub name: String,
-    /// Its process.
+    /// Process identifier; 0 if unknown.
     pub pid: u32,
-    /// It has not been killed.
+    /// `false` if the process was killed.
     pub alive: bool,
 }
 
 impl Tap {
-    pub(crate) fn open(node: &Node<ipc::Service>, topic: graph::Topic, visit: Rc<Visit>) -> Result<Self, BusError> {
-        let topic = messages::dispatch!(topic, M => Topic::open::<M>(node))?;
-        // What was published before would be handed over by the publishers, on their time.
-        let port = topic.subscriber(BUFFER.min(topic.buffer()), 0)?;
-        Ok(Self { end: Some(End { topic, port }), visit })
+    pub(crate) fn open(node: &Node<ipc::Service>, topic: graph::Topic, session: Rc<ObserverSession>) -> Result<Self, BusError> {
+        let topic = messages::dispatch!(topic, M => BusTopic::open::<M>(node))?;
+        // History is not requested, because delivering it would cost the publishers time.
+        let port = topic.subscriber(MAX_BUFFER.min(topic.buffer()), 0)?;
+        Ok(Self { endpoint: Some(Endpoint { topic, port }), session })
     }
 
-    /// Hands what is there to `take`, oldest first; whether messages may have been overwritten before it came to that.
-    pub fn drain(&self, take: &mut dyn FnMut(&[u8])) -> Result<bool, BusError> {
-        let Some(End { port, .. }) = &self.end else { return Ok(false) };
+    /// Passes the buffered messages to `handle`, oldest first.
+    ///
+    /// Returns `true` if messages may have been overwritten before they were read.
+    pub fn drain(&self, handle: &mut dyn FnMut(&[u8])) -> Result<bool, BusError> {
+        let Some(Endpoint { port, .. }) = &self.endpoint else { return Ok(false) };
         let buffer = port.buffer();
-        for taken in 0..2 * buffer {
-            if !port.receive(take)? {
-                return Ok(taken >= buffer);
+        for count in 0..2 * buffer {
+            if !port.receive(handle)? {
+                return Ok(count >= buffer);
             }
         }
         Ok(true)
     }
 
-    /// Who is at the topic.
+    /// Returns the processes connected to the topic.
     pub fn ports(&self) -> Result<Ports, BusError> {
-        let Some(End { topic, .. }) = &self.end else { return Ok(Ports::default()) };
-        let members = self.visit.members()?;
+        let Some(Endpoint { topic, .. }) = &self.endpoint else { return Ok(Ports::default()) };
+        let processes = self.session.processes()?;
         let unknown = || Port { name: "unknown".into(), pid: 0, alive: false };
         let port =
-            |node: &u128| members.iter().find(|(id, _)| id == node).map_or_else(unknown, |(_, port)| port.clone());
+            |node: &u128| processes.iter().find(|(id, _)| id == node).map_or_else(unknown, |(_, port)| port.clone());
         let [publishers, subscribers] = topic.nodes().map(|nodes| nodes.iter().map(port).collect());
         Ok(Ports { publishers, subscribers, buffer: topic.buffer() })
     }
@@ -83,6 +86,6 @@ impl Tap {
 
 impl Drop for Tap {
     fn drop(&mut self) {
-        self.visit.leave(mem::take(&mut self.end));
+        self.session.release(mem::take(&mut self.endpoint));
     }
 }

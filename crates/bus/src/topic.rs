@@ -1,4 +1,4 @@
-//! Topics: typed streams in shared memory.
+//! Typed publishers and subscribers of topics in shared memory.
 
 use std::{
     cell::Cell,
@@ -16,199 +16,213 @@ use iceoryx2::{
 use messages::Message;
 
 use crate::{
-    BusError, SystemName, Woken,
-    machine_limits::{allow_files, why},
-    membership::Membership,
-    page::Page,
-    port::{InPort, OutPort, Topic},
-    wake::TopicWord,
+    BusError, SystemName, WaitOutcome,
+    machine_limits::{raise_open_file_limit, describe_cause},
+    process_lease::ProcessLease,
+    shared_state::SharedState,
+    port::{InPort, OutPort, BusTopic},
+    wake::TopicWaker,
 };
 
-/// A process's place on the bus of a system.
+/// Membership of a process in the bus of a system.
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
-    place: Arc<Membership>,
+    lease: Arc<ProcessLease>,
 }
 
 impl Bus {
-    /// Joins the system's bus as `who`.
-    pub fn join(system_name: &SystemName, who: &str) -> Result<Self, BusError> {
-        let place = Arc::new(Membership::take(system_name)?);
-        Ok(Self { node: node(system_name, who)?, place })
+    /// Joins the bus of a system under `process_name`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the system is not running, its files are not owned by this user, or a limit of the
+    /// machine is exceeded.
+    pub fn join(system_name: &SystemName, process_name: &str) -> Result<Self, BusError> {
+        let place = Arc::new(ProcessLease::acquire(system_name)?);
+        Ok(Self { node: create_node(system_name, process_name)?, lease: place })
     }
 
-    /// Publishes `M`; every topic holds `buffer` messages for each reader before the oldest is overwritten, and as many
-    /// for readers that come later.
+    /// Creates a publisher of `M`.
+    ///
+    /// The topic buffers `buffer` messages per subscriber before the oldest is overwritten, and
+    /// keeps as many for late subscribers.
     pub fn publisher<M: Message>(&self, buffer: usize) -> Result<Publisher<M>, BusError> {
-        let port = Topic::open_or_create::<M>(&self.node, buffer)?.publisher()?;
-        Ok(Publisher { port, word: self.word(M::TOPIC), carries: PhantomData })
+        let port = BusTopic::open_or_create::<M>(&self.node, buffer)?.publisher()?;
+        Ok(Publisher { port, waker: self.waker(M::TOPIC), payload_type: PhantomData })
     }
 
-    /// Reads `M`, from the next message that is published.
+    /// Creates a subscriber of `M` that receives messages published from now on.
     pub fn subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
-        self.reader(buffer, 0)
+        self.subscribe(buffer, 0)
     }
 
-    /// Reads `M`, from the oldest message that its living publishers still hold; they hand them over when they next act.
+    /// Creates a subscriber of `M` that also receives the messages its publishers still hold.
+    ///
+    /// Each publisher delivers them with its next action.
     pub fn late_subscriber<M: Message>(&self, buffer: usize) -> Result<Subscriber<M>, BusError> {
-        self.reader(buffer, buffer)
+        self.subscribe(buffer, buffer)
     }
 
-    /// Wakes everybody who waits for any topic, so that a new reader is noticed.
+    /// Wakes the waiters of all topics, so that publishers notice a new subscriber.
     pub fn wake_all(&self) {
-        self.place.page.wake_all();
+        self.lease.state.wake_all();
     }
 
-    /// To be set when the owner of the name has died, which shows only some time after its children are told: whoever is the last to leave then
-    /// removes what is left of the system.
-    pub fn owner_has_died(&self) -> Arc<AtomicBool> {
-        self.place.owner_has_died.clone()
+    /// Returns the flag to set when the owner of the name has died.
+    ///
+    /// Its children are notified before the death is visible in `/proc`. With the flag set, the
+    /// last process to leave removes the files of the system.
+    pub fn owner_exited(&self) -> Arc<AtomicBool> {
+        self.lease.owner_exited.clone()
     }
 
-    /// The system is still the one that was joined.
+    /// Returns `true` while the joined run continues.
     pub fn is_running(&self) -> bool {
-        self.place.is_of_this_run()
+        self.lease.is_current_run()
     }
 
-    /// The tick after the newest one that was ever about to be published on the topic.
+    /// Returns the tick after the newest one that was about to be published on `topic`.
     pub fn next_tick(&self, topic: &Entry) -> u64 {
-        self.word(topic).next_tick()
+        self.waker(topic).next_tick()
     }
 
-    fn reader<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
-        let port = Topic::open_or_create::<M>(&self.node, buffer)?.subscriber(buffer, history)?;
-        let word = self.word(M::TOPIC);
-        Ok(Subscriber { port, seen: Cell::new(word.look()), word, carries: PhantomData })
+    fn subscribe<M: Message>(&self, buffer: usize, history: usize) -> Result<Subscriber<M>, BusError> {
+        let port = BusTopic::open_or_create::<M>(&self.node, buffer)?.subscriber(buffer, history)?;
+        let waker = self.waker(M::TOPIC);
+        Ok(Subscriber { port, observed: Cell::new(waker.current()), waker, payload_type: PhantomData })
     }
 
-    fn word(&self, topic: &Entry) -> TopicWord {
-        TopicWord::new(self.place.page.clone(), Some(self.place.clone()), topic)
+    fn waker(&self, topic: &Entry) -> TopicWaker {
+        TopicWaker::new(self.lease.state.clone(), Some(self.lease.clone()), topic)
     }
 }
 
-/// A process's node under the prefix of the system.
-pub(crate) fn node(system_name: &SystemName, who: &str) -> Result<Node<ipc::Service>, BusError> {
+/// Creates the iceoryx2 node of a process under the prefix of the system.
+pub(crate) fn create_node(system_name: &SystemName, process_name: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
-    allow_files()?;
-    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: why(cause) };
+    raise_open_file_limit()?;
+    let failed = |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: describe_cause(cause) };
     NodeBuilder::new()
-        .name(&NodeName::new(who).map_err(|cause| failed(&cause))?)
+        .name(&NodeName::new(process_name).map_err(|cause| failed(&cause))?)
         .config(&system_name.config())
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
         .map_err(|cause| failed(&cause))
 }
 
-/// Publishes on a topic.
+/// Publisher of a topic.
 #[derive(Debug)]
 pub struct Publisher<M: Message> {
     port: Box<dyn OutPort>,
-    word: TopicWord,
-    carries: PhantomData<M>,
+    waker: TopicWaker,
+    payload_type: PhantomData<M>,
 }
 
 impl<M: Message> Publisher<M> {
-    /// On a topic that somebody has opened.
-    pub(crate) fn visiting(topic: &Topic, page: &Arc<Page>) -> Result<Self, BusError> {
-        let word = TopicWord::new(page.clone(), None, M::TOPIC);
-        Ok(Self { port: topic.publisher()?, word, carries: PhantomData })
+    /// Creates a publisher on an open topic for a process that is not part of the system.
+    pub(crate) fn for_session(topic: &BusTopic, state: &Arc<SharedState>) -> Result<Self, BusError> {
+        let waker = TopicWaker::new(state.clone(), None, M::TOPIC);
+        Ok(Self { port: topic.publisher()?, waker, payload_type: PhantomData })
     }
 
-    /// Puts a message into every reader's buffer; does not wake anybody and never waits.
+    /// Writes a message to the buffer of every subscriber. It neither wakes them nor blocks.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
         self.port.send(bytemuck::bytes_of(message))
     }
 
-    /// The message that is sent next is of this tick: whoever goes on in place of a publisher that died knows how far it was.
+    /// Records that `tick` is published next, so that a replacement knows how far a dead publisher
+    /// was.
     pub fn set_next_tick_after(&self, tick: u64) {
-        self.word.set_next_tick_after(tick);
+        self.waker.set_next_tick_after(tick);
     }
 
-    /// The tick after the newest one that was ever about to be published.
+    /// Returns the tick after the newest one that was about to be published.
     pub fn next_tick(&self) -> u64 {
-        self.word.next_tick()
+        self.waker.next_tick()
     }
 
-    /// Hands what it holds to readers that have come since it last acted.
+    /// Delivers the buffered history to subscribers that joined since the last action.
     pub fn deliver_history(&self) -> Result<(), BusError> {
         self.port.deliver_history()
     }
 
-    /// Counts messages as sent, for a publisher that waits for its one reader: see [`untaken`](Self::untaken).
-    pub fn note_sent(&self, count: u64) {
-        self.word.note_sent(count);
+    /// Adds to the messages counted as sent. Flow control with a single subscriber uses
+    /// [`unconsumed`](Self::unconsumed).
+    pub fn add_sent(&self, count: u64) {
+        self.waker.add_sent(count);
     }
 
-    /// Messages counted as sent that the reader has not counted as taken.
-    pub fn untaken(&self) -> u64 {
-        self.word.untaken()
+    /// Returns the number of sent messages that the subscriber has not counted as consumed.
+    pub fn unconsumed(&self) -> u64 {
+        self.waker.unconsumed()
     }
 
-    /// A publisher begins in the place of one that died: what that had sent is not waited for.
-    pub fn note_all_taken(&self) {
-        self.word.note_all_taken();
+    /// Marks all messages sent by a dead predecessor as consumed, so that they are not waited for.
+    pub fn mark_all_consumed(&self) {
+        self.waker.mark_all_consumed();
     }
 
-    /// Wakes the readers, once after all that was sent.
+    /// Wakes the subscribers. Call it once after sending all messages.
     pub fn wake(&self) {
-        self.word.wake();
+        self.waker.wake();
     }
 }
 
-/// Reads a topic.
+/// Subscriber of a topic.
 #[derive(Debug)]
 pub struct Subscriber<M: Message> {
     port: Box<dyn InPort>,
-    word: TopicWord,
-    seen: Cell<u32>,
-    carries: PhantomData<M>,
+    waker: TopicWaker,
+    observed: Cell<u32>,
+    payload_type: PhantomData<M>,
 }
 
 impl<M: Message> Subscriber<M> {
-    /// The oldest message not yet read.
+    /// Returns the oldest unread message, or `None` if there is none.
     pub fn receive(&self) -> Result<Option<M>, BusError> {
         let mut message = None;
         if !self.port.receive(&mut |bytes| message = bytemuck::try_pod_read_unaligned(bytes).ok())? {
             return Ok(None);
         }
-        let cause = || format!("a message that is not of {} bytes", size_of::<M>());
+        let cause = || format!("the message does not have {} bytes", size_of::<M>());
         message.map(Some).ok_or_else(|| BusError::Receive { topic: M::TOPIC.name, cause: cause() })
     }
 
-    /// Hands what is there to `take`, oldest first, at most `limit` messages.
-    pub fn drain(&self, limit: usize, mut take: impl FnMut(M)) -> Result<(), BusError> {
-        self.seen.set(self.word.look());
+    /// Passes up to `limit` unread messages to `handle`, oldest first.
+    pub fn drain(&self, limit: usize, mut handle: impl FnMut(M)) -> Result<(), BusError> {
+        self.observed.set(self.waker.current());
         for _ in 0..limit {
             match self.receive()? {
-                Some(message) => take(message),
+                Some(message) => handle(message),
                 None => return Ok(()),
             }
         }
-        // There may be more: the next wait is none.
-        self.seen.set(self.seen.get().wrapping_sub(1));
+        // More messages may be left, so the next wait must return immediately.
+        self.observed.set(self.observed.get().wrapping_sub(1));
         Ok(())
     }
 
-    /// Counts messages as taken, for a publisher that waits for this reader.
-    pub fn note_taken(&self, count: u64) {
-        self.word.note_taken(count);
+    /// Adds to the messages counted as consumed, for a publisher that waits for this subscriber.
+    pub fn add_consumed(&self, count: u64) {
+        self.waker.add_consumed(count);
     }
 
-    /// A reader begins in the place of one that died: what was sent before is not waited for.
-    pub fn note_all_taken(&self) {
-        self.word.note_all_taken();
+    /// Marks all messages sent to a dead predecessor as consumed.
+    pub fn mark_all_consumed(&self) {
+        self.waker.mark_all_consumed();
     }
 
-    /// The tick after the newest one that was ever about to be published.
+    /// Returns the tick after the newest one that was about to be published.
     pub fn next_tick(&self) -> u64 {
-        self.word.next_tick()
+        self.waker.next_tick()
     }
 
-    /// Sleeps until something was published since the last [`drain`](Self::drain) or wait began, no longer than `limit`.
-    pub fn wait(&self, limit: Duration) -> Woken {
-        let woken = self.word.wait(self.seen.get(), limit);
-        self.seen.set(self.word.look());
-        woken
+    /// Sleeps until a message is published after the last [`drain`](Self::drain) or wait started,
+    /// at most for `limit`.
+    pub fn wait(&self, limit: Duration) -> WaitOutcome {
+        let outcome = self.waker.wait(self.observed.get(), limit);
+        self.observed.set(self.waker.current());
+        outcome
     }
 }

@@ -1,8 +1,9 @@
-//! Waking the readers of a topic: one futex word each, in a page of shared memory.
+//! Wake-ups for subscribers: one futex word per topic in shared memory.
 //!
-//! A waker adds one to the word and calls the kernel only when somebody has said that he waits. A reader looks at the word, reads
-//! what is there, says that he waits, and sleeps only while the word is as he saw it: a wake-up cannot be lost. What a killed reader
-//! said costs one needless call.
+//! A publisher increments the word and makes a system call only if a subscriber has announced that
+//! it waits. A subscriber reads the word, drains its messages, announces that it waits and sleeps
+//! only while the word is unchanged. So no wake-up is lost. The announcement of a killed subscriber
+//! costs one unnecessary system call.
 
 use std::{
     sync::{Arc, atomic::Ordering::SeqCst},
@@ -13,91 +14,92 @@ use graph::Entry;
 use rustix::{fs::Timespec, thread::futex};
 
 use crate::{
-    membership::Membership,
-    page::{Page, WORDS, Word},
+    process_lease::ProcessLease,
+    shared_state::{SharedState, WORD_COUNT, WakeWord},
 };
 
-/// The word of one topic.
+/// Handle to the wake word of one topic.
 #[derive(Debug)]
-pub(crate) struct TopicWord {
-    page: Arc<Page>,
+pub(crate) struct TopicWaker {
+    state: Arc<SharedState>,
     index: usize,
-    /// Whoever is part of the system is so until the last of its ports is gone.
-    _place: Option<Arc<Membership>>,
+    /// Keeps the process's lease alive for as long as any of its ports exists.
+    _lease: Option<Arc<ProcessLease>>,
 }
 
 /// How a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Woken {
-    /// Something was published since the last look.
-    Work,
-    /// The same, but the limit had to pass: a wake-up was lost.
-    Late,
-    /// Nothing was published within the limit.
+pub enum WaitOutcome {
+    /// A message was published since the last check.
+    Published,
+    /// A message was published, but the wait timed out: the wake-up was lost.
+    LateWake,
+    /// No message was published before the timeout.
     Idle,
 }
 
-impl TopicWord {
-    /// The word of a topic: that of its place in the table.
-    pub(crate) fn new(page: Arc<Page>, place: Option<Arc<Membership>>, topic: &Entry) -> Self {
-        Self { page, index: topic.place.min(WORDS - 1), _place: place }
+impl TopicWaker {
+    /// Creates the handle for `topic`. Its index selects the word.
+    pub(crate) fn new(state: Arc<SharedState>, lease: Option<Arc<ProcessLease>>, topic: &Entry) -> Self {
+        Self { state, index: topic.index.min(WORD_COUNT - 1), _lease: lease }
     }
 
-    /// Wakes every reader that waits.
+    /// Wakes every waiting subscriber.
     pub(crate) fn wake(&self) {
         self.word().wake();
     }
 
-    /// Notes the tick that is about to be published. A slot may begin at an earlier one again; the newest stays.
+    /// Records that `tick` is about to be published. The newest tick is kept if a slot restarts at
+    /// an earlier one.
     pub(crate) fn set_next_tick_after(&self, tick: u64) {
         self.word().next_tick.fetch_max(tick.saturating_add(1), SeqCst);
     }
 
-    /// The tick after the newest one that was ever about to be published on the topic.
+    /// Returns the tick after the newest one that was about to be published.
     pub(crate) fn next_tick(&self) -> u64 {
         self.word().next_tick.load(SeqCst)
     }
 
-    /// Notes so many messages sent.
-    pub(crate) fn note_sent(&self, count: u64) {
+    /// Adds to the number of messages sent.
+    pub(crate) fn add_sent(&self, count: u64) {
         self.word().sent.fetch_add(count, SeqCst);
     }
 
-    /// Notes so many messages taken.
-    pub(crate) fn note_taken(&self, count: u64) {
-        self.word().taken.fetch_add(count, SeqCst);
+    /// Adds to the number of messages consumed.
+    pub(crate) fn add_consumed(&self, count: u64) {
+        self.word().consumed.fetch_add(count, SeqCst);
     }
 
-    /// Nothing that was sent so far is waited for.
-    pub(crate) fn note_all_taken(&self) {
-        self.word().taken.store(self.word().sent.load(SeqCst), SeqCst);
+    /// Marks all messages sent so far as consumed.
+    pub(crate) fn mark_all_consumed(&self) {
+        self.word().consumed.store(self.word().sent.load(SeqCst), SeqCst);
     }
 
-    /// Messages sent that have not been taken.
-    pub(crate) fn untaken(&self) -> u64 {
-        self.word().sent.load(SeqCst).saturating_sub(self.word().taken.load(SeqCst))
+    /// Returns the number of messages sent but not consumed.
+    pub(crate) fn unconsumed(&self) -> u64 {
+        self.word().sent.load(SeqCst).saturating_sub(self.word().consumed.load(SeqCst))
     }
 
-    /// What the word is now: to be asked before reading.
-    pub(crate) fn look(&self) -> u32 {
-        self.word().wakes.load(SeqCst)
+    /// Returns the value of the word. It must be read before the messages.
+    pub(crate) fn current(&self) -> u32 {
+        self.word().wake_count.load(SeqCst)
     }
 
-    /// Sleeps while the word is as it was `seen`, no longer than `limit`.
-    pub(crate) fn wait(&self, seen: u32, limit: Duration) -> Woken {
+    /// Sleeps while the word equals `seen`, at most for `limit`.
+    pub(crate) fn wait(&self, seen: u32, limit: Duration) -> WaitOutcome {
         let word = self.word();
         word.waiting.store(1, SeqCst);
         let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
         let timed_out =
-            futex::wait(&word.wakes, futex::Flags::empty(), seen, Some(&limit)) == Err(rustix::io::Errno::TIMEDOUT);
-        match (self.look() != seen, timed_out) {
-            (true, false) => Woken::Work,
-            (true, true) => Woken::Late,
-            (false, _) => Woken::Idle,
+            futex::wait(&word.wake_count, futex::Flags::empty(), seen, Some(&limit)) == Err(rustix::io::Errno::TIMEDOUT);
+        match (self.current() != seen, timed_out) {
+            (true, false) => WaitOutcome::Published,
+            (true, true) => WaitOutcome::LateWake,
+            (false, _) => WaitOutcome::Idle,
         }
     }
 
-    fn word(&self) -> &Word {
-        self.page.word(self.index)
+    fn word(&self) -> &WakeWord {
+        self.state.word(self.index)
     }
 }

@@ -1,4 +1,4 @@
-//! Who asks a running system.
+//! Client side of the control socket.
 
 use std::{
     io::{self, BufRead, BufReader, ErrorKind, Read, Write},
@@ -11,98 +11,105 @@ use bus::{BusError, SystemName};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use serde::de::DeserializeOwned;
 
-use crate::{ControlRequest, LINE_MAX, Response, SILENCE_LIMIT, answer_limit};
+use crate::{ControlRequest, MAX_LINE_BYTES, Response, RESPONSE_TIMEOUT, completion_timeout};
 
-/// Why a question was not answered, or none can be asked.
+/// Error of a request to a running system.
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
-    /// The name is none, or another user's.
+    /// The system name is invalid or belongs to another user.
     #[error(transparent)]
     Name(#[from] BusError),
-    /// The socket could not be opened.
+    /// The control socket could not be opened.
     #[error("opening {path}: {cause}")]
     Open {
-        /// The socket.
+        /// Path of the socket.
         path: PathBuf,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// Nobody is there.
+    /// The system is not running.
     #[error(
-        "asking the system {name:?}: it does not run ({cause}); start it with `plumb up`, or name another with --system"
+        "contacting the system {name:?}: it is not running ({cause}); start it with `plumb up`, or select another one with --system"
     )]
-    Nobody {
-        /// The system.
+    NotRunning {
+        /// Name of the system.
         name: String,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// Somebody is there and says nothing.
+    /// The supervisor did not respond in time.
     #[error(
-        "asking the system {name:?}: its supervisor has not answered for {limit_s:.0} s; is it frozen, or has the machine too much to do? `plumb doctor` tells"
+        "contacting the system {name:?}: its supervisor has not responded for {timeout_s:.0} s; it may be frozen or the machine overloaded; check with `plumb doctor`"
     )]
-    Silent {
-        /// The system.
+    Timeout {
+        /// Name of the system.
         name: String,
-        /// How long it was waited for.
-        limit_s: f64,
+        /// Elapsed timeout, s.
+        timeout_s: f64,
     },
-    /// It did not answer.
-    #[error("asking the system {name:?}: {cause}")]
-    Unanswered {
-        /// The system.
+    /// The request failed.
+    #[error("contacting the system {name:?}: {cause}")]
+    Failed {
+        /// Name of the system.
         name: String,
-        /// What is wrong.
+        /// Cause of the failure.
         cause: String,
     },
 }
 
-/// Asks a running system, and waits for the answer: two seconds, or as long as a swap takes that it has begun, or a shadow.
-pub fn ask<A: DeserializeOwned>(name: &str, question: &ControlRequest) -> Result<A, ControlError> {
-    let nobody = |cause| ControlError::Nobody { name: name.into(), cause };
-    let socket = SystemName::new(name)?.door().map_err(|error| match error {
-        BusError::File { cause, .. } => nobody(cause),
+/// Sends a request to a running system and waits for the response.
+///
+/// A response must arrive within two seconds. The result of an acknowledged swap may take longer,
+/// and that of a shadow arrives when the shadow ends.
+///
+/// # Errors
+///
+/// Fails if the system is not running, does not respond in time or rejects the request.
+pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -> Result<A, ControlError> {
+    let not_running = |cause| ControlError::NotRunning { name: name.into(), cause };
+    let socket = SystemName::new(name)?.control_socket_path().map_err(|error| match error {
+        BusError::File { cause, .. } => not_running(cause),
         error => ControlError::Name(error),
     })?;
-    let unanswered = |cause: String| ControlError::Unanswered { name: name.into(), cause };
-    let failed = |limit: Option<Duration>| {
-        move |cause: io::Error| match (cause.kind(), limit) {
-            (ErrorKind::WouldBlock, Some(limit)) => {
-                ControlError::Silent { name: name.into(), limit_s: limit.as_secs_f64() }
+    let failed_with = |cause: String| ControlError::Failed { name: name.into(), cause };
+    let io_failure = |timeout: Option<Duration>| {
+        move |cause: io::Error| match (cause.kind(), timeout) {
+            (ErrorKind::WouldBlock, Some(timeout)) => {
+                ControlError::Timeout { name: name.into(), timeout_s: timeout.as_secs_f64() }
             }
-            _ => ControlError::Unanswered { name: name.into(), cause: cause.to_string() },
+            _ => ControlError::Failed { name: name.into(), cause: cause.to_string() },
         }
     };
-    let mut stream = connect_to(&socket).map_err(|cause| match cause.kind() {
+    let mut stream = connect_socket(&socket).map_err(|cause| match cause.kind() {
         ErrorKind::WouldBlock => {
-            unanswered("too many wait for its answer; is its supervisor frozen? `plumb doctor` tells".into())
+            failed_with("too many clients are waiting; its supervisor may be frozen; check with `plumb doctor`".into())
         }
-        _ => nobody(cause),
+        _ => not_running(cause),
     })?;
-    let text = serde_json::to_string(question).map_err(|cause| unanswered(cause.to_string()))?;
-    stream.set_write_timeout(Some(SILENCE_LIMIT)).map_err(failed(None))?;
-    // Whoever is sent away at once may still read why.
-    let asked = writeln!(stream, "{text}");
-    let mut answers = BufReader::new(stream);
-    for limit in [Some(SILENCE_LIMIT), answer_limit(question)] {
-        answers.get_ref().set_read_timeout(limit).map_err(failed(None))?;
+    let text = serde_json::to_string(request).map_err(|cause| failed_with(cause.to_string()))?;
+    stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(io_failure(None))?;
+    // The write of a client that was rejected may fail, but the reason can still be read.
+    let sent = writeln!(stream, "{text}");
+    let mut reader = BufReader::new(stream);
+    for timeout in [Some(RESPONSE_TIMEOUT), completion_timeout(request)] {
+        reader.get_ref().set_read_timeout(timeout).map_err(io_failure(None))?;
         let mut line = String::new();
-        let count = answers.by_ref().take(LINE_MAX as u64).read_line(&mut line).map_err(failed(limit))?;
+        let count = reader.by_ref().take(MAX_LINE_BYTES as u64).read_line(&mut line).map_err(io_failure(timeout))?;
         if count == 0 {
-            asked.map_err(failed(Some(SILENCE_LIMIT)))?;
-            return Err(unanswered("it ended before it had answered; ask again".into()));
+            sent.map_err(io_failure(Some(RESPONSE_TIMEOUT)))?;
+            return Err(failed_with("the connection was closed before the response; try again".into()));
         }
-        match serde_json::from_str::<Response<A>>(&line).map_err(|cause| unanswered(cause.to_string()))? {
-            Response::Taken => {}
-            Response::Answer(answer) => return Ok(answer),
-            Response::Error(cause) => return Err(unanswered(cause)),
+        match serde_json::from_str::<Response<A>>(&line).map_err(|cause| failed_with(cause.to_string()))? {
+            Response::Accepted => {}
+            Response::Completed(response) => return Ok(response),
+            Response::Error(cause) => return Err(failed_with(cause)),
         }
     }
-    Err(unanswered("it has taken the question twice".into()))
+    Err(failed_with("the request was acknowledged twice".into()))
 }
 
-/// A connection to a control socket; `WouldBlock` where its queue is full.
-pub(super) fn connect_to(path: &Path) -> io::Result<UnixStream> {
+/// Connects to a control socket. Fails with `WouldBlock` if its queue is full.
+pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
     connect(&socket, &SocketAddrUnix::new(path)?)?;

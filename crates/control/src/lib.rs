@@ -1,13 +1,18 @@
-//! The control socket of a running system, at which other programs ask.
+//! The control socket of a running system, through which other programs send requests.
 //!
-//! Input: one line of JSON from each caller. Output: one line back; where the answer takes time, one before it that the question was
-//! taken. Time: none is lost, as a caller who says nothing holds up nobody. Failure: what is no question is answered with what is
-//! wrong with it; callers beyond the limit, and those who say nothing, are sent away.
+//! Input: one line of JSON from each client.
 //!
-//! | module | what it holds |
+//! Output: one line of JSON in return. A request that takes time is acknowledged by a line before.
+//!
+//! Time: a silent client does not delay other clients and is disconnected after a timeout.
+//!
+//! Failure: an invalid request is answered with its error. Clients beyond the limit are
+//! disconnected.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | `client` | who asks |
-//! | `server` | who is asked |
+//! | `client` | the client side |
+//! | `server` | the supervisor's side |
 
 #![forbid(unsafe_code)]
 
@@ -20,37 +25,38 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-pub use client::{ControlError, ask};
+pub use client::{ControlError, send_request};
 pub use server::ControlSocket;
-pub use supervision::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest, Trouble};
-pub use swap::Outcome;
+pub use supervision::{ControlRequest, RecordStatus, ServiceStatus, SwapReport, SwapRequest, Diagnostic};
+pub use swap::SwapOutcome;
 
-/// A request or an answer, bytes.
-const LINE_MAX: usize = 64 * 1024;
-/// A system that runs says something within this time.
-const SILENCE_LIMIT: Duration = Duration::from_secs(2);
-/// What a swap may take once ticks come: the deadlines of its stages, of those of the one before it, and as much again.
-const SWAP_LIMIT: Duration = Duration::from_secs(30);
+/// Maximum length of a request or response, bytes.
+const MAX_LINE_BYTES: usize = 64 * 1024;
+/// Time within which a running system sends a line.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time for a swap once ticks arrive: the deadlines of its stages and of a preceding swap, doubled.
+const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The request is taken first, and answered later.
-fn takes_time(request: &ControlRequest) -> bool {
+/// Returns `true` if the request is acknowledged first and completed later.
+fn is_long_running(request: &ControlRequest) -> bool {
     matches!(request, ControlRequest::Swap(_))
 }
 
-/// How long the answer to a request that was taken is waited for. A shadow has no limit: it ends with whoever asked for it.
-fn answer_limit(request: &ControlRequest) -> Option<Duration> {
+/// Returns the timeout for the completion of an acknowledged request. A shadow has none: it ends
+/// when its client disconnects.
+fn completion_timeout(request: &ControlRequest) -> Option<Duration> {
     match request {
-        ControlRequest::Swap(SwapRequest { limit_ms, .. }) => Some(SWAP_LIMIT + Duration::from_millis((*limit_ms)?)),
-        _ => Some(SILENCE_LIMIT),
+        ControlRequest::Swap(SwapRequest { timeout_ms: limit_ms, .. }) => Some(SWAP_TIMEOUT + Duration::from_millis((*limit_ms)?)),
+        _ => Some(RESPONSE_TIMEOUT),
     }
 }
 
-/// A line to a caller.
+/// Line sent to a client.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Response<A> {
-    /// The request is one; its answer comes.
-    Taken,
-    Answer(A),
+    /// The request is valid and its result follows.
+    Accepted,
+    Completed(A),
     Error(String),
 }

@@ -1,4 +1,4 @@
-//! Who is asked: the supervisor's end of the control socket.
+//! Supervisor's side of the control socket.
 
 use std::{
     fs::{self, Permissions},
@@ -13,135 +13,146 @@ use std::{
 use bus::SystemName;
 use serde::Serialize;
 
-use crate::{ControlError, ControlRequest, LINE_MAX, Response, takes_time};
+use crate::{ControlError, ControlRequest, MAX_LINE_BYTES, Response, is_long_running};
 
-/// Callers at once.
-pub(super) const CALLERS_MAX: usize = 16;
-/// Callers let in at a look at most; the others wait for the next.
-const ARRIVALS_MAX: usize = 64;
-/// A caller who has not asked by then is sent away.
-pub(super) const QUESTION_LIMIT: Duration = Duration::from_secs(1);
+/// Maximum number of simultaneous clients.
+pub(super) const MAX_CLIENTS: usize = 16;
+/// Maximum number of connections accepted per poll. The rest wait for the next poll.
+const MAX_ACCEPTS_PER_POLL: usize = 64;
+/// Time for a client to send its request before it is disconnected.
+pub(super) const REQUEST_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// The listening end.
+/// Listening control socket of a system and its connected clients.
 #[derive(Debug)]
 pub struct ControlSocket {
     listener: UnixListener,
-    callers: Vec<Caller>,
-    next_caller: u64,
-    /// Callers who have asked and are gone.
-    departed: Vec<u64>,
+    clients: Vec<Client>,
+    next_client: u64,
+    /// Clients that disconnected after sending a request.
+    disconnected: Vec<u64>,
 }
 
 #[derive(Debug)]
-struct Caller {
+struct Client {
     number: u64,
     stream: UnixStream,
     text: Vec<u8>,
-    came: Instant,
-    asked: bool,
-    gone: bool,
+    connected_at: Instant,
+    has_request: bool,
+    is_closed: bool,
 }
 
 impl ControlSocket {
-    /// Opens the socket of a system, for its user alone.
+    /// Opens the control socket of a system, accessible to this user only.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the folder is not private to this user or the socket cannot be bound.
     pub fn open(system_name: &SystemName) -> Result<Self, ControlError> {
-        let path = system_name.door()?;
+        let path = system_name.control_socket_path()?;
         let failed = |cause| ControlError::Open { path: path.clone(), cause };
         let listener = UnixListener::bind(&path).map_err(failed)?;
         fs::set_permissions(&path, Permissions::from_mode(0o600)).map_err(failed)?;
         listener.set_nonblocking(true).map_err(failed)?;
-        Ok(Self { listener, callers: Vec::new(), next_caller: 0, departed: Vec::new() })
+        Ok(Self { listener, clients: Vec::new(), next_client: 0, disconnected: Vec::new() })
     }
 
-    /// The questions that have come, each with its caller's number.
-    pub fn requests(&mut self) -> Vec<(u64, ControlRequest)> {
-        self.let_in();
-        let mut questions = Vec::new();
-        let mut wrong = Vec::new();
-        for caller in &mut self.callers {
-            match caller.question() {
-                Some(Ok(ask)) => {
-                    if takes_time(&ask) {
-                        caller.answer(&Response::<()>::Taken);
+    /// Accepts clients and returns the requests that have arrived, each with the number of its
+    /// client.
+    pub fn poll_requests(&mut self) -> Vec<(u64, ControlRequest)> {
+        self.accept_clients();
+        let mut requests = Vec::new();
+        let mut invalid = Vec::new();
+        for client in &mut self.clients {
+            match client.read_request() {
+                Some(Ok(request)) => {
+                    if is_long_running(&request) {
+                        client.send(&Response::<()>::Accepted);
                     }
-                    questions.push((caller.number, ask));
+                    requests.push((client.number, request));
                 }
-                Some(Err(cause)) => wrong.push((caller.number, cause)),
+                Some(Err(cause)) => invalid.push((client.number, cause)),
                 None => {}
             }
         }
-        for (caller, cause) in wrong {
-            self.send(caller, &Response::<()>::Error(cause));
+        for (client, cause) in invalid {
+            self.send(client, &Response::<()>::Error(cause));
         }
-        let departed = self.callers.iter().filter(|caller| caller.gone && caller.asked).map(|caller| caller.number);
-        self.departed.extend(departed);
-        self.callers.retain(|caller| !caller.gone && (caller.asked || caller.came.elapsed() < QUESTION_LIMIT));
-        questions
+        let disconnected =
+            self.clients.iter().filter(|client| client.is_closed && client.has_request).map(|client| client.number);
+        self.disconnected.extend(disconnected);
+        self.clients.retain(|client| {
+            !client.is_closed && (client.has_request || client.connected_at.elapsed() < REQUEST_TIMEOUT)
+        });
+        requests
     }
 
-    /// Callers who have asked and do not wait any more.
-    pub fn departed(&mut self) -> Vec<u64> {
-        std::mem::take(&mut self.departed)
+    /// Removes and returns the clients that disconnected while they waited for a response.
+    pub fn take_disconnected(&mut self) -> Vec<u64> {
+        std::mem::take(&mut self.disconnected)
     }
 
-    /// Answers a caller, and is done with it.
-    pub fn answer(&mut self, caller: u64, answer: &impl Serialize) {
-        self.send(caller, &Response::Answer(answer));
+    /// Sends the response to a client and disconnects it.
+    pub fn respond(&mut self, client: u64, response: &impl Serialize) {
+        self.send(client, &Response::Completed(response));
     }
 
-    /// Lets in who has come; those for whom there is no room are told so.
-    fn let_in(&mut self) {
-        for _ in 0..ARRIVALS_MAX {
+    /// Accepts new clients. Clients beyond the limit receive an error.
+    fn accept_clients(&mut self) {
+        for _ in 0..MAX_ACCEPTS_PER_POLL {
             let Ok((stream, _)) = self.listener.accept() else { return };
             if stream.set_nonblocking(true).is_err() {
                 continue;
             }
-            self.next_caller += 1;
-            let (number, came) = (self.next_caller, Instant::now());
-            let mut caller = Caller { number, stream, text: Vec::new(), came, asked: false, gone: false };
-            if self.callers.len() < CALLERS_MAX {
-                self.callers.push(caller);
+            self.next_client += 1;
+            let (number, connected_at) = (self.next_client, Instant::now());
+            let mut client =
+                Client { number, stream, text: Vec::new(), connected_at, has_request: false, is_closed: false };
+            if self.clients.len() < MAX_CLIENTS {
+                self.clients.push(client);
             } else {
-                caller.answer(&Response::<()>::Error(format!("{CALLERS_MAX} others wait for an answer; ask again")));
+                client.send(&Response::<()>::Error(format!(
+                    "{MAX_CLIENTS} other clients are waiting for a response; try again"
+                )));
             }
         }
     }
 
-    fn send(&mut self, caller: u64, what: &Response<impl Serialize>) {
-        let Some(place) = self.callers.iter().position(|one| one.number == caller) else { return };
-        self.callers.swap_remove(place).answer(what);
+    fn send(&mut self, client: u64, response: &Response<impl Serialize>) {
+        let Some(index) = self.clients.iter().position(|one| one.number == client) else { return };
+        self.clients.swap_remove(index).send(response);
     }
 }
 
-impl Caller {
-    /// The question, once it is whole. That of a caller who has gone is none: it was told that nobody answers.
-    fn question(&mut self) -> Option<Result<ControlRequest, String>> {
+impl Client {
+    /// Returns the request once a full line has arrived. `None` if the client has disconnected.
+    fn read_request(&mut self) -> Option<Result<ControlRequest, String>> {
         let mut chunk = [0; 4096];
         loop {
             match self.stream.read(&mut chunk) {
                 Ok(0) => {
-                    self.gone = true;
+                    self.is_closed = true;
                     return None;
                 }
                 Ok(count) => self.text.extend_from_slice(&chunk[..count]),
                 Err(cause) if cause.kind() == ErrorKind::WouldBlock => break,
                 Err(_) => {
-                    self.gone = true;
+                    self.is_closed = true;
                     return None;
                 }
             }
-            if self.text.len() > LINE_MAX {
-                return Some(Err(format!("a question of more than {LINE_MAX} bytes")));
+            if self.text.len() > MAX_LINE_BYTES {
+                return Some(Err(format!("the request is longer than {MAX_LINE_BYTES} bytes")));
             }
         }
-        let end = self.text.iter().position(|byte| *byte == b'\n').filter(|_| !self.asked)?;
-        self.asked = true;
-        Some(serde_json::from_slice(&self.text[..end]).map_err(|cause| format!("no question: {cause}")))
+        let end = self.text.iter().position(|byte| *byte == b'\n').filter(|_| !self.has_request)?;
+        self.has_request = true;
+        Some(serde_json::from_slice(&self.text[..end]).map_err(|cause| format!("invalid request: {cause}")))
     }
 
-    fn answer(&mut self, what: &Response<impl Serialize>) {
-        let text = serde_json::to_string(what).unwrap_or_default();
-        // It fits into the socket; a caller who has gone needs none.
+    fn send(&mut self, response: &Response<impl Serialize>) {
+        let text = serde_json::to_string(response).unwrap_or_default();
+        // The line fits into the socket buffer. Errors of disconnected clients are ignored.
         let _ = writeln!(self.stream, "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! A control socket and who connects to it.
+//! Tests of a control socket and its clients.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use std::{
@@ -10,38 +10,38 @@ use std::{
 };
 
 use bus::{Claim, SystemName};
-use launch::Stage;
+use launch::StageConfig;
 
-use super::{client::connect_to, *};
+use super::{client::connect_socket, *};
 
-/// A control socket of a system of its own, which goes with the test.
-struct House(SystemName, String, ControlSocket, #[expect(dead_code, reason = "it is held")] Claim);
+/// Control socket of a claimed system that no other test uses.
+struct TestSystem(SystemName, String, ControlSocket, #[expect(dead_code, reason = "held until the end of the test")] Claim);
 
-impl House {
+impl TestSystem {
     fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("test-door-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
+        let name = format!("test-control-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let system_name = SystemName::new(&name).unwrap();
         let claim = system_name.claim().unwrap();
-        let door = ControlSocket::open(&system_name).unwrap();
-        Self(system_name, name, door, claim)
+        let socket = ControlSocket::open(&system_name).unwrap();
+        Self(system_name, name, socket, claim)
     }
 
-    fn caller(&self) -> UnixStream {
-        let caller = UnixStream::connect(self.0.door().unwrap()).unwrap();
-        caller.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        caller
+    fn client(&self) -> UnixStream {
+        let client = UnixStream::connect(self.0.control_socket_path().unwrap()).unwrap();
+        client.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        client
     }
 
-    /// What is asked meanwhile gets this answer, but for a swap, which waits.
-    fn open_for(&mut self, ask: impl FnOnce(&str) + Send) {
-        let Self(_, name, door, _) = self;
+    /// Answers requests with 7 while `run` is running. Swaps are left waiting.
+    fn serve_during(&mut self, run: impl FnOnce(&str) + Send) {
+        let Self(_, name, socket, _) = self;
         thread::scope(|scope| {
-            let asking = scope.spawn(|| ask(name));
-            while !asking.is_finished() {
-                for (caller, question) in door.requests() {
-                    if !takes_time(&question) {
-                        door.answer(caller, &7);
+            let running = scope.spawn(|| run(name));
+            while !running.is_finished() {
+                for (client, request) in socket.poll_requests() {
+                    if !is_long_running(&request) {
+                        socket.respond(client, &7);
                     }
                 }
                 thread::sleep(Duration::from_millis(5));
@@ -51,81 +51,81 @@ impl House {
 }
 
 fn shadow() -> ControlRequest {
-    let stage = Stage { stage: "vqf".into(), set: Default::default() };
+    let stage = StageConfig { stage: "vqf".into(), set: Default::default() };
     ControlRequest::Swap(SwapRequest {
         slot: "fuser".into(),
         stage,
         shadow: true,
         expected_epoch: None,
-        limit_ms: None,
+        timeout_ms: None,
     })
 }
 
 #[test]
-fn callers_who_say_nothing_are_sent_away_and_the_others_are_told_so_until_then() {
-    let mut house = House::new();
-    let silent: Vec<_> = (0..server::CALLERS_MAX).map(|_| house.caller()).collect();
-    house.open_for(|name| {
-        let full = ask::<u32>(name, &ControlRequest::Ps).unwrap_err();
-        assert!(full.to_string().contains("16 others wait"), "{full}");
-        thread::sleep(server::QUESTION_LIMIT);
+fn silent_clients_are_disconnected_after_timeout() {
+    let mut system = TestSystem::new();
+    let silent: Vec<_> = (0..server::MAX_CLIENTS).map(|_| system.client()).collect();
+    system.serve_during(|name| {
+        let full = send_request::<u32>(name, &ControlRequest::Status).unwrap_err();
+        assert!(full.to_string().contains("16 other clients are waiting"), "{full}");
+        thread::sleep(server::REQUEST_TIMEOUT);
         let came = Instant::now();
-        while ask::<u32>(name, &ControlRequest::Ps).is_err() {
-            assert!(came.elapsed() < Duration::from_secs(60), "they are still there");
+        while send_request::<u32>(name, &ControlRequest::Status).is_err() {
+            assert!(came.elapsed() < Duration::from_secs(60), "the silent clients are still connected");
         }
     });
     drop(silent);
 }
 
 #[test]
-fn half_a_question_is_none() {
-    let mut house = House::new();
-    let mut caller = house.caller();
-    writeln!(caller, "\"ps").unwrap();
-    let mut half = house.caller();
+fn incomplete_requests_are_rejected() {
+    let mut system = TestSystem::new();
+    let mut client = system.client();
+    writeln!(client, "\"ps").unwrap();
+    let mut half = system.client();
     write!(half, "\"p").unwrap();
-    house.open_for(|_| {
-        let mut said = String::new();
-        caller.read_to_string(&mut said).unwrap();
-        assert!(said.contains("no question"), "{said}");
-        said.clear();
-        half.read_to_string(&mut said).unwrap();
-        assert_eq!(said, "");
+    system.serve_during(|_| {
+        let mut text = String::new();
+        client.read_to_string(&mut text).unwrap();
+        assert!(text.contains("invalid request"), "{text}");
+        text.clear();
+        half.read_to_string(&mut text).unwrap();
+        assert_eq!(text, "");
     });
 }
 
 #[test]
-fn whoever_waits_for_an_answer_stays() {
-    let mut house = House::new();
-    let mut waiting = house.caller();
+fn waiting_client_stays_connected() {
+    let mut system = TestSystem::new();
+    let mut waiting = system.client();
     writeln!(waiting, "{}", serde_json::to_string(&shadow()).unwrap()).unwrap();
-    house.open_for(|_| thread::sleep(2 * server::QUESTION_LIMIT));
-    house.2.answer(1, &7);
-    let mut said = String::new();
-    waiting.read_to_string(&mut said).unwrap();
-    assert_eq!(said, "\"taken\"\n{\"answer\":7}\n");
+    system.serve_during(|_| thread::sleep(2 * server::REQUEST_TIMEOUT));
+    system.2.respond(1, &7);
+    let mut text = String::new();
+    waiting.read_to_string(&mut text).unwrap();
+    assert_eq!(text, "\"accepted\"\n{\"completed\":7}\n");
 }
 
 #[test]
-fn a_supervisor_that_says_nothing_is_not_waited_for_and_does_not_do_it_later() {
-    let mut house = House::new();
+fn frozen_supervisor_times_out_and_drops_requests() {
+    let mut system = TestSystem::new();
     thread::scope(|scope| {
-        for question in [ControlRequest::Ps, ControlRequest::ServiceConfig, shadow()] {
-            let name = &house.1;
+        for request in [ControlRequest::Status, ControlRequest::ServiceConfig, shadow()] {
+            let name = &system.1;
             scope.spawn(move || {
-                let error = ask::<u32>(name, &question).unwrap_err();
-                assert!(matches!(error, ControlError::Silent { .. }), "{error}");
+                let error = send_request::<u32>(name, &request).unwrap_err();
+                assert!(matches!(error, ControlError::Timeout { .. }), "{error}");
             });
         }
     });
-    assert_eq!(house.2.requests(), []);
+    assert_eq!(system.2.poll_requests(), []);
 }
 
 #[test]
-fn nobody_waits_to_be_let_wait() {
-    let house = House::new();
-    let full = (0..100_000).find_map(|_| connect_to(&house.0.door().unwrap()).err()).unwrap();
+fn full_queue_fails_without_blocking() {
+    let system = TestSystem::new();
+    let full = (0..100_000).find_map(|_| connect_socket(&system.0.control_socket_path().unwrap()).err()).unwrap();
     assert_eq!(full.kind(), ErrorKind::WouldBlock, "{full}");
-    let error = ask::<u32>(&house.1, &ControlRequest::Ps).unwrap_err();
-    assert!(error.to_string().contains("too many wait"), "{error}");
+    let error = send_request::<u32>(&system.1, &ControlRequest::Status).unwrap_err();
+    assert!(error.to_string().contains("too many clients are waiting"), "{error}");
 }

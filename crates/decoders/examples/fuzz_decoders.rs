@@ -1,9 +1,11 @@
-//! Hands damaged streams to every decoder: `cargo run --release -p decoders --example fuzz_decoders -- 1000000 [SEED]`, so many of each format.
+//! Feeds damaged streams to every decoder: `cargo run --release -p decoders --example fuzz_decoders
+//! -- 1000000 [SEED]` runs a million cases per format.
 //!
-//! A stream of sound units is cut, joined, flipped, overwritten and lengthened, and goes to its decoder twice: as a whole, and cut into
-//! pieces. What comes of it must be the same, every byte must be accounted for, and the undamaged units behind the damage must be
-//! found. Ends with the counts; a panic ends it with an error.
-#![allow(clippy::unwrap_used, reason = "a panic is what is looked for")]
+//! Valid units are truncated, joined, flipped, overwritten and extended. The decoder receives the
+//! stream twice: as a whole and in chunks. Both results must be equal, every byte must be accounted
+//! for, and the intact units after the damage must be found. The program prints totals. A panic
+//! ends it with an error.
+#![allow(clippy::unwrap_used, reason = "the fuzzer detects panics")]
 
 #[allow(dead_code, reason = "tests use more of it")]
 #[path = "../tests/all/streams.rs"]
@@ -14,24 +16,24 @@ use std::time::Instant;
 use decoders::{Counts, Measurement};
 use streams::{Stream, decoded};
 
-/// Units that are damaged, and sound ones behind them.
+/// Number of units per stream. The last [`INTACT_UNITS`] of them are not damaged.
 const UNITS: u32 = 8;
-const SOUND: usize = 4;
-/// More than a false frame waits for; a false frame that ends in it has had its chance.
+const INTACT_UNITS: usize = 4;
+/// Number of zero bytes that completes any false frame.
 const FLUSH_BYTES: usize = 8300;
 
 fn main() {
     let mut arguments = std::env::args().skip(1).map(|word| word.parse::<u64>().unwrap());
     let (executions, seed) = (arguments.next().unwrap_or(1_000_000), arguments.next().unwrap_or(1));
     for stream in streams::all(UNITS) {
-        let (start, mut dice) = (Instant::now(), Dice(seed));
+        let (start, mut rng) = (Instant::now(), FuzzRng(seed));
         let mut sum = Counts::default();
         let mut measurements = 0;
         for _ in 0..executions {
-            let (found, counts) = executed(&stream, &mut dice);
+            let (found, counts) = run_case(&stream, &mut rng);
             measurements += found.len();
             sum.frames += counts.frames;
-            sum.refused += counts.refused;
+            sum.rejected += counts.rejected;
             sum.skipped_bytes += counts.skipped_bytes;
         }
         println!(
@@ -42,70 +44,70 @@ fn main() {
     }
 }
 
-fn executed(stream: &Stream, dice: &mut Dice) -> (Vec<Measurement>, Counts) {
-    let (good, behind) = stream.units.split_at(UNITS as usize - SOUND);
-    let mut bytes = damaged(good, dice);
+fn run_case(stream: &Stream, rng: &mut FuzzRng) -> (Vec<Measurement>, Counts) {
+    let (good, intact) = stream.units.split_at(UNITS as usize - INTACT_UNITS);
+    let mut bytes = damage(good, rng);
     let damaged_bytes = bytes.len();
-    // Now and then a false frame of the greatest length must end before what is behind it is looked at.
-    if stream.sum_bits > 0 {
-        bytes.resize(bytes.len() + FLUSH_BYTES * usize::from(dice.below(64) == 0), 0);
+    // In some cases a false frame of the maximum length must end before the intact units.
+    if stream.checksum_bits > 0 {
+        bytes.resize(bytes.len() + FLUSH_BYTES * usize::from(rng.below(64) == 0), 0);
     }
     let is_flushed = bytes.len() > damaged_bytes;
-    bytes.extend(behind.concat());
-    let whole = decoded((stream.decoder)(), [&bytes[..]]);
+    bytes.extend(intact.concat());
+    let unsplit = decoded((stream.decoder)(), [&bytes[..]]);
     let mut rest = &bytes[..];
     let pieces = std::iter::from_fn(|| {
-        let (piece, later) = rest.split_at((1 + dice.below(96) as usize).min(rest.len()));
+        let (piece, later) = rest.split_at((1 + rng.below(96) as usize).min(rest.len()));
         rest = later;
         (!piece.is_empty()).then_some(piece)
     });
     let pieces = decoded((stream.decoder)(), pieces);
-    assert!(is_same(&whole, &pieces), "{}: {bytes:02x?}", stream.name);
-    assert!(whole.1.skipped_bytes <= bytes.len() as u64, "{}: {bytes:02x?}", stream.name);
-    if is_flushed && stream.is_without_memory {
-        let wanted = decoded((stream.decoder)(), [&behind.concat()[..]]).0;
-        let found = &whole.0[whole.0.len().saturating_sub(wanted.len())..];
+    assert!(is_same(&unsplit, &pieces), "{}: {bytes:02x?}", stream.name);
+    assert!(unsplit.1.skipped_bytes <= bytes.len() as u64, "{}: {bytes:02x?}", stream.name);
+    if is_flushed && stream.is_stateless {
+        let wanted = decoded((stream.decoder)(), [&intact.concat()[..]]).0;
+        let found = &unsplit.0[unsplit.0.len().saturating_sub(wanted.len())..];
         assert!(is_same(&found, &&wanted[..]), "{}: {bytes:02x?}", stream.name);
     }
-    whole
+    unsplit
 }
 
-/// As text where it differs, so that NaN is equal to itself.
+/// Compares as text if unequal, so that NaN equals NaN.
 fn is_same<T: PartialEq + std::fmt::Debug>(a: &T, b: &T) -> bool {
     a == b || format!("{a:?}") == format!("{b:?}")
 }
 
-/// One to four damages.
-fn damaged(units: &[Vec<u8>], dice: &mut Dice) -> Vec<u8> {
+/// Damages the units in one to four places.
+fn damage(units: &[Vec<u8>], rng: &mut FuzzRng) -> Vec<u8> {
     let mut bytes = units.concat();
-    for _ in 0..=dice.below(4) {
-        let at = dice.below(bytes.len() as u64 + 1) as usize;
-        match dice.below(7) {
+    for _ in 0..=rng.below(4) {
+        let at = rng.below(bytes.len() as u64 + 1) as usize;
+        match rng.below(7) {
             0 => bytes.truncate(at),
-            1 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << dice.below(8)),
-            2 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte = dice.word() as u8),
+            1 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << rng.below(8)),
+            2 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte = rng.next_u64() as u8),
             3 => {
-                let length = dice.below(12) as usize;
-                bytes.splice(at..at, std::iter::repeat_with(|| dice.word() as u8).take(length));
+                let length = rng.below(12) as usize;
+                bytes.splice(at..at, std::iter::repeat_with(|| rng.next_u64() as u8).take(length));
             }
-            // Half a unit, or the beginning of one.
+            // A partial unit.
             4 => {
-                let other = &units[dice.below(units.len() as u64) as usize];
-                let length = dice.below(other.len() as u64 + 1) as usize;
+                let other = &units[rng.below(units.len() as u64) as usize];
+                let length = rng.below(other.len() as u64 + 1) as usize;
                 bytes.splice(at..at, other[..length].iter().copied());
             }
-            5 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, dice.below(9) as usize))),
+            5 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, rng.below(9) as usize))),
             _ => bytes.rotate_left(at),
         }
     }
     bytes
 }
 
-/// SplitMix64.
-struct Dice(u64);
+/// SplitMix64 generator.
+struct FuzzRng(u64);
 
-impl Dice {
-    fn word(&mut self) -> u64 {
+impl FuzzRng {
+    fn next_u64(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mixed = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -113,6 +115,6 @@ impl Dice {
     }
 
     fn below(&mut self, end: u64) -> u64 {
-        self.word() % end
+        self.next_u64() % end
     }
 }

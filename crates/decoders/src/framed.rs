@@ -1,89 +1,97 @@
-//! Frames in bytes that are cut anywhere and may be anything.
+//! Search for frames in a byte stream that may be split anywhere and may contain garbage.
 //!
-//! Input: bytes. Output: what a [`Format`] makes of each frame. Failure: where no frame begins, one byte is passed over and the next is
-//! looked at, so a good frame inside or behind what is none is found; what comes out depends on the bytes alone and not on how they
-//! were cut.
+//! Input: bytes.
+//!
+//! Output: the measurements that a [`Format`] extracts from each frame. The result does not depend
+//! on how the bytes were split.
+//!
+//! Failure: if no frame starts at a byte, that byte is skipped and the search continues at the next
+//! one. A valid frame inside or after an invalid one is therefore found.
 
 use crate::{Counts, Decoder, Measurement};
 
-/// How frames of a format look.
+/// Frame format of a device.
 pub trait Format: Send {
-    /// What the bytes from the first one on are, of which there is at least one; what a frame tells goes to `found`. Must say
-    /// [`Seen::More`] for fewer bytes than a frame has at most, no more.
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen;
+    /// Parses the frame that starts at the first of at least one byte and appends its measurements.
+    ///
+    /// Must return [`ParseOutcome::Incomplete`] only for fewer bytes than the longest frame has.
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome;
 
-    /// So many bytes were passed over since the last call of [`Format::look`] that saw a frame.
-    fn passed(&mut self, _bytes: usize) {}
+    /// Notifies the format that `bytes` bytes were skipped between two frames.
+    fn on_skipped(&mut self, _bytes: usize) {}
 }
 
-/// What bytes are.
+/// Result of [`Format::parse`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Seen {
-    /// The beginning of a frame, as far as they go.
-    More,
-    /// A frame of so many bytes.
+pub enum ParseOutcome {
+    /// The bytes are the start of a frame that is not complete yet.
+    Incomplete,
+    /// The bytes start with a complete frame of the given length.
     Frame(usize),
-    /// The first so many belong to no frame.
-    Nothing(usize),
-    /// The first byte begins what looks like a frame and is none: checksum, length, a number that is none.
-    Refused,
-    /// The first so many are a line that is none.
-    RefusedLine(usize),
+    /// The given number of leading bytes belongs to no frame.
+    Skip(usize),
+    /// The bytes start like a frame, but its checksum, length or content is invalid. One byte is
+    /// skipped.
+    Rejected,
+    /// The given number of leading bytes is one invalid line or record and is skipped.
+    RejectedUnit(usize),
 }
 
-/// Bytes of one device with frames of one format in them. A new connection is a new one of these, so that no half of a frame meets
-/// another half.
+/// Decoder of the frames of one format from one device.
+///
+/// Create a new instance for each connection, so that no partial frames of two connections are
+/// joined.
 #[derive(Debug, Clone)]
 pub struct Framed<F> {
     format: F,
-    kept: Vec<u8>,
+    buffer: Vec<u8>,
     counts: Counts,
 }
 
 impl<F: Format> Framed<F> {
-    /// Nothing was sent yet.
+    /// Creates a decoder with an empty buffer.
     pub fn new(format: F) -> Self {
-        Self { format, kept: Vec::new(), counts: Counts::default() }
+        Self { format, buffer: Vec::new(), counts: Counts::default() }
     }
 
-    fn pass(&mut self, bytes: usize) {
+    fn skip(&mut self, bytes: usize) {
         self.counts.skipped_bytes += bytes as u64;
-        self.format.passed(bytes);
+        self.format.on_skipped(bytes);
     }
 }
 
 impl<F: Format> Decoder for Framed<F> {
-    fn push(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) {
-        self.kept.extend_from_slice(bytes);
-        let mut kept = std::mem::take(&mut self.kept);
-        let mut at = 0;
-        while at < kept.len() {
-            let length = match self.format.look(&kept[at..], found) {
-                Seen::More => break,
-                Seen::Frame(length) => {
+    fn push(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) {
+        self.buffer.extend_from_slice(bytes);
+        let mut buffer = std::mem::take(&mut self.buffer);
+        let mut position = 0;
+        while position < buffer.len() {
+            let length = match self.format.parse(&buffer[position..], measurements) {
+                ParseOutcome::Incomplete => break,
+                ParseOutcome::Frame(length) => {
                     self.counts.frames += 1;
                     length
                 }
-                Seen::Nothing(length) => {
-                    self.pass(length);
+                ParseOutcome::Skip(length) => {
+                    self.skip(length);
                     length
                 }
-                Seen::Refused => {
-                    self.counts.refused += 1;
-                    self.pass(1);
+                ParseOutcome::Rejected => {
+                    self.counts.rejected += 1;
+                    self.skip(1);
                     1
                 }
-                Seen::RefusedLine(length) => {
-                    self.counts.refused += 1;
-                    self.pass(length);
+                ParseOutcome::RejectedUnit(length) => {
+                    self.counts.rejected += 1;
+                    self.skip(length);
                     length
                 }
             };
-            // A frame is at least a byte, and no longer than what was looked at.
-            at = (at + length.max(1)).min(kept.len());
+            // A faulty length must neither stall the loop nor exceed the buffer.
+            position = (position + length.max(1)).min(buffer.len());
         }
-        kept.drain(..at);
-        self.kept = kept;
+        buffer.drain(..position);
+        self.buffer = buffer;
     }
 
     fn counts(&self) -> Counts {
@@ -91,16 +99,16 @@ impl<F: Format> Decoder for Framed<F> {
     }
 }
 
-/// The three little-endian numbers of 16 bits from `at` on; `None` beyond the end.
-pub(crate) fn three_i16(bytes: &[u8], at: usize) -> Option<[f64; 3]> {
+/// Returns three little-endian `i16` values from `offset` on, or `None` beyond the end of `bytes`.
+pub(crate) fn three_i16(bytes: &[u8], offset: usize) -> Option<[f64; 3]> {
     let mut three = [0.0; 3];
-    for (part, pair) in three.iter_mut().zip(bytes.get(at..at + 6)?.as_chunks::<2>().0) {
+    for (part, pair) in three.iter_mut().zip(bytes.get(offset..offset + 6)?.as_chunks::<2>().0) {
         *part = f64::from(i16::from_le_bytes(*pair));
     }
     Some(three)
 }
 
-/// The sum of bytes, as far as one holds it.
-pub(crate) fn sum(bytes: &[u8]) -> u8 {
+/// Returns the sum of `bytes` modulo 256.
+pub(crate) fn wrapping_sum(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }

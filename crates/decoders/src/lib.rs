@@ -1,19 +1,26 @@
-//! What sensors and receivers send, as readings: bytes of a serial line, a datagram or a file become [`Measurement`]s.
+//! Decoders that turn the bytes of sensors and receivers into [`Measurement`]s.
 //!
-//! Input: bytes as they arrive, cut anywhere. Output: measurements in SI units and the sensor's own axes, with the device's own time
-//! where it tells one. Time: none; whoever has the bytes knows when they came. Failure: bytes that are no frame of the format are
-//! skipped and counted, never an error and never a panic; the next good frame is found again.
+//! Input: bytes of a serial line, datagram or file, split at arbitrary positions.
 //!
-//! A decoder is [`Framed`] with the [`Format`] of a device in it, as `Framed::new(Rvc::default())`.
+//! Output: measurements in SI units and sensor axes, with the device's timestamp if the format has
+//! one.
 //!
-//! | module | what it holds |
+//! Time: none. The caller knows when the bytes arrived.
+//!
+//! Failure: bytes that belong to no valid frame are skipped and counted. Decoding resumes at the
+//! next valid frame. No input causes an error or a panic.
+//!
+//! A decoder is a [`Framed`] around the [`Format`] of a device, for example
+//! `Framed::new(Rvc::default())`.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`framed`] | frames in bytes that are cut anywhere and may be anything |
-//! | [`witmotion`] | WitMotion: frames of 0x55 |
+//! | [`framed`] | search for frames in an arbitrarily split byte stream |
+//! | [`witmotion`] | WitMotion sensors: 0x55 frames |
 //! | [`xsens`] | Xsens MTi: MTData2 |
 //! | [`rvc`] | BNO08x: UART-RVC |
 //! | [`lines`] | lines of numbers with named columns |
-//! | [`mavlink`] | MAVLink: the IMU and the receiver of an autopilot |
+//! | [`mavlink`] | MAVLink: IMU and satellite receiver of an autopilot |
 //! | [`ubx`] | u-blox: NAV-PVT |
 //! | [`nmea`] | NMEA 0183: RMC, VTG |
 //! | [`iio`] | Linux industrial I/O: records of a character device |
@@ -31,95 +38,97 @@ pub mod xsens;
 
 pub use framed::{Format, Framed};
 
-/// Standard deviation of a velocity whose vertical part is not told and given as 0, m/s: the vertical motion of what moves on ground
-/// and water.
-pub const VERTICAL_SD_M_S: f64 = 1.0;
+/// Standard deviation of a velocity whose unreported vertical component is set to 0, m/s.
+///
+/// The value covers the vertical motion of ground vehicles and boats.
+pub const ASSUMED_VERTICAL_SD_M_S: f64 = 1.0;
 
-/// Turns the bytes of one device into measurements.
+/// Decoder of the byte stream of one device.
 pub trait Decoder: Send {
-    /// Takes the next bytes and adds what is complete to `found`, in the order in which it was sent. What is left of a frame that has
-    /// not ended is kept, as much as one frame of the format has at most.
-    fn push(&mut self, bytes: &[u8], found: &mut Vec<Measurement>);
+    /// Decodes `bytes` and appends the completed measurements in the order of transmission.
+    ///
+    /// An incomplete frame is kept for the next call, up to the maximum frame size of the format.
+    fn push(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>);
 
-    /// What it has seen so far.
+    /// Returns the totals since the decoder was created.
     fn counts(&self) -> Counts;
 }
 
-/// What a device measured at one instant.
+/// Measurement of a device at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measurement {
-    /// When, if the device says so.
+    /// Timestamp of the device, or `None` if the device sends none.
     pub time: Option<DeviceTime>,
-    /// What.
+    /// Measured quantities.
     pub value: Value,
 }
 
-/// What was measured, in sensor axes unless a frame is named.
+/// Measured quantities, in sensor axes unless a frame is named.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Value {
-    /// Both of an IMU.
+    /// Rate and specific force of an IMU.
     Imu {
         /// Body rate, rad/s.
         rate_rad_s: [f64; 3],
         /// Specific force, m/s².
         force_m_s2: [f64; 3],
-        /// Magnetic field, µT, where the same instant has one.
+        /// Magnetic field at the same instant, µT, if present.
         field_ut: Option<[f64; 3]>,
     },
-    /// A magnetometer that speaks for itself, µT.
+    /// Magnetic field sent separately from rate and force, µT.
     Field([f64; 3]),
-    /// A satellite receiver.
+    /// Fix of a satellite receiver.
     Fix {
         /// Velocity east, north, up, m/s.
         velocity_m_s: [f64; 3],
-        /// Its standard deviation per axis, m/s, where it is told.
+        /// Standard deviation of each velocity component, m/s, if reported.
         sd_m_s: Option<f64>,
-        /// Where the receiver is.
-        place: Place,
+        /// Position of the receiver.
+        position: Position,
     },
 }
 
-/// Where a receiver is, as far as it tells.
+/// Position of a receiver. Unreported coordinates are `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Place {
+pub struct Position {
     /// Geodetic latitude, rad, north positive.
     pub latitude_rad: Option<f64>,
     /// Longitude, rad, east positive.
     pub longitude_rad: Option<f64>,
-    /// Altitude above the sea, m, upwards.
+    /// Altitude above mean sea level, m, up positive.
     pub altitude_m: Option<f64>,
 }
 
-/// A time as a device tells it.
+/// Timestamp on the clock of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceTime {
-    /// A counter that begins again at `period_ns`, ns since it did.
+    /// Counter that wraps to 0 after `period_ns`.
     Counter {
-        /// The count, ns.
+        /// Time since the last wrap, ns.
         now_ns: u64,
-        /// After which it begins again, ns.
+        /// Wrap period, ns.
         period_ns: u64,
     },
-    /// Since the device started, ns.
+    /// Time since the device started.
     SinceBoot {
-        /// ns.
+        /// Time since the start, ns.
         now_ns: u64,
     },
-    /// Since 1970, ns.
+    /// UNIX time.
     Unix {
-        /// ns.
+        /// Time since 1970-01-01 UTC, ns.
         now_ns: u64,
     },
 }
 
-/// What a decoder has seen so far.
+/// Totals of a decoder since its creation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Whole frames or lines of which something was made, or that tell nothing of use.
+    /// Valid frames or lines, including those without a measurement.
     pub frames: u64,
-    /// Frames or lines that looked like one and were refused: checksum, length, a number that is none.
-    pub refused: u64,
-    /// Bytes that belong to no frame.
+    /// Frames or lines rejected because of their checksum, length or an invalid number.
+    pub rejected: u64,
+    /// Bytes that belong to no valid frame.
     pub skipped_bytes: u64,
 }
 
@@ -129,19 +138,19 @@ impl std::ops::Add for Counts {
     fn add(self, other: Self) -> Self {
         Self {
             frames: self.frames + other.frames,
-            refused: self.refused + other.refused,
+            rejected: self.rejected + other.rejected,
             skipped_bytes: self.skipped_bytes + other.skipped_bytes,
         }
     }
 }
 
-impl Place {
-    /// Of degrees and metres; what cannot be is not told.
-    pub(crate) fn of(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Self {
-        let within = |angle_deg: f64, most_deg: f64| (angle_deg.abs() <= most_deg).then(|| angle_deg.to_radians());
+impl Position {
+    /// Creates a position from degrees and metres. Values out of range become `None`.
+    pub(crate) fn from_degrees(latitude_deg: f64, longitude_deg: f64, altitude_m: f64) -> Self {
+        let in_range = |angle_deg: f64, max_deg: f64| (angle_deg.abs() <= max_deg).then(|| angle_deg.to_radians());
         Self {
-            latitude_rad: within(latitude_deg, 90.0),
-            longitude_rad: within(longitude_deg, 180.0),
+            latitude_rad: in_range(latitude_deg, 90.0),
+            longitude_rad: in_range(longitude_deg, 180.0),
             altitude_m: Some(altitude_m).filter(|altitude_m| altitude_m.is_finite()),
         }
     }

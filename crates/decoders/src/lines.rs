@@ -1,24 +1,30 @@
-//! Lines of numbers: `t,gx,gy,gz,ax,ay,az`, as a microcontroller prints them, or a recording of ours sent over a line.
+//! Lines of numbers such as `t,gx,gy,gz,ax,ay,az`, printed by a microcontroller or taken from a
+//! recording.
 //!
-//! Which column is what, its unit and its axes, is a [`Mapping`], with the same words as `plumb import`. The columns are named in the
-//! settings or by a line of the stream that has all their names, at its beginning or later; a recording's `t_s` is a time in s. A line
-//! ends with a newline; its numbers are separated by tabs, semicolons, commas or blanks, and have a decimal point, or a decimal comma
-//! where the separator is another. Lines that begin with `#`, and blank ones, are counted and tell nothing.
+//! A [`Mapping`] assigns columns, units and axes, with the same syntax as `plumb import`. Column
+//! names come from the settings or from a line of the stream that contains all mapped names. Such a
+//! header may appear at the start or later. The `t_s` column of a recording is a time in s.
 //!
-//! | column | what |
+//! A line ends with a newline. Numbers are separated by tabs, semicolons, commas or blanks. They
+//! have a decimal point, or a decimal comma if the separator is not a comma. Blank lines and lines
+//! that start with `#` are counted and otherwise ignored.
+//!
+//! | column | meaning |
 //! | --- | --- |
-//! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force; they must be among the columns. Blank or `nan` is handed on as NaN; a line without any of the six has none |
-//! | `mx`, `my`, `mz` | field, in the lines where all three are numbers |
-//! | `ve`, `vn`, `vu` or `vd`, `lat`, `lon`, `alt` | a fix, in the lines where the velocity is there and is not the one before it again |
-//! | `t` | the time: from 1970 if it is beyond 2001-09-09, else since the device's start, before which it is a two's complement; a counter that begins again if it is said to be |
-//! | others | passed over |
+//! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force, mandatory. Blank and `nan` become NaN; a line in which all six are NaN yields no IMU measurement |
+//! | `mx`, `my`, `mz` | field, in lines in which all three are finite |
+//! | `ve`, `vn`, `vu` or `vd`, `lat`, `lon`, `alt` | fix, in lines in which the velocity is finite and the fix differs from the previous one |
+//! | `t` | time: UNIX time if later than 2001-09-09, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set |
+//! | others | ignored |
 //!
-//! Lines of 7 or 10 numbers that nobody named are `t,gx,gy,gz,ax,ay,az` and, with three more, `mx,my,mz`.
+//! Without any names, lines of 7 or 10 numbers are `t,gx,gy,gz,ax,ay,az` and, with three more,
+//! `mx,my,mz`.
 //!
-//! The first line after the beginning may be the end of one, with digits missing: it is taken if it names columns, or if streams are
-//! said to begin with a whole one; else it is passed over.
-//! Limits: there is no checksum. A line with anything that is not text, a number that is none, or another count of fields is refused as
-//! a whole; a digit that the line changed into another one is not seen.
+//! The first line of a stream may lack its beginning. It is used only if it is a header or if
+//! [`LineSettings::starts_at_line_start`] is set, else it is skipped.
+//!
+//! Limits: there is no checksum. A line with a non-text byte, an invalid number or another number
+//! of fields is rejected as a whole, but a corrupted digit remains undetected.
 
 use std::borrow::Cow;
 
@@ -29,89 +35,94 @@ use mapping::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Place, Value,
-    framed::{Format, Seen},
+    DeviceTime, Measurement, Position, Value,
+    framed::{Format, ParseOutcome},
 };
 
-/// With its newline.
-const LINE_MAX_BYTES: usize = 4096;
+/// Maximum length of a line, including its newline.
+const MAX_LINE_BYTES: usize = 4096;
 const SEPARATORS: [u8; 3] = [b'\t', b';', b','];
-/// A time from here on counts from 1970, ns: 2001-09-09.
-const UNIX_FROM_NS: i64 = 1_000_000_000_000_000_000;
-/// Columns that nobody named, by how many they are.
-const UNNAMED: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
-const UNNAMED_COUNTS: [usize; 2] = [7, 10];
-/// What a recording of ours calls `t`.
-const TIME_OF_A_RECORDING: &str = "t_s";
+/// Smallest time that is a UNIX time, ns: 2001-09-09.
+const MIN_UNIX_TIME_NS: i64 = 1_000_000_000_000_000_000;
+/// Columns of a stream without names.
+const DEFAULT_COLUMNS: [&str; 10] = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"];
+const DEFAULT_COLUMN_COUNTS: [usize; 2] = [7, 10];
+/// Name of the time column in a recording.
+const RECORDING_TIME_COLUMN: &str = "t_s";
 
-/// Columns, and where they are.
+/// Format of lines of numbers, with the columns of the stream.
 #[derive(Debug, Clone)]
 pub struct Lines {
     mapping: Mapping,
-    /// Of the counter that the time is.
+    /// Wrap period of the time counter, if the time is one.
     period_ns: Option<u64>,
-    places: Option<Places>,
-    is_begun: bool,
+    indices: Option<ColumnIndices>,
+    /// Whether the next byte starts a line.
+    is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
 }
 
-/// What lines are made of.
+/// Settings of [`Lines`].
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Settings {
-    /// Which column is what.
+pub struct LineSettings {
+    /// Assignment of columns, units and axes.
     pub mapping: Mapping,
-    /// The names of the columns, in their order; `None` where a line of the stream names them.
+    /// Column names in order, or `None` if a line of the stream names them.
     pub columns: Option<Vec<String>>,
-    /// The time is a whole number of so many bits, 1 to 63, and begins again after the largest: 32 for `micros()` of an Arduino.
+    /// Number of bits of a time that is a wrapping counter, 1 to 63: 32 for `micros()` on an
+    /// Arduino.
     pub time_bits: Option<u8>,
-    /// The first line is whole, as that of a program or a datagram is, and not that of a serial line that is in the middle of one.
-    pub begins_whole: bool,
+    /// Whether the stream starts at the start of a line, as that of a program or a datagram does. A
+    /// serial port may be opened in the middle of a line.
+    pub starts_at_line_start: bool,
 }
 
-/// What is wrong with settings.
+/// Error in [`LineSettings`].
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum LinesError {
-    /// A column that is not named.
-    #[error("reading the columns: there is no {column:?} for {target}{}", near.as_ref().map_or_else(String::new, |near| format!(", did you mean {near:?}?")))]
-    NoColumn {
-        /// What it is mapped to.
+    /// A mapped column is not among the names.
+    #[error("column {column:?} for {target} is not in the list of columns; {}", near.as_ref().map_or_else(|| "correct `map` or `columns`".into(), |near| format!("did you mean {near:?}?")))]
+    MissingColumn {
+        /// Quantity that the column is mapped to.
         target: &'static str,
-        /// Its name.
+        /// Name in the mapping.
         column: String,
-        /// A column of nearly that name.
+        /// Column with a similar name.
         near: Option<String>,
     },
-    /// A counter of so many bits is none.
-    #[error(
-        "reading the bits of the time: found {bits}, expected 1 to 63, and a counter that begins again within 292 years"
-    )]
-    Bits {
-        /// What is there.
+    /// `time_bits` is out of range.
+    #[error("time_bits is {bits}; allowed are 1 to 63, with a counter that wraps within 292 years")]
+    InvalidTimeBits {
+        /// Configured number of bits.
         bits: u8,
     },
 }
 
 impl Lines {
-    /// What `settings` say.
-    pub fn new(settings: &Settings) -> Result<Self, LinesError> {
+    /// Creates a format with these settings.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a mapped column is not named or `time_bits` is out of range.
+    pub fn new(settings: &LineSettings) -> Result<Self, LinesError> {
         let mapping = settings.mapping.clone();
         let period_ns = settings
             .time_bits
-            .map(|bits| mapping.period_ns(bits.into()).ok_or(LinesError::Bits { bits }))
+            .map(|bits| mapping.wrap_period_ns(bits.into()).ok_or(LinesError::InvalidTimeBits { bits }))
             .transpose()?;
-        let named = settings.columns.as_ref().map(|columns| {
+        let resolved = settings.columns.as_ref().map(|columns| {
             let columns: Vec<_> = columns.iter().map(|column| column.trim()).collect();
-            Places::of(&mapping, &columns).map_err(|target| {
+            ColumnIndices::find(&mapping, &columns).map_err(|target| {
                 let column = mapping.column(target).unwrap_or(target);
                 let near = nearest(column, columns.iter().copied()).map(str::to_owned);
-                LinesError::NoColumn { target, column: column.to_owned(), near }
+                LinesError::MissingColumn { target, column: column.to_owned(), near }
             })
         });
-        let places = named.transpose()?;
-        Ok(Self { mapping, period_ns, places, is_begun: settings.begins_whole, last_fix: None })
+        let indices = resolved.transpose()?;
+        Ok(Self { mapping, period_ns, indices, is_synchronised: settings.starts_at_line_start, last_fix: None })
     }
 
-    fn line(&mut self, line: &[u8], found: &mut Vec<Measurement>) -> Option<()> {
+    fn parse_line(&mut self, line: &[u8], measurements: &mut Vec<Measurement>) -> Option<()> {
         let is_text = line.iter().all(|byte| matches!(byte, b' '..=b'~' | b'\t' | b'\r'));
         let line = str::from_utf8(line).ok().filter(|_| is_text)?.trim_ascii();
         if line.is_empty() || line.starts_with('#') {
@@ -124,45 +135,45 @@ impl Lines {
             }
             None => line.split_ascii_whitespace().collect(),
         };
-        let row = Row { fields: &fields, has_comma: separator != Some(b',') };
-        if self.is_begun && self.row(&row, found).is_some() {
+        let row = Row { fields: &fields, may_have_decimal_comma: separator != Some(b',') };
+        if self.is_synchronised && self.parse_row(&row, measurements).is_some() {
             return Some(());
         }
-        if let Ok(places) = Places::of(&self.mapping, &fields) {
-            self.places = Some(places);
+        if let Ok(indices) = ColumnIndices::find(&self.mapping, &fields) {
+            self.indices = Some(indices);
             return Some(());
         }
-        if !self.is_begun || self.places.is_some() || self.mapping.is_said() {
+        if !self.is_synchronised || self.indices.is_some() || self.mapping.is_explicit() {
             return None;
         }
-        let unnamed = UNNAMED.get(..fields.len()).filter(|names| UNNAMED_COUNTS.contains(&names.len()))?;
-        self.places = Places::of(&self.mapping, unnamed).ok();
-        let row = self.row(&row, found);
+        let unnamed = DEFAULT_COLUMNS.get(..fields.len()).filter(|names| DEFAULT_COLUMN_COUNTS.contains(&names.len()))?;
+        self.indices = ColumnIndices::find(&self.mapping, unnamed).ok();
+        let row = self.parse_row(&row, measurements);
         if row.is_none() {
-            self.places = None;
+            self.indices = None;
         }
         row
     }
 
-    fn row(&mut self, row: &Row<'_>, found: &mut Vec<Measurement>) -> Option<()> {
-        let places = self.places.as_ref().filter(|places| places.count == row.fields.len())?;
-        let time = match places.time {
-            Some(index) => self.time(row.fields[index], row)?,
+    fn parse_row(&mut self, row: &Row<'_>, measurements: &mut Vec<Measurement>) -> Option<()> {
+        let indices = self.indices.as_ref().filter(|indices| indices.count == row.fields.len())?;
+        let time = match indices.time {
+            Some(index) => self.parse_time(row.fields[index], row)?,
             None => None,
         };
-        let (rate, force) = (row.numbers(places.rate)?, row.numbers(places.force)?);
-        let (field, velocity) = (row.whole(places.field)?, row.whole(places.velocity)?);
-        let mut place = [f64::NAN; 3];
-        for (part, index) in place.iter_mut().zip(places.position) {
+        let (rate, force) = (row.vector(indices.rate)?, row.vector(indices.force)?);
+        let (field, velocity) = (row.finite_vector(indices.field)?, row.finite_vector(indices.velocity)?);
+        let mut position = [f64::NAN; 3];
+        for (part, index) in position.iter_mut().zip(indices.position) {
             *part = index.map_or(Some(f64::NAN), |index| row.number(index))?;
         }
         if let Some(velocity) = velocity {
-            let ([east, north, up], [latitude_deg, longitude_deg, altitude_m]) = (velocity, place);
-            let said = [east, north, up, latitude_deg, longitude_deg, altitude_m].map(f64::to_bits);
-            if self.last_fix.replace(said) != Some(said) {
-                let place = Place::of(latitude_deg, longitude_deg, altitude_m);
+            let ([east, north, up], [latitude_deg, longitude_deg, altitude_m]) = (velocity, position);
+            let fix_bits = [east, north, up, latitude_deg, longitude_deg, altitude_m].map(f64::to_bits);
+            if self.last_fix.replace(fix_bits) != Some(fix_bits) {
+                let position = Position::from_degrees(latitude_deg, longitude_deg, altitude_m);
                 let velocity_m_s = self.mapping.velocity_m_s(velocity);
-                found.push(Measurement { time, value: Value::Fix { velocity_m_s, sd_m_s: None, place } });
+                measurements.push(Measurement { time, value: Value::Fix { velocity_m_s, sd_m_s: None, position } });
             }
         }
         if !rate.iter().chain(&force).all(|number| number.is_nan()) {
@@ -171,86 +182,87 @@ impl Lines {
                 force_m_s2: self.mapping.force_m_s2(force),
                 field_ut: field.map(|field| self.mapping.field_ut(field)),
             };
-            found.push(Measurement { time, value });
+            measurements.push(Measurement { time, value });
         } else if let Some(field) = field {
-            found.push(Measurement { time, value: Value::Field(self.mapping.field_ut(field)) });
+            measurements.push(Measurement { time, value: Value::Field(self.mapping.field_ut(field)) });
         }
         Some(())
     }
 
-    /// `Some(None)` of a blank one; `None` of what is no time.
-    fn time(&self, text: &str, row: &Row<'_>) -> Option<Option<DeviceTime>> {
-        let text = row.pointed(text);
+    /// Parses a time. A blank field yields `Some(None)`, an invalid one `None`.
+    fn parse_time(&self, text: &str, row: &Row<'_>) -> Option<Option<DeviceTime>> {
+        let text = row.with_decimal_point(text);
         if text.is_empty() {
             return Some(None);
         }
         let t_ns = time_ns(&text, self.mapping.time_digits())?;
-        // A recording may begin before its 0: such a time comes out as it went in.
+        // A recording may start before its zero: a negative time is passed on as two's complement.
         let now_ns = t_ns.cast_unsigned();
         Some(Some(match self.period_ns {
             Some(_) if t_ns < 0 => return None,
             Some(period_ns) => DeviceTime::Counter { now_ns: now_ns % period_ns, period_ns },
-            None if t_ns >= UNIX_FROM_NS => DeviceTime::Unix { now_ns },
+            None if t_ns >= MIN_UNIX_TIME_NS => DeviceTime::Unix { now_ns },
             None => DeviceTime::SinceBoot { now_ns },
         }))
     }
 }
 
 impl Format for Lines {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        let window = &bytes[..bytes.len().min(LINE_MAX_BYTES)];
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
+        let window = &bytes[..bytes.len().min(MAX_LINE_BYTES)];
         let Some(end) = window.iter().position(|byte| *byte == b'\n') else {
-            if bytes.len() < LINE_MAX_BYTES {
-                return Seen::More;
+            if bytes.len() < MAX_LINE_BYTES {
+                return ParseOutcome::Incomplete;
             }
-            // What follows up to the next newline is the end of this.
-            self.is_begun = false;
-            return Seen::Nothing(LINE_MAX_BYTES);
+            // The rest of the overlong line follows.
+            self.is_synchronised = false;
+            return ParseOutcome::Skip(MAX_LINE_BYTES);
         };
-        let is_line = self.line(&bytes[..end], found).is_some();
-        match (is_line, std::mem::replace(&mut self.is_begun, true)) {
-            (true, _) => Seen::Frame(end + 1),
-            (false, true) => Seen::RefusedLine(end + 1),
-            (false, false) => Seen::Nothing(end + 1),
+        let is_line = self.parse_line(&bytes[..end], measurements).is_some();
+        match (is_line, std::mem::replace(&mut self.is_synchronised, true)) {
+            (true, _) => ParseOutcome::Frame(end + 1),
+            (false, true) => ParseOutcome::RejectedUnit(end + 1),
+            (false, false) => ParseOutcome::Skip(end + 1),
         }
     }
 }
 
-/// A line, taken apart.
+/// Line split into fields.
 struct Row<'a> {
     fields: &'a [&'a str],
-    /// A comma does not separate: it may be a decimal one.
-    has_comma: bool,
+    /// Whether a comma is not the separator and may thus be a decimal comma.
+    may_have_decimal_comma: bool,
 }
 
 impl Row<'_> {
-    /// Of fields that are there; blank is NaN.
-    fn numbers(&self, indices: [usize; 3]) -> Option<[f64; 3]> {
+    /// Parses three fields. Blank ones are NaN.
+    fn vector(&self, indices: [usize; 3]) -> Option<[f64; 3]> {
         let [x, y, z] = indices.map(|index| self.number(index));
         Some([x?, y?, z?])
     }
 
     fn number(&self, index: usize) -> Option<f64> {
-        let text = self.pointed(self.fields.get(index)?);
+        let text = self.with_decimal_point(self.fields.get(index)?);
         if text.is_empty() { Some(f64::NAN) } else { text.parse().ok() }
     }
 
-    /// `Some(None)` where one of them is no number.
-    fn whole(&self, indices: Option<[usize; 3]>) -> Option<Option<[f64; 3]>> {
+    /// Parses three optional fields. `Some(None)` if there are no such columns or a number is not
+    /// finite.
+    fn finite_vector(&self, indices: Option<[usize; 3]>) -> Option<Option<[f64; 3]>> {
         let Some(indices) = indices else { return Some(None) };
-        let numbers = self.numbers(indices)?;
+        let numbers = self.vector(indices)?;
         Some(numbers.iter().all(|number| number.is_finite()).then_some(numbers))
     }
 
-    /// With a decimal point.
-    fn pointed<'a>(&self, text: &'a str) -> Cow<'a, str> {
-        if self.has_comma && text.contains(',') { text.replacen(',', ".", 1).into() } else { text.into() }
+    /// Replaces a decimal comma by a point.
+    fn with_decimal_point<'a>(&self, text: &'a str) -> Cow<'a, str> {
+        if self.may_have_decimal_comma && text.contains(',') { text.replacen(',', ".", 1).into() } else { text.into() }
     }
 }
 
-/// Where columns are.
+/// Indices of the columns in a line.
 #[derive(Debug, Clone)]
-struct Places {
+struct ColumnIndices {
     count: usize,
     time: Option<usize>,
     rate: [usize; 3],
@@ -260,36 +272,37 @@ struct Places {
     position: [Option<usize>; 3],
 }
 
-impl Places {
-    /// The target whose column is not there, where one is missing that must be.
-    fn of(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
-        let place = |target: &'static str| -> Result<usize, &'static str> {
+impl ColumnIndices {
+    /// Finds the mapped columns among `names`, or returns the first mandatory target that is
+    /// missing.
+    fn find(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
+        let index_of = |target: &'static str| -> Result<usize, &'static str> {
             let column = mapping.column(target).unwrap_or(target);
-            let is_it = |name: &&str| {
-                *name == column || (column == "t" && *name == TIME_OF_A_RECORDING && mapping.time_digits() == 9)
+            let is_match = |name: &&str| {
+                *name == column || (column == "t" && *name == RECORDING_TIME_COLUMN && mapping.time_digits() == 9)
             };
-            names.iter().position(is_it).ok_or(target)
+            names.iter().position(is_match).ok_or(target)
         };
-        let three = |[x, y, z]: [&'static str; 3]| Ok([place(x)?, place(y)?, place(z)?]);
+        let three_indices = |[x, y, z]: [&'static str; 3]| Ok([index_of(x)?, index_of(y)?, index_of(z)?]);
         let [latitude, longitude, altitude] = POSITION;
-        let one = |target| if mapping.column(target).is_some() { may_be(mapping, place(target)) } else { Ok(None) };
-        let group = |targets| may_be(mapping, three(targets));
+        let optional_index = |target| if mapping.column(target).is_some() { optional(mapping, index_of(target)) } else { Ok(None) };
+        let optional_group = |targets| optional(mapping, three_indices(targets));
         Ok(Self {
             count: names.len(),
-            time: one("t")?,
-            rate: three(RATE)?,
-            force: three(FORCE)?,
-            field: if mapping.has_field() { group(FIELD)? } else { None },
-            velocity: mapping.velocity().map_or(Ok(None), group)?,
-            position: [one(latitude)?, one(longitude)?, one(altitude)?],
+            time: optional_index("t")?,
+            rate: three_indices(RATE)?,
+            force: three_indices(FORCE)?,
+            field: if mapping.has_field() { optional_group(FIELD)? } else { None },
+            velocity: mapping.velocity().map_or(Ok(None), optional_group)?,
+            position: [optional_index(latitude)?, optional_index(longitude)?, optional_index(altitude)?],
         })
     }
 }
 
-/// What somebody named must be there; what is called as what it is, may be.
-fn may_be<T>(mapping: &Mapping, found: Result<T, &'static str>) -> Result<Option<T>, &'static str> {
-    match found {
-        Err(target) if mapping.is_said() => Err(target),
-        found => Ok(found.ok()),
+/// Turns a missing column into `None` unless the user mapped it explicitly.
+fn optional<T>(mapping: &Mapping, result: Result<T, &'static str>) -> Result<Option<T>, &'static str> {
+    match result {
+        Err(target) if mapping.is_explicit() => Err(target),
+        result => Ok(result.ok()),
     }
 }

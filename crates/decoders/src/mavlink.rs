@@ -1,24 +1,29 @@
 //! MAVLink 1 and 2 from an autopilot: its IMU and its satellite receiver.
 //!
-//! | message | what is made of it |
+//! | message | use |
 //! | --- | --- |
-//! | HIGHRES_IMU | rate and force, if `fields_updated` says that all six were measured; the field where it says so of it, else by itself; of the first IMU (`id` 0) |
+//! | HIGHRES_IMU | rate and force if `fields_updated` marks all six as measured, and the field if marked, if necessary as a separate measurement; first IMU (`id` 0) only |
 //! | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 | mrad/s, mg, mgauss |
-//! | RAW_IMU | numbers without a unit: read only if it is named and [`RawScale`] says what they stand for |
-//! | GPS_RAW_INT | ground speed and course; see below |
-//! | GLOBAL_POSITION_INT | velocity as the autopilot estimates it; only if it is named |
+//! | RAW_IMU | numbers without unit, decoded only if selected and if a [`RawScale`] is set |
+//! | GPS_RAW_INT | ground speed and course, see below |
+//! | GLOBAL_POSITION_INT | velocity estimated by the autopilot, only if selected |
 //! | others | counted |
 //!
-//! One kind of IMU message is read: the one that is named, else the first that comes. One system is heard: the one that is named, else
-//! the first from which something of use comes. Axes: MAVLink's forward, right, down are turned to right, forward, up, and its north,
-//! east, down to east, north, up. So no mounting is needed: the autopilot has taken its own out.
+//! Only one kind of IMU message is decoded: the selected one, or the first that arrives. Only one
+//! system is decoded: the selected one, or the first that sends a usable message.
 //!
-//! Time: `time_usec` counts from the start or from 1970, which its size tells; `time_boot_ms` from the start, in steps of 1 ms.
-//! GPS_RAW_INT has no vertical velocity: it is given as 0 with a standard deviation of [`crate::VERTICAL_SD_M_S`] or more, which suits
-//! what moves on ground and water. GLOBAL_POSITION_INT has one, but is made with the autopilot's own IMU.
+//! Axes: forward, right, down is converted to right, forward, up, and north, east, down to east,
+//! north, up. No mounting is needed, because the autopilot has already compensated its own.
 //!
-//! Limits: signatures are not checked; messages that the dialect `ardupilotmega` (with `common`) does not know cannot be told from
-//! other bytes, and count as those.
+//! Time: `time_usec` counts from the start or from 1970, distinguished by its magnitude.
+//! `time_boot_ms` counts from the start with 1 ms resolution.
+//!
+//! Vertical velocity: GPS_RAW_INT has none. It is set to 0 with a standard deviation of at least
+//! [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground vehicles and boats. GLOBAL_POSITION_INT
+//! has one, but its estimate includes the autopilot's own IMU.
+//!
+//! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with
+//! `common`) cannot be recognised and count as skipped bytes.
 
 use mavlink::{
     MavlinkVersion, Message, MessageData, calculate_crc,
@@ -29,48 +34,48 @@ use mavlink::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
-    framed::{Format, Seen},
+    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    framed::{Format, ParseOutcome},
 };
 
-const BEGIN_1: u8 = 0xfe;
-const BEGIN_2: u8 = 0xfd;
-const HEAD_1_BYTES: usize = 6;
-const HEAD_2_BYTES: usize = 10;
+const STX_V1: u8 = 0xfe;
+const STX_V2: u8 = 0xfd;
+const HEADER_V1_BYTES: usize = 6;
+const HEADER_V2_BYTES: usize = 10;
 const CHECKSUM_BYTES: usize = 2;
 const SIGNATURE_BYTES: usize = 13;
-const SIGNED: u8 = 1;
+const FLAG_SIGNED: u8 = 1;
 
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 const UT_PER_GAUSS: f64 = 100.0;
 const UT_PER_MGAUSS: f64 = 0.1;
-/// `time_usec` from here on counts from 1970: 2001-09-09.
-const UNIX_FROM_US: u64 = 1_000_000_000_000_000;
-/// A speed or a course that is not known.
+/// Smallest `time_usec` that is a UNIX time: 2001-09-09.
+const MIN_UNIX_TIME_US: u64 = 1_000_000_000_000_000;
+/// Speed or course value that means "unknown".
 const UNKNOWN: u16 = u16::MAX;
 
-/// What is read of a system, and which.
+/// MAVLink format, with the selected system and IMU message.
 #[derive(Debug, Clone, Default)]
 pub struct Mavlink {
-    settings: Settings,
+    settings: MavlinkSettings,
     system: Option<u8>,
     imu: Option<ImuMessage>,
 }
 
-/// What is named; what is not, is found.
+/// Selection of system and messages. Unset parts are selected automatically.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Settings {
-    /// The system to hear; the first from which something of use comes where none is named.
-    pub system: Option<u8>,
-    /// The message to read rate and force of; the first that comes where none is named.
+pub struct MavlinkSettings {
+    /// System to decode, or `None` for the first that sends a usable message.
+    pub system_id: Option<u8>,
+    /// Message with rate and force, or `None` for the first that arrives.
     pub imu: Option<ImuMessage>,
-    /// The message to read the velocity of.
+    /// Message with the velocity.
     pub fix: FixMessage,
-    /// What the numbers of RAW_IMU stand for.
-    pub raw: Option<RawScale>,
+    /// Units of RAW_IMU, or `None` to ignore the message.
+    pub raw_scale: Option<RawScale>,
 }
 
-/// A message with rate and force.
+/// Message with rate and specific force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImuMessage {
     /// HIGHRES_IMU.
@@ -85,136 +90,136 @@ pub enum ImuMessage {
     RawImu,
 }
 
-/// A message with a velocity over ground.
+/// Message with a velocity over ground.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum FixMessage {
-    /// GPS_RAW_INT: as the receiver says it.
+    /// GPS_RAW_INT: velocity measured by the receiver.
     #[default]
     GpsRawInt,
-    /// GLOBAL_POSITION_INT: as the autopilot estimates it.
+    /// GLOBAL_POSITION_INT: velocity estimated by the autopilot.
     GlobalPositionInt,
-    /// None of them.
-    Nothing,
+    /// Velocities are not decoded.
+    Disabled,
 }
 
-/// What one unit of each number of RAW_IMU stands for; ArduPilot sends mrad/s, mg and mgauss.
+/// Units of the numbers in RAW_IMU. ArduPilot sends mrad/s, mg and mgauss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawScale {
-    /// Of the rate, rad/s.
+    /// Rate unit, rad/s.
     pub rate_rad_s: f64,
-    /// Of the force, m/s².
+    /// Force unit, m/s².
     pub force_m_s2: f64,
-    /// Of the field, µT.
+    /// Field unit, µT.
     pub field_ut: f64,
 }
 
 impl RawScale {
-    /// mrad/s, mg, mgauss: as ArduPilot sends RAW_IMU, and everybody the scaled messages.
+    /// Units of ArduPilot's RAW_IMU and of all scaled messages: mrad/s, mg, mgauss.
     pub const ARDUPILOT: Self =
         Self { rate_rad_s: 1e-3, force_m_s2: STANDARD_GRAVITY_M_S2 / 1000.0, field_ut: UT_PER_MGAUSS };
 }
 
 impl Mavlink {
-    /// What `settings` say.
-    pub fn new(settings: Settings) -> Self {
-        Self { settings, system: settings.system, imu: settings.imu }
+    /// Creates a format with these settings.
+    pub fn new(settings: MavlinkSettings) -> Self {
+        Self { settings, system: settings.system_id, imu: settings.imu }
     }
 
-    fn take(&mut self, head: &Head, payload: &[u8], found: &mut Vec<Measurement>) {
-        if self.system.is_some_and(|system| system != head.system) {
+    fn process(&mut self, header: &Header, payload: &[u8], measurements: &mut Vec<Measurement>) {
+        if self.system.is_some_and(|system| system != header.system) {
             return;
         }
-        let measured = match head.message {
-            HIGHRES_IMU_DATA::ID => self.of_imu(ImuMessage::HighresImu, || highres(&read(head, payload)?)),
-            SCALED_IMU_DATA::ID => self.of_imu(ImuMessage::ScaledImu, || scaled(&read(head, payload)?)),
-            SCALED_IMU2_DATA::ID => self.of_imu(ImuMessage::ScaledImu2, || scaled2(&read(head, payload)?)),
-            SCALED_IMU3_DATA::ID => self.of_imu(ImuMessage::ScaledImu3, || scaled3(&read(head, payload)?)),
+        let measurement = match header.message {
+            HIGHRES_IMU_DATA::ID => self.accept_imu(ImuMessage::HighresImu, || highres(&decode(header, payload)?)),
+            SCALED_IMU_DATA::ID => self.accept_imu(ImuMessage::ScaledImu, || scaled(&decode(header, payload)?)),
+            SCALED_IMU2_DATA::ID => self.accept_imu(ImuMessage::ScaledImu2, || scaled2(&decode(header, payload)?)),
+            SCALED_IMU3_DATA::ID => self.accept_imu(ImuMessage::ScaledImu3, || scaled3(&decode(header, payload)?)),
             RAW_IMU_DATA::ID => self
                 .settings
-                .raw
-                .and_then(|scale| self.of_imu(ImuMessage::RawImu, || raw(&read(head, payload)?, &scale))),
+                .raw_scale
+                .and_then(|scale| self.accept_imu(ImuMessage::RawImu, || raw(&decode(header, payload)?, &scale))),
             GPS_RAW_INT_DATA::ID if self.settings.fix == FixMessage::GpsRawInt => {
-                read(head, payload).and_then(|said| receiver(&said))
+                decode(header, payload).and_then(|message| gps_raw(&message))
             }
             GLOBAL_POSITION_INT_DATA::ID if self.settings.fix == FixMessage::GlobalPositionInt => {
-                read(head, payload).and_then(|said| estimate(&said))
+                decode(header, payload).and_then(|message| global_position(&message))
             }
             _ => None,
         };
-        if measured.is_some() {
-            self.system = Some(head.system);
+        if measurement.is_some() {
+            self.system = Some(header.system);
         }
-        found.extend(measured);
+        measurements.extend(measurement);
     }
 
-    /// What a message of this kind says, if it is the kind to read.
-    fn of_imu(&mut self, kind: ImuMessage, measured: impl FnOnce() -> Option<Measurement>) -> Option<Measurement> {
-        // RAW_IMU is read only where it is named.
-        let is_wanted = match self.imu {
-            Some(wanted) => wanted == kind,
+    /// Decodes a message of `kind` if that kind is selected, or selects it if it is the first.
+    fn accept_imu(&mut self, kind: ImuMessage, measurement: impl FnOnce() -> Option<Measurement>) -> Option<Measurement> {
+        // RAW_IMU has no unit, so it is never selected automatically.
+        let is_selected = match self.imu {
+            Some(selected) => selected == kind,
             None => kind != ImuMessage::RawImu,
         };
-        let measured = is_wanted.then(measured)??;
+        let measurement = is_selected.then(measurement)??;
         self.imu = Some(kind);
-        Some(measured)
+        Some(measurement)
     }
 }
 
 impl Format for Mavlink {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        let head = match Head::of(bytes) {
-            Ok(head) => head,
-            Err(seen) => return seen,
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
+        let header = match Header::parse(bytes) {
+            Ok(header) => header,
+            Err(outcome) => return outcome,
         };
-        let Some(frame) = bytes.get(..head.frame_bytes()) else { return Seen::More };
-        let (covered, rest) = frame.split_at(head.bytes + head.payload_bytes);
-        let checksum = calculate_crc(&covered[1..], head.extra);
+        let Some(frame) = bytes.get(..header.frame_bytes()) else { return ParseOutcome::Incomplete };
+        let (covered, rest) = frame.split_at(header.bytes + header.payload_bytes);
+        let checksum = calculate_crc(&covered[1..], header.extra_crc);
         if !rest.starts_with(&checksum.to_le_bytes()) {
-            return Seen::Refused;
+            return ParseOutcome::Rejected;
         }
-        self.take(&head, &covered[head.bytes..], found);
-        Seen::Frame(frame.len())
+        self.process(&header, &covered[header.bytes..], measurements);
+        ParseOutcome::Frame(frame.len())
     }
 }
 
-/// The beginning of a frame.
-struct Head {
+/// Header of a frame.
+struct Header {
     version: MavlinkVersion,
     bytes: usize,
     payload_bytes: usize,
     signature_bytes: usize,
     system: u8,
     message: u32,
-    /// What the checksum has beside the bytes: a sum of the message's definition.
-    extra: u8,
+    /// CRC seed derived from the definition of the message.
+    extra_crc: u8,
 }
 
-impl Head {
-    fn of(bytes: &[u8]) -> Result<Self, Seen> {
+impl Header {
+    fn parse(bytes: &[u8]) -> Result<Self, ParseOutcome> {
         let (version, head_bytes, signature_bytes) = match *bytes {
-            [BEGIN_1, ..] => (MavlinkVersion::V1, HEAD_1_BYTES, 0),
-            [BEGIN_2, _, 0, ..] => (MavlinkVersion::V2, HEAD_2_BYTES, 0),
-            [BEGIN_2, _, SIGNED, ..] => (MavlinkVersion::V2, HEAD_2_BYTES, SIGNATURE_BYTES),
-            [BEGIN_2] | [BEGIN_2, _] => return Err(Seen::More),
-            _ => return Err(Seen::Nothing(1)),
+            [STX_V1, ..] => (MavlinkVersion::V1, HEADER_V1_BYTES, 0),
+            [STX_V2, _, 0, ..] => (MavlinkVersion::V2, HEADER_V2_BYTES, 0),
+            [STX_V2, _, FLAG_SIGNED, ..] => (MavlinkVersion::V2, HEADER_V2_BYTES, SIGNATURE_BYTES),
+            [STX_V2] | [STX_V2, _] => return Err(ParseOutcome::Incomplete),
+            _ => return Err(ParseOutcome::Skip(1)),
         };
-        let Some(head) = bytes.get(..head_bytes) else { return Err(Seen::More) };
+        let Some(header) = bytes.get(..head_bytes) else { return Err(ParseOutcome::Incomplete) };
         let (system, message) = match version {
-            MavlinkVersion::V1 => (head[3], u32::from(head[5])),
-            MavlinkVersion::V2 => (head[5], u32::from_le_bytes([head[7], head[8], head[9], 0])),
+            MavlinkVersion::V1 => (header[3], u32::from(header[5])),
+            MavlinkVersion::V2 => (header[5], u32::from_le_bytes([header[7], header[8], header[9], 0])),
         };
-        // Another message than any that is known.
+        // Without the definition of the message its checksum cannot be verified.
         if MavMessage::default_message_from_id(message).is_none() {
-            return Err(Seen::Nothing(1));
+            return Err(ParseOutcome::Skip(1));
         }
         Ok(Self {
             version,
             bytes: head_bytes,
-            payload_bytes: head[1].into(),
+            payload_bytes: header[1].into(),
             signature_bytes,
             system,
             message,
-            extra: MavMessage::extra_crc(message),
+            extra_crc: MavMessage::extra_crc(message),
         })
     }
 
@@ -223,11 +228,11 @@ impl Head {
     }
 }
 
-fn read<D: MessageData>(head: &Head, payload: &[u8]) -> Option<D> {
-    D::deser(head.version, payload).ok()
+fn decode<D: MessageData>(header: &Header, payload: &[u8]) -> Option<D> {
+    D::deser(header.version, payload).ok()
 }
 
-fn highres(said: &HIGHRES_IMU_DATA) -> Option<Measurement> {
+fn highres(message: &HIGHRES_IMU_DATA) -> Option<Measurement> {
     use HighresImuUpdatedFlags as Updated;
     let force =
         Updated::HIGHRES_IMU_UPDATED_XACC | Updated::HIGHRES_IMU_UPDATED_YACC | Updated::HIGHRES_IMU_UPDATED_ZACC;
@@ -235,28 +240,28 @@ fn highres(said: &HIGHRES_IMU_DATA) -> Option<Measurement> {
         Updated::HIGHRES_IMU_UPDATED_XGYRO | Updated::HIGHRES_IMU_UPDATED_YGYRO | Updated::HIGHRES_IMU_UPDATED_ZGYRO;
     let field =
         Updated::HIGHRES_IMU_UPDATED_XMAG | Updated::HIGHRES_IMU_UPDATED_YMAG | Updated::HIGHRES_IMU_UPDATED_ZMAG;
-    if said.id != 0 {
+    if message.id != 0 {
         return None;
     }
-    let gauss = [said.xmag, said.ymag, said.zmag];
+    let gauss = [message.xmag, message.ymag, message.zmag];
     let field_ut =
-        said.fields_updated.contains(field).then(|| turned(gauss.map(|part| f64::from(part) * UT_PER_GAUSS)));
-    let value = if said.fields_updated.contains(force | rate) {
-        let rate_rad_s = turned([said.xgyro, said.ygyro, said.zgyro].map(f64::from));
-        let force_m_s2 = turned([said.xacc, said.yacc, said.zacc].map(f64::from));
+        message.fields_updated.contains(field).then(|| frd_to_rfu(gauss.map(|part| f64::from(part) * UT_PER_GAUSS)));
+    let value = if message.fields_updated.contains(force | rate) {
+        let rate_rad_s = frd_to_rfu([message.xgyro, message.ygyro, message.zgyro].map(f64::from));
+        let force_m_s2 = frd_to_rfu([message.xacc, message.yacc, message.zacc].map(f64::from));
         Value::Imu { rate_rad_s, force_m_s2, field_ut }
     } else {
         Value::Field(field_ut?)
     };
-    Some(Measurement { time: time_of_us(said.time_usec), value })
+    Some(Measurement { time: timestamp(message.time_usec), value })
 }
 
 macro_rules! scaled {
     ($($name:ident of $message:ident),*) => { $(
-        fn $name(said: &$message) -> Option<Measurement> {
-            let time = Some(since_boot(said.time_boot_ms));
-            let field = [said.xmag, said.ymag, said.zmag];
-            let (rate, force) = ([said.xgyro, said.ygyro, said.zgyro], [said.xacc, said.yacc, said.zacc]);
+        fn $name(message: &$message) -> Option<Measurement> {
+            let time = Some(since_boot(message.time_boot_ms));
+            let field = [message.xmag, message.ymag, message.zmag];
+            let (rate, force) = ([message.xgyro, message.ygyro, message.zgyro], [message.xacc, message.yacc, message.zacc]);
             Some(Measurement { time, value: RawScale::ARDUPILOT.imu(rate, force, field) })
         }
     )* };
@@ -264,69 +269,69 @@ macro_rules! scaled {
 
 scaled!(scaled of SCALED_IMU_DATA, scaled2 of SCALED_IMU2_DATA, scaled3 of SCALED_IMU3_DATA);
 
-fn raw(said: &RAW_IMU_DATA, scale: &RawScale) -> Option<Measurement> {
-    if said.id != 0 {
+fn raw(message: &RAW_IMU_DATA, scale: &RawScale) -> Option<Measurement> {
+    if message.id != 0 {
         return None;
     }
-    let field = [said.xmag, said.ymag, said.zmag];
-    let (rate, force) = ([said.xgyro, said.ygyro, said.zgyro], [said.xacc, said.yacc, said.zacc]);
-    Some(Measurement { time: time_of_us(said.time_usec), value: scale.imu(rate, force, field) })
+    let field = [message.xmag, message.ymag, message.zmag];
+    let (rate, force) = ([message.xgyro, message.ygyro, message.zgyro], [message.xacc, message.yacc, message.zacc]);
+    Some(Measurement { time: timestamp(message.time_usec), value: scale.imu(rate, force, field) })
 }
 
 impl RawScale {
-    /// A field of nothing is none: the earth has one everywhere.
+    /// Converts raw numbers. A field of zero means that the magnetometer is missing.
     fn imu(&self, rate: [i16; 3], force: [i16; 3], field: [i16; 3]) -> Value {
-        let of = |unit: f64| move |part: i16| f64::from(part) * unit;
+        let in_units_of = |unit: f64| move |part: i16| f64::from(part) * unit;
         Value::Imu {
-            rate_rad_s: turned(rate.map(of(self.rate_rad_s))),
-            force_m_s2: turned(force.map(of(self.force_m_s2))),
-            field_ut: (field != [0; 3]).then(|| turned(field.map(of(self.field_ut)))),
+            rate_rad_s: frd_to_rfu(rate.map(in_units_of(self.rate_rad_s))),
+            force_m_s2: frd_to_rfu(force.map(in_units_of(self.force_m_s2))),
+            field_ut: (field != [0; 3]).then(|| frd_to_rfu(field.map(in_units_of(self.field_ut)))),
         }
     }
 }
 
-/// Of forward, right, down to right, forward, up.
-fn turned([forward, right, down]: [f64; 3]) -> [f64; 3] {
+/// Converts forward, right, down to right, forward, up.
+fn frd_to_rfu([forward, right, down]: [f64; 3]) -> [f64; 3] {
     [right, forward, -down]
 }
 
-fn receiver(said: &GPS_RAW_INT_DATA) -> Option<Measurement> {
-    if matches!(said.fix_type, GpsFixType::GPS_FIX_TYPE_NO_GPS | GpsFixType::GPS_FIX_TYPE_NO_FIX)
-        || said.vel == UNKNOWN
-        || said.cog == UNKNOWN
+fn gps_raw(message: &GPS_RAW_INT_DATA) -> Option<Measurement> {
+    if matches!(message.fix_type, GpsFixType::GPS_FIX_TYPE_NO_GPS | GpsFixType::GPS_FIX_TYPE_NO_FIX)
+        || message.vel == UNKNOWN
+        || message.cog == UNKNOWN
     {
         return None;
     }
     let (speed_m_s, (east, north)) =
-        (f64::from(said.vel) / 100.0, (f64::from(said.cog) / 100.0).to_radians().sin_cos());
-    let sd_m_s = (f64::from(said.vel_acc) / 1000.0).max(VERTICAL_SD_M_S);
+        (f64::from(message.vel) / 100.0, (f64::from(message.cog) / 100.0).to_radians().sin_cos());
+    let sd_m_s = (f64::from(message.vel_acc) / 1000.0).max(ASSUMED_VERTICAL_SD_M_S);
     let value = Value::Fix {
         velocity_m_s: [speed_m_s * east, speed_m_s * north, 0.0],
         sd_m_s: Some(sd_m_s),
-        place: place(said.lat, said.lon, said.alt),
+        position: position(message.lat, message.lon, message.alt),
     };
-    Some(Measurement { time: time_of_us(said.time_usec), value })
+    Some(Measurement { time: timestamp(message.time_usec), value })
 }
 
-fn estimate(said: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
-    let [north, east, down] = [said.vx, said.vy, said.vz].map(|part| f64::from(part) / 100.0);
+fn global_position(message: &GLOBAL_POSITION_INT_DATA) -> Option<Measurement> {
+    let [north, east, down] = [message.vx, message.vy, message.vz].map(|part| f64::from(part) / 100.0);
     let value =
-        Value::Fix { velocity_m_s: [east, north, -down], sd_m_s: None, place: place(said.lat, said.lon, said.alt) };
-    Some(Measurement { time: Some(since_boot(said.time_boot_ms)), value })
+        Value::Fix { velocity_m_s: [east, north, -down], sd_m_s: None, position: position(message.lat, message.lon, message.alt) };
+    Some(Measurement { time: Some(since_boot(message.time_boot_ms)), value })
 }
 
-/// Of units of 1e-7° and of mm.
-fn place(latitude: i32, longitude: i32, altitude_mm: i32) -> Place {
+/// Converts latitude and longitude in 1e-7° and altitude in mm.
+fn position(latitude: i32, longitude: i32, altitude_mm: i32) -> Position {
     let degrees = |angle: i32| f64::from(angle) / 1e7;
-    Place::of(degrees(latitude), degrees(longitude), f64::from(altitude_mm) / 1000.0)
+    Position::from_degrees(degrees(latitude), degrees(longitude), f64::from(altitude_mm) / 1000.0)
 }
 
 fn since_boot(ms: u32) -> DeviceTime {
     DeviceTime::SinceBoot { now_ns: u64::from(ms) * 1_000_000 }
 }
 
-/// `None` of nothing, which says that there is no clock.
-fn time_of_us(us: u64) -> Option<DeviceTime> {
+/// Returns the timestamp of `time_usec`, or `None` for 0, which means that the device has no clock.
+fn timestamp(us: u64) -> Option<DeviceTime> {
     let now_ns = us.checked_mul(1000).filter(|ns| *ns > 0)?;
-    Some(if us >= UNIX_FROM_US { DeviceTime::Unix { now_ns } } else { DeviceTime::SinceBoot { now_ns } })
+    Some(if us >= MIN_UNIX_TIME_US { DeviceTime::Unix { now_ns } } else { DeviceTime::SinceBoot { now_ns } })
 }

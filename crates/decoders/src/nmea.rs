@@ -1,58 +1,62 @@
-//! Receivers that speak NMEA 0183: RMC and VTG.
+//! NMEA 0183 receivers: RMC and VTG.
 //!
-//! A sentence is `$`, five letters, fields with commas between them, `*` and the exclusive or of all between in two hexadecimal digits.
-//! RMC becomes a fix: speed over ground and course as velocity east and north, latitude, longitude, date and time as time since 1970. VTG does
-//! as long as no RMC came: it has the same speed and course, and neither time nor place. Other sentences are counted.
+//! A sentence consists of `$`, five letters, comma-separated fields, `*`, and the exclusive or of
+//! the characters between `$` and `*` as two hexadecimal digits. RMC yields a fix: ground speed and
+//! course as velocity east and north, latitude, longitude, and UNIX time. VTG yields a fix without
+//! time and position, and only until the first RMC. Other sentences are counted.
 //!
-//! **The vertical velocity is in neither.** It is given as 0 with a standard deviation of [`crate::VERTICAL_SD_M_S`] for all three
-//! components, which suits what moves on ground and water; what climbs needs a receiver that tells it, as UBX does.
+//! **Neither sentence has a vertical velocity.** It is set to 0 with a standard deviation of
+//! [`crate::ASSUMED_VERTICAL_SD_M_S`] for all three components, which suits ground vehicles and
+//! boats. An aircraft needs a receiver that reports the vertical velocity, for example over UBX.
 //!
-//! A fix is none when the sentence says so: status V, or a mode that is estimated, manual, simulated or invalid. A receiver that stands
-//! leaves the course away: below [`STANDING_M_S`] the velocity is then 0, above it there is no fix.
+//! Sentences with status V or with an estimated, manual, simulated or invalid mode yield no fix. A
+//! stationary receiver leaves the course field empty: below [`STATIONARY_SPEED_M_S`] the velocity
+//! is then 0, above it there is no fix.
 
 use crate::{
-    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
-    framed::{Format, Seen},
+    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    framed::{Format, ParseOutcome},
 };
 
-/// Between `$` and `*`; the standard has 79, receivers exceed it a little.
-const LENGTH_MAX_BYTES: usize = 128;
+/// Maximum length between `$` and `*`. The standard allows 79 bytes, some receivers send slightly
+/// more.
+const MAX_SENTENCE_BYTES: usize = 128;
 const M_S_PER_KNOT: f64 = 1852.0 / 3600.0;
-/// A speed that needs no course, m/s.
-pub const STANDING_M_S: f64 = 0.5;
-/// Years of two digits from here on are of the century before.
-const YEAR_TURNS: u32 = 80;
+/// Speed below which a fix needs no course, m/s.
+pub const STATIONARY_SPEED_M_S: f64 = 0.5;
+/// First two-digit year that belongs to the 20th century.
+const CENTURY_PIVOT: u32 = 80;
 
-/// Whether an RMC came.
+/// NMEA format, with the information whether an RMC sentence was received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nmea {
     has_rmc: bool,
 }
 
 impl Format for Nmea {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        let Some((b'$', rest)) = bytes.split_first() else { return Seen::Nothing(1) };
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
+        let Some((b'$', rest)) = bytes.split_first() else { return ParseOutcome::Skip(1) };
         let is_inside = |byte: &u8| matches!(byte, b' '..=b'~') && !matches!(byte, b'$' | b'*');
-        let window = &rest[..rest.len().min(LENGTH_MAX_BYTES + 1)];
+        let window = &rest[..rest.len().min(MAX_SENTENCE_BYTES + 1)];
         let Some(length) = window.iter().position(|byte| !is_inside(byte)) else {
-            return if rest.len() > LENGTH_MAX_BYTES { Seen::Refused } else { Seen::More };
+            return if rest.len() > MAX_SENTENCE_BYTES { ParseOutcome::Rejected } else { ParseOutcome::Incomplete };
         };
         let (inside, end) = rest.split_at(length);
         let checksum = match *end {
-            [b'*'] => return Seen::More,
-            [b'*', high] if high.is_ascii_hexdigit() => return Seen::More,
-            [b'*', high, low, ..] => hexadecimal(high).zip(hexadecimal(low)).map(|(high, low)| high << 4 | low),
+            [b'*'] => return ParseOutcome::Incomplete,
+            [b'*', high] if high.is_ascii_hexdigit() => return ParseOutcome::Incomplete,
+            [b'*', high, low, ..] => hex_digit(high).zip(hex_digit(low)).map(|(high, low)| high << 4 | low),
             _ => None,
         };
         if checksum != Some(inside.iter().fold(0, |sum, byte| sum ^ byte)) {
-            return Seen::Refused;
+            return ParseOutcome::Rejected;
         }
-        found.extend(str::from_utf8(inside).ok().and_then(|sentence| self.fix(sentence)));
-        Seen::Frame(1 + length + 3)
+        measurements.extend(str::from_utf8(inside).ok().and_then(|sentence| self.fix(sentence)));
+        ParseOutcome::Frame(1 + length + 3)
     }
 }
 
-fn hexadecimal(digit: u8) -> Option<u8> {
+fn hex_digit(digit: u8) -> Option<u8> {
     u8::try_from(char::from(digit).to_digit(16)?).ok()
 }
 
@@ -64,18 +68,19 @@ impl Nmea {
             "RMC" => {
                 self.has_rmc = true;
                 let (time, status, mode) = (fields.nth(0), fields.nth(1), fields.nth(11));
-                let value = (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.place(2)))??;
-                Some(Measurement { time: unix(fields.nth(8), time), value })
+                let value = (status == "A" && is_measured(mode)).then(|| fields.velocity(6, 7, fields.position(2)))??;
+                Some(Measurement { time: unix_time(fields.nth(8), time), value })
             }
             "VTG" if !self.has_rmc && is_measured(fields.nth(8)) => {
-                Some(Measurement { time: None, value: fields.velocity(4, 0, Place::default())? })
+                Some(Measurement { time: None, value: fields.velocity(4, 0, Position::default())? })
             }
             _ => None,
         }
     }
 }
 
-/// Autonomous, differential, precise, two kinds of real-time kinematic; before NMEA 2.3 nothing was said.
+/// Returns `true` if the mode is autonomous, differential, precise or real-time kinematic.
+/// Sentences before NMEA 2.3 have no mode.
 fn is_measured(mode: &str) -> bool {
     matches!(mode, "" | "A" | "D" | "P" | "R" | "F")
 }
@@ -84,12 +89,12 @@ fn is_measured(mode: &str) -> bool {
 struct Fields<'a>(&'a str);
 
 impl<'a> Fields<'a> {
-    /// Nothing beyond the last.
+    /// Returns a field, or an empty string beyond the last one.
     fn nth(&self, index: usize) -> &'a str {
         self.0.split(',').nth(index).unwrap_or_default()
     }
 
-    /// Blank is `Ok(None)`.
+    /// Parses a number. An empty field yields `Some(None)`, an invalid one `None`.
     fn number(&self, index: usize) -> Option<Option<f64>> {
         match self.nth(index) {
             "" => Some(None),
@@ -97,28 +102,28 @@ impl<'a> Fields<'a> {
         }
     }
 
-    fn velocity(&self, knots: usize, course: usize, place: Place) -> Option<Value> {
-        let speed_m_s = self.number(knots)?? * M_S_PER_KNOT;
-        let (east, north) = match self.number(course)? {
+    fn velocity(&self, knots_index: usize, course_index: usize, position: Position) -> Option<Value> {
+        let speed_m_s = self.number(knots_index)?? * M_S_PER_KNOT;
+        let (east, north) = match self.number(course_index)? {
             Some(course_deg) => course_deg.to_radians().sin_cos(),
-            None if speed_m_s < STANDING_M_S => (0.0, 0.0),
+            None if speed_m_s < STATIONARY_SPEED_M_S => (0.0, 0.0),
             None => return None,
         };
         let velocity_m_s = [speed_m_s * east, speed_m_s * north, 0.0];
-        Some(Value::Fix { velocity_m_s, sd_m_s: Some(VERTICAL_SD_M_S), place })
+        Some(Value::Fix { velocity_m_s, sd_m_s: Some(ASSUMED_VERTICAL_SD_M_S), position })
     }
 
-    /// Latitude, N or S, longitude, E or W.
-    fn place(&self, index: usize) -> Place {
-        let told = |angle_deg: Option<f64>| angle_deg.unwrap_or(f64::NAN);
-        Place::of(told(self.degrees(index, "N", "S")), told(self.degrees(index + 2, "E", "W")), f64::NAN)
+    /// Returns the position from four fields: latitude, N or S, longitude, E or W.
+    fn position(&self, index: usize) -> Position {
+        let or_nan = |angle_deg: Option<f64>| angle_deg.unwrap_or(f64::NAN);
+        Position::from_degrees(or_nan(self.degrees(index, "N", "S")), or_nan(self.degrees(index + 2, "E", "W")), f64::NAN)
     }
 
-    /// Degrees and minutes, `dddmm.mm`, then a letter.
+    /// Returns the signed angle of `dddmm.mm` and the hemisphere letter in the next field, degrees.
     fn degrees(&self, index: usize, positive: &str, negative: &str) -> Option<f64> {
-        let together = decimal(self.nth(index))?;
-        let degrees = (together / 100.0).floor();
-        let angle_deg = degrees + (together - degrees * 100.0) / 60.0;
+        let packed = decimal(self.nth(index))?;
+        let degrees = (packed / 100.0).floor();
+        let angle_deg = degrees + (packed - degrees * 100.0) / 60.0;
         match self.nth(index + 1) {
             letter if letter == positive => Some(angle_deg),
             letter if letter == negative => Some(-angle_deg),
@@ -127,20 +132,20 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// A number without a sign or an exponent.
+/// Parses a number without sign or exponent.
 fn decimal(text: &str) -> Option<f64> {
     let is_plain = text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.');
     text.parse().ok().filter(|_| is_plain)
 }
 
-/// Of `ddmmyy` and `hhmmss.sss`.
-fn unix(date: &str, time: &str) -> Option<DeviceTime> {
+/// Returns the timestamp of `ddmmyy` and `hhmmss.sss`.
+fn unix_time(date: &str, time: &str) -> Option<DeviceTime> {
     let pair = |text: &str, at: usize| -> Option<u32> {
         let pair = text.get(at..at + 2).filter(|pair| pair.bytes().all(|byte| byte.is_ascii_digit()))?;
         pair.parse().ok()
     };
     let year = pair(date, 4).filter(|_| date.len() == 6)?;
-    let year = if year < YEAR_TURNS { 2000 + year } else { 1900 + year };
+    let year = if year < CENTURY_PIVOT { 2000 + year } else { 1900 + year };
     let date = chrono::NaiveDate::from_ymd_opt(year.try_into().ok()?, pair(date, 2)?, pair(date, 0)?)?;
     let midnight_s = date.and_hms_opt(0, 0, 0)?.and_utc().timestamp();
     let minutes = pair(time, 0).filter(|hour| *hour < 24)? * 60 + pair(time, 2).filter(|minute| *minute < 60)?;

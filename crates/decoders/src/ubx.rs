@@ -1,10 +1,16 @@
 //! u-blox receivers: UBX-NAV-PVT.
 //!
-//! A frame is 0xB5 0x62, class, id, a length of two bytes, payload, and two sums (Fletcher's). NAV-PVT in its form of 92 bytes, which
-//! receivers from u-blox 8 on send, becomes a fix: `velN`, `velE`, `velD` as velocity east, north, up; `sAcc` as standard deviation;
-//! `lat`, `lon`, `hMSL`, unless they are said to be invalid; date and time as time since 1970, if both are valid. A fix in two dimensions, whose vertical
-//! velocity is assumed, has a standard deviation of [`crate::VERTICAL_SD_M_S`] or more. Without `gnssFixOK` there is no fix. Other
-//! frames are counted; NMEA and RTCM between them are bytes of no frame.
+//! A frame consists of 0xB5 0x62, class, id, a two-byte length, the payload and a two-byte Fletcher
+//! checksum. A 92-byte NAV-PVT, which receivers send since u-blox 8, yields a fix:
+//!
+//! - `velN`, `velE`, `velD` give the velocity east, north, up.
+//! - `sAcc` gives the standard deviation. It is at least [`crate::ASSUMED_VERTICAL_SD_M_S`] for a
+//!   two-dimensional fix, whose vertical velocity is assumed.
+//! - `lat`, `lon`, `hMSL` give the position unless marked invalid.
+//! - Date and time give the UNIX time if both are valid.
+//!
+//! There is no fix without `gnssFixOK`. Other frames are counted. NMEA and RTCM between the frames
+//! count as skipped bytes.
 
 use ublox::{
     GnssFixType, UbxProtocol,
@@ -16,48 +22,48 @@ use ublox::{
 };
 
 use crate::{
-    DeviceTime, Measurement, Place, VERTICAL_SD_M_S, Value,
-    framed::{Format, Seen},
+    DeviceTime, Measurement, Position, ASSUMED_VERTICAL_SD_M_S, Value,
+    framed::{Format, ParseOutcome},
 };
 
-const BEGIN: u8 = 0xb5;
-const BEGIN_2: u8 = 0x62;
-const HEAD_BYTES: usize = 6;
+const SYNC_1: u8 = 0xb5;
+const SYNC_2: u8 = 0x62;
+const HEADER_BYTES: usize = 6;
 const CHECKSUM_BYTES: usize = 2;
-/// Of a payload; the longest that receivers send regularly are raw measurements of a hundred signals.
-const LENGTH_MAX_BYTES: usize = 4096;
+/// Maximum length of a payload. The longest regular ones are raw measurements of a hundred signals.
+const MAX_PAYLOAD_BYTES: usize = 4096;
 const CLASS_NAV: u8 = 0x01;
 const ID_PVT: u8 = 0x07;
-/// Of a payload of NAV-PVT, before u-blox 8 and since. Another one is a length that the line changed: to wait for its end would be to
-/// hold the next fixes back.
+/// Lengths of a NAV-PVT payload before and since u-blox 8. Any other length is a transmission
+/// error, and waiting for its end would delay the next fixes.
 const PVT_LENGTHS_BYTES: [usize; 2] = [84, 92];
 
-/// Has no settings.
+/// UBX format. It has no settings.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Ubx;
 
 impl Format for Ubx {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
         match bytes {
-            [BEGIN] => return Seen::More,
-            [BEGIN, BEGIN_2, ..] => {}
-            _ => return Seen::Nothing(1),
+            [SYNC_1] => return ParseOutcome::Incomplete,
+            [SYNC_1, SYNC_2, ..] => {}
+            _ => return ParseOutcome::Skip(1),
         }
-        let Some(&[_, _, class, id, low, high]) = bytes.first_chunk::<HEAD_BYTES>() else { return Seen::More };
+        let Some(&[_, _, class, id, low, high]) = bytes.first_chunk::<HEADER_BYTES>() else { return ParseOutcome::Incomplete };
         let length = usize::from(u16::from_le_bytes([low, high]));
         let is_pvt = (class, id) == (CLASS_NAV, ID_PVT);
-        if length > LENGTH_MAX_BYTES || (is_pvt && !PVT_LENGTHS_BYTES.contains(&length)) {
-            return Seen::Refused;
+        if length > MAX_PAYLOAD_BYTES || (is_pvt && !PVT_LENGTHS_BYTES.contains(&length)) {
+            return ParseOutcome::Rejected;
         }
-        let Some(frame) = bytes.get(..HEAD_BYTES + length + CHECKSUM_BYTES) else { return Seen::More };
-        let (covered, checksum) = frame.split_at(HEAD_BYTES + length);
+        let Some(frame) = bytes.get(..HEADER_BYTES + length + CHECKSUM_BYTES) else { return ParseOutcome::Incomplete };
+        let (covered, checksum) = frame.split_at(HEADER_BYTES + length);
         if fletcher(&covered[2..]) != checksum {
-            return Seen::Refused;
+            return ParseOutcome::Rejected;
         }
-        if is_pvt && let Ok(PacketRef::NavPvt(said)) = Proto23::match_packet(class, id, &covered[HEAD_BYTES..]) {
-            found.extend(fix(&said));
+        if is_pvt && let Ok(PacketRef::NavPvt(pvt)) = Proto23::match_packet(class, id, &covered[HEADER_BYTES..]) {
+            measurements.extend(fix(&pvt));
         }
-        Seen::Frame(frame.len())
+        ParseOutcome::Frame(frame.len())
     }
 }
 
@@ -68,35 +74,35 @@ fn fletcher(bytes: &[u8]) -> [u8; 2] {
     })
 }
 
-fn fix(said: &NavPvtRef<'_>) -> Option<Measurement> {
-    let least_sd_m_s = match said.fix_type() {
+fn fix(pvt: &NavPvtRef<'_>) -> Option<Measurement> {
+    let min_sd_m_s = match pvt.fix_type() {
         GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning => 0.0,
-        GnssFixType::Fix2D => VERTICAL_SD_M_S,
+        GnssFixType::Fix2D => ASSUMED_VERTICAL_SD_M_S,
         _ => return None,
     };
-    if !said.flags().contains(NavPvtFlags::GPS_FIX_OK) {
+    if !pvt.flags().contains(NavPvtFlags::GPS_FIX_OK) {
         return None;
     }
     let value = Value::Fix {
-        velocity_m_s: [said.vel_east(), said.vel_north(), -said.vel_down()],
-        sd_m_s: Some(said.speed_accuracy().max(least_sd_m_s)),
-        place: if said.flags3().invalid_llh() {
-            Place::default()
+        velocity_m_s: [pvt.vel_east(), pvt.vel_north(), -pvt.vel_down()],
+        sd_m_s: Some(pvt.speed_accuracy().max(min_sd_m_s)),
+        position: if pvt.flags3().invalid_llh() {
+            Position::default()
         } else {
-            Place::of(said.latitude(), said.longitude(), said.height_msl())
+            Position::from_degrees(pvt.latitude(), pvt.longitude(), pvt.height_msl())
         },
     };
-    Some(Measurement { time: unix(said), value })
+    Some(Measurement { time: unix_time(pvt), value })
 }
 
-fn unix(said: &NavPvtRef<'_>) -> Option<DeviceTime> {
-    if !said.valid().contains(NavPvtValidFlags::VALID_DATE | NavPvtValidFlags::VALID_TIME) {
+fn unix_time(pvt: &NavPvtRef<'_>) -> Option<DeviceTime> {
+    if !pvt.valid().contains(NavPvtValidFlags::VALID_DATE | NavPvtValidFlags::VALID_TIME) {
         return None;
     }
-    let date = chrono::NaiveDate::from_ymd_opt(said.year().into(), said.month().into(), said.day().into())?;
+    let date = chrono::NaiveDate::from_ymd_opt(pvt.year().into(), pvt.month().into(), pvt.day().into())?;
     let midnight_s = date.and_hms_opt(0, 0, 0)?.and_utc().timestamp();
-    // A leap second is the 60th; the part of a second may be negative.
-    let now_s = midnight_s + (i64::from(said.hour()) * 60 + i64::from(said.min())) * 60 + i64::from(said.sec());
-    let now_ns = now_s.checked_mul(1_000_000_000)?.checked_add(said.nanosec().into())?;
+    // The seconds may be 60 in a leap second, and the nanoseconds may be negative.
+    let now_s = midnight_s + (i64::from(pvt.hour()) * 60 + i64::from(pvt.min())) * 60 + i64::from(pvt.sec());
+    let now_ns = now_s.checked_mul(1_000_000_000)?.checked_add(pvt.nanosec().into())?;
     Some(DeviceTime::Unix { now_ns: u64::try_from(now_ns).ok()? })
 }

@@ -1,83 +1,88 @@
 //! Xsens MTi on a serial line: MTData2.
 //!
-//! A message is 0xFA, 0xFF, 0x36, a length of one byte or 0xFF and two, packets, and a byte that makes the sum of all but the first zero
-//! (MT Low Level Communication Protocol). Of a packet the identifier's low bits say how numbers are written: float32, fixed point
-//! 12.20 or 16.32, double. What is made of them:
+//! A message consists of 0xFA, 0xFF, 0x36, the length (one byte, or 0xFF and two bytes), packets,
+//! and a checksum byte that makes the sum of all bytes but the first zero (MT Low Level
+//! Communication Protocol). The low bits of a packet identifier give the number format: float32,
+//! fixed point 12.20 or 16.32, double.
 //!
-//! | packet | what | becomes |
+//! | packet | content | result |
 //! | --- | --- | --- |
-//! | 0x1060 | SampleTimeFine, a counter of 32 bits at 10 kHz | the time; it begins again after 4.97 days |
+//! | 0x1060 | SampleTimeFine, 32-bit counter at 10 kHz | timestamp, wraps after 4.97 days |
 //! | 0x8020 | rate of turn, rad/s | body rate |
-//! | 0x4020 | acceleration, m/s² | specific force: at rest it is up |
-//! | 0xC020 | magnetic field, in arbitrary units | field; one unit is the field where the device was calibrated, [`FIELD_UT`] |
-//! | 0x8040, 0x4040 | the same of high rate | where the other ones are not in the message |
+//! | 0x4020 | acceleration, m/s² | specific force, up at rest |
+//! | 0xC020 | magnetic field, in arbitrary units | field; one unit is the field at the place of calibration, [`FIELD_UT`] |
+//! | 0x8040, 0x4040 | high-rate rate of turn and acceleration | used if 0x8020 or 0x4020 is not in the message |
 //! | others | angles, positions, status … | counted |
 //!
-//! Axes: those of the sensor, x forward, y left, z up on the housing; the choice of the earth's axes (ENU, NED, NWU) is of no concern.
-//! Limits: a message with a rate alone or a force alone makes no measurement; increments (0x8030, 0x4010) are not read.
-//! The sum has 8 bits: of 256 messages that the line broke and whose packets still fit, one is taken for good.
+//! Axes: those of the sensor, on the housing x forward, y left, z up. The configured earth frame
+//! (ENU, NED, NWU) has no effect.
+//!
+//! Limits: a message with only a rate or only a force yields no measurement. Increments (0x8030,
+//! 0x4010) are not decoded. With its 8-bit checksum one of 256 corrupted messages is accepted if
+//! its packets still fit.
 
 use crate::{
     DeviceTime, Measurement, Value,
-    framed::{Format, Seen, sum},
+    framed::{Format, ParseOutcome, wrapping_sum},
 };
 
-const BEGIN: u8 = 0xfa;
-const MASTER: u8 = 0xff;
+const PREAMBLE: u8 = 0xfa;
+const MASTER_BUS_ID: u8 = 0xff;
 const MTDATA2: u8 = 0x36;
-/// In place of the length: two bytes of it follow.
-const EXTENDED: u8 = 0xff;
-/// Of the packets of a message.
-const LENGTH_MAX_BYTES: usize = 2048;
+/// Length byte that announces a two-byte length.
+const EXTENDED_LENGTH: u8 = 0xff;
+/// Maximum total length of the packets of a message.
+const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// What one arbitrary unit stands for where Xsens calibrates, µT: 0.49 gauss (Xsens knowledge base).
+/// Field of one arbitrary unit where Xsens calibrates, µT: 0.49 gauss (Xsens knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 
 const SAMPLE_TIME_FINE: u16 = 0x1060;
 const RATE: [u16; 2] = [0x8020, 0x8040];
 const FORCE: [u16; 2] = [0x4020, 0x4040];
 const FIELD: u16 = 0xc020;
-/// An identifier without the bits that say how numbers are written.
-const WHAT: u16 = 0xfff0;
+/// Bits of a packet identifier without the number format.
+const KIND_MASK: u16 = 0xfff0;
 
-/// What a unit of the magnetometer stands for.
+/// MTData2 format of a device.
 #[derive(Debug, Clone)]
 pub struct Xsens {
     field_ut: f64,
 }
 
 impl Xsens {
-    /// A device of whose magnetic field one unit is so many µT; [`FIELD_UT`] where nobody knows better.
+    /// Creates the format of a device with a magnetometer unit of `field_ut` µT. [`FIELD_UT`] is
+    /// the default.
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }
 }
 
 impl Format for Xsens {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        // A length of one byte is told from one of two by its place, which must be there.
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
+        // The fourth byte decides whether the length has one or two bytes.
         let (length, head_bytes) = match *bytes {
-            [BEGIN] | [BEGIN, MASTER] | [BEGIN, MASTER, MTDATA2] => return Seen::More,
-            [BEGIN, MASTER, MTDATA2, EXTENDED] | [BEGIN, MASTER, MTDATA2, EXTENDED, _] => return Seen::More,
-            [BEGIN, MASTER, MTDATA2, EXTENDED, high, low, ..] => (usize::from(u16::from_be_bytes([high, low])), 6),
-            [BEGIN, MASTER, MTDATA2, length, ..] => (usize::from(length), 4),
-            _ => return Seen::Nothing(1),
+            [PREAMBLE] | [PREAMBLE, MASTER_BUS_ID] | [PREAMBLE, MASTER_BUS_ID, MTDATA2] => return ParseOutcome::Incomplete,
+            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH] | [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, _] => return ParseOutcome::Incomplete,
+            [PREAMBLE, MASTER_BUS_ID, MTDATA2, EXTENDED_LENGTH, high, low, ..] => (usize::from(u16::from_be_bytes([high, low])), 6),
+            [PREAMBLE, MASTER_BUS_ID, MTDATA2, length, ..] => (usize::from(length), 4),
+            _ => return ParseOutcome::Skip(1),
         };
-        if length > LENGTH_MAX_BYTES {
-            return Seen::Refused;
+        if length > MAX_LENGTH_BYTES {
+            return ParseOutcome::Rejected;
         }
-        let Some(frame) = bytes.get(..head_bytes + length + 1) else { return Seen::More };
-        if sum(&frame[1..]) != 0 {
-            return Seen::Refused;
+        let Some(frame) = bytes.get(..head_bytes + length + 1) else { return ParseOutcome::Incomplete };
+        if wrapping_sum(&frame[1..]) != 0 {
+            return ParseOutcome::Rejected;
         }
-        let Some(packets) = Packets::of(&frame[head_bytes..head_bytes + length]) else { return Seen::Refused };
-        found.extend(packets.measurement(self.field_ut));
-        Seen::Frame(frame.len())
+        let Some(packets) = Packets::parse(&frame[head_bytes..head_bytes + length]) else { return ParseOutcome::Rejected };
+        measurements.extend(packets.measurement(self.field_ut));
+        ParseOutcome::Frame(frame.len())
     }
 }
 
-/// What is used of a message.
+/// Used packets of a message. Index 0 is the standard packet, index 1 the high-rate one.
 #[derive(Default)]
 struct Packets {
     count: Option<u32>,
@@ -87,24 +92,25 @@ struct Packets {
 }
 
 impl Packets {
-    /// `None` of what is not made of whole packets.
-    fn of(mut bytes: &[u8]) -> Option<Self> {
+    /// Parses a sequence of packets, or returns `None` if a packet is truncated or has a wrong
+    /// size.
+    fn parse(mut bytes: &[u8]) -> Option<Self> {
         let mut packets = Self::default();
         while !bytes.is_empty() {
             let (&[high, low, length], rest) = bytes.split_first_chunk::<3>()?;
             let (packet, rest) = rest.split_at_checked(length.into())?;
             bytes = rest;
             let id = u16::from_be_bytes([high, low]);
-            let kind = id & WHAT;
-            let place = |of: [u16; 2]| of.iter().position(|other| *other == kind);
+            let kind = id & KIND_MASK;
+            let index_in = |kinds: [u16; 2]| kinds.iter().position(|other| *other == kind);
             if kind == SAMPLE_TIME_FINE {
                 packets.count = Some(u32::from_be_bytes(packet.try_into().ok()?));
-            } else if let Some(place) = place(RATE) {
-                packets.rate_rad_s[place] = Some(three(id, packet)?);
-            } else if let Some(place) = place(FORCE) {
-                packets.force_m_s2[place] = Some(three(id, packet)?);
+            } else if let Some(index) = index_in(RATE) {
+                packets.rate_rad_s[index] = Some(parse_vector(id, packet)?);
+            } else if let Some(index) = index_in(FORCE) {
+                packets.force_m_s2[index] = Some(parse_vector(id, packet)?);
             } else if kind == FIELD {
-                packets.field = Some(three(id, packet)?);
+                packets.field = Some(parse_vector(id, packet)?);
             }
         }
         Some(packets)
@@ -126,21 +132,21 @@ impl Packets {
     }
 }
 
-/// Three numbers, written as the identifier says; `None` where there are not three.
-fn three(id: u16, packet: &[u8]) -> Option<[f64; 3]> {
-    fn of<const N: usize>(packet: &[u8], number: impl Fn([u8; N]) -> f64) -> Option<[f64; 3]> {
+/// Returns three numbers in the format given by `id`, or `None` if `packet` has another size.
+fn parse_vector(id: u16, packet: &[u8]) -> Option<[f64; 3]> {
+    fn read<const N: usize>(packet: &[u8], parse_number: impl Fn([u8; N]) -> f64) -> Option<[f64; 3]> {
         match packet.as_chunks::<N>() {
-            (&[x, y, z], []) => Some([x, y, z].map(number)),
+            (&[x, y, z], []) => Some([x, y, z].map(parse_number)),
             _ => None,
         }
     }
     match id & 3 {
-        0 => of(packet, |bytes| f32::from_be_bytes(bytes).into()),
-        1 => of(packet, |bytes| f64::from(i32::from_be_bytes(bytes)) / f64::from(1 << 20)),
-        // The fraction's four bytes come before the whole part's two.
-        2 => of(packet, |[a, b, c, d, high, low]| {
+        0 => read(packet, |bytes| f32::from_be_bytes(bytes).into()),
+        1 => read(packet, |bytes| f64::from(i32::from_be_bytes(bytes)) / f64::from(1 << 20)),
+        // The four bytes of the fraction precede the two of the integer part.
+        2 => read(packet, |[a, b, c, d, high, low]| {
             f64::from(i16::from_be_bytes([high, low])) + f64::from(u32::from_be_bytes([a, b, c, d])) / 4_294_967_296.0
         }),
-        _ => of(packet, f64::from_be_bytes),
+        _ => read(packet, f64::from_be_bytes),
     }
 }

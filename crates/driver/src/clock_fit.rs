@@ -1,72 +1,81 @@
-//! From a device's clock to the host's: times that grow with every sample and keep the device's intervals.
+//! Conversion of a device's timestamps to the host's clock: strictly increasing, with the device's
+//! intervals.
 //!
-//! Input: what a device says of when it measured (a counter that wraps, time since boot, UNIX time), or how many samples there were of one that
-//! says nothing but has a rate; and when the host had it. Output: the time
-//! of the measurement on the host's clock, later than the one before by a tenth less to a tenth more than the device's clock says. Time: that
-//! of the caller. Failure: a device that begins again, leaps or steps back is followed and counted.
+//! Input: the timestamp of a sample on the device's clock (a wrapping counter, time since boot, or
+//! UNIX time), or the number of samples of a device with a known rate and no timestamps, and the
+//! arrival time on the host.
 //!
-//! The host's times are the device's plus a line fitted to the newest points, (device, host), by least squares; arrival is late by a delay that
-//! changes from sample to sample, so the time of the result is late by the mean delay, and even. While the points span less than
-//! [`SLOPE_SPAN_NS`] the line has slope 1.
+//! Output: the time of the measurement on the host's clock. Its distance from the previous one
+//! differs from the device's interval by at most a tenth.
+//!
+//! Time: that of the caller.
+//!
+//! Failure: a device that restarts, or whose clock jumps or steps back, is followed and counted.
+//!
+//! The host's clock is modelled as the device's clock plus a line, fitted to the newest points
+//! (device, host) by least squares. Samples arrive with a varying delay, so the result is late by
+//! the mean delay but free of jitter. While the points span less than [`MIN_SLOPE_SPAN_NS`] the
+//! slope of the line is 1.
 
 use std::collections::VecDeque;
 
-/// Points that the line is fitted to, at most.
-const POINTS_MAX: usize = 512;
-/// From one point to the next at least, so that they span some seconds at any rate, ns.
-const POINT_INTERVAL_NS: i64 = 10_000_000;
-/// What the points must span before the line's slope is believed, ns.
-pub const SLOPE_SPAN_NS: i64 = 2_000_000_000;
-/// No oscillator is worse, relative.
-const DRIFT_MAX: f64 = 0.02;
-/// The same of a rate, which is nominal.
-const RATE_DRIFT_MAX: f64 = 0.5;
-/// The two clocks disagree by more about one interval, or the result is farther from the line: the device's clock was set, ns.
-const LEAP_NS: i64 = 1_000_000_000;
-/// Of an interval, by how much its end is moved towards the line at most.
-const STEERING_MAX: f64 = 0.1;
+/// Maximum number of points that the line is fitted to.
+const MAX_POINTS: usize = 512;
+/// Minimum interval between two points, ns. It makes the points span several seconds at any rate.
+const MIN_POINT_INTERVAL_NS: i64 = 10_000_000;
+/// Minimum span of the points for an estimate of the slope, ns.
+pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
+/// Maximum relative clock drift. No oscillator is worse.
+const MAX_CLOCK_DRIFT: f64 = 0.02;
+/// Maximum relative deviation of a sample rate from its nominal value.
+const MAX_RATE_DRIFT: f64 = 0.5;
+/// Discrepancy between the clocks that counts as a reset of the device's clock, ns. It applies to
+/// one interval and to the distance of the result from the line.
+const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
+/// Maximum correction of an interval towards the line, as a fraction of the interval.
+const MAX_CORRECTION: f64 = 0.1;
 
-/// A time as a device tells it, ns.
+/// Timestamp on a device's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamp {
-    /// The device's count.
+    /// Count of the device, ns.
     pub count_ns: u64,
-    /// After which the count begins again at 0; none where it does not.
+    /// Period after which the count wraps to 0, ns. `None` if it does not wrap.
     pub period_ns: Option<u64>,
 }
 
-/// What is known of a device's clock.
+/// Estimated state of a device's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ClockHealth {
-    /// The host's clock less the device's, ns; 0 before the first stamp.
+    /// Host clock minus device clock, ns. 0 before the first timestamp.
     pub offset_ns: i64,
-    /// How much faster the host's clock runs, parts per million.
+    /// Relative rate of the host's clock to the device's, minus 1, parts per million.
     pub drift_ppm: f64,
-    /// Standard deviation of the arrivals about the line, ns.
+    /// Standard deviation of the arrival times about the line, ns.
     pub jitter_ns: f64,
-    /// Times the count began again at its period.
+    /// Number of times the count wrapped.
     pub wraps: u64,
-    /// Stamps that were not later than the one before.
+    /// Number of timestamps that were not later than their predecessor.
     pub backsteps: u64,
-    /// Times the device began again or its clock was set.
+    /// Number of times the device restarted or its clock was set.
     pub resets: u64,
 }
 
-/// Turns the stamps of one device into times of the host.
+/// Converter of the timestamps of one device to the host's clock.
 #[derive(Debug, Clone, Default)]
 pub struct ClockFit {
-    /// Of samples without a stamp, where there is a rate.
+    /// Nominal sample interval for devices without timestamps.
     interval_ns: Option<u64>,
-    /// Samples without a stamp.
+    /// Number of samples without a timestamp.
     count: u64,
     points: VecDeque<Point>,
-    last: Option<Last>,
-    /// Of the last sample, ns on the host's clock.
+    last: Option<LastSample>,
+    /// Result for the last sample, on the host's clock.
     t_ns: Option<i64>,
     health: ClockHealth,
 }
 
-/// A sample: when, on the device's clock without wraps, and when the host had it.
+/// Device time, unwrapped, and arrival time of a sample.
 #[derive(Debug, Clone, Copy)]
 struct Point {
     device_ns: i64,
@@ -74,7 +83,7 @@ struct Point {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Last {
+struct LastSample {
     stamp: Option<Stamp>,
     is_counted: bool,
     point: Point,
@@ -86,105 +95,109 @@ struct Line {
     mean_device_ns: f64,
     mean_arrival_ns: f64,
     slope: f64,
-    /// The point that both means are counted from: whole numbers, so that no digit is lost.
+    /// Point that both means are relative to, so that large times lose no precision.
     origin: Point,
 }
 
 impl ClockFit {
-    /// Of a device that has said nothing yet.
+    /// Creates a fit for a device with timestamps.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Of a device that measures `rate_hz` times a second: of samples without a stamp the count is taken for a clock. The true rate may be
-    /// half to one and a half of it.
+    /// Creates a fit for a device whose samples may lack timestamps and arrive at about `rate_hz`.
+    ///
+    /// The number of such samples serves as the device's clock. The true rate may be 0.5 to 1.5
+    /// times `rate_hz`.
     pub fn with_rate(rate_hz: f64) -> Self {
         Self { interval_ns: Some((1e9 / rate_hz) as u64).filter(|interval_ns| *interval_ns > 0), ..Self::default() }
     }
 
-    /// The time of a sample, ns on the host's clock, later than every one before. Without a stamp and a rate it is that of its arrival.
+    /// Returns the time of a sample on the host's clock, ns, always later than the previous one.
+    ///
+    /// Without a timestamp and a rate, the result is the arrival time.
     pub fn push(&mut self, stamp: Option<Stamp>, arrival_ns: i64) -> i64 {
         let is_counted = stamp.is_none() && self.interval_ns.is_some();
-        let stamp = stamp.or_else(|| self.counted());
-        let soonest_ns = self.t_ns.map_or(i64::MIN, |t_ns| t_ns.saturating_add(1));
+        let stamp = stamp.or_else(|| self.next_count_stamp());
+        let earliest_ns = self.t_ns.map_or(i64::MIN, |t_ns| t_ns.saturating_add(1));
         let last = self.last.filter(|last| last.is_counted == is_counted);
-        let (Some(now), Some(Last { stamp: Some(before), point: last, .. }), Some(last_ns)) = (stamp, last, self.t_ns)
+        let (Some(now), Some(LastSample { stamp: Some(previous), point: last, .. }), Some(last_ns)) = (stamp, last, self.t_ns)
         else {
-            return self.begin(stamp, is_counted, arrival_ns, arrival_ns.max(soonest_ns));
+            return self.restart(stamp, is_counted, arrival_ns, arrival_ns.max(earliest_ns));
         };
         let host_ns = arrival_ns.saturating_sub(last.arrival_ns);
-        let (elapsed_ns, wraps) = elapsed(before, now, host_ns);
-        if elapsed_ns.abs_diff(host_ns) > LEAP_NS.unsigned_abs() {
+        let (elapsed_ns, wraps) = elapsed(previous, now, host_ns);
+        if elapsed_ns.abs_diff(host_ns) > RESET_THRESHOLD_NS.unsigned_abs() {
             self.health.resets += 1;
-            return self.begin(stamp, is_counted, arrival_ns, arrival_ns.max(soonest_ns));
+            return self.restart(stamp, is_counted, arrival_ns, arrival_ns.max(earliest_ns));
         }
         if elapsed_ns <= 0 {
             self.health.backsteps += 1;
             if elapsed_ns < 0 {
-                return self.begin(stamp, is_counted, arrival_ns, soonest_ns);
+                return self.restart(stamp, is_counted, arrival_ns, earliest_ns);
             }
-            self.t_ns = Some(soonest_ns);
-            return soonest_ns;
+            self.t_ns = Some(earliest_ns);
+            return earliest_ns;
         }
         self.health.wraps += wraps;
         let point = Point { device_ns: last.device_ns.saturating_add(elapsed_ns), arrival_ns };
         self.add(point);
-        let line = self.fit(point, if is_counted { RATE_DRIFT_MAX } else { DRIFT_MAX });
+        let line = self.fit(point, if is_counted { MAX_RATE_DRIFT } else { MAX_CLOCK_DRIFT });
         let expected_ns = last_ns.saturating_add((elapsed_ns as f64 * line.slope) as i64);
-        let behind_ns = line.at(point.device_ns).saturating_sub(expected_ns);
-        if behind_ns.unsigned_abs() > LEAP_NS.unsigned_abs() {
+        let correction_ns = line.host_time_ns(point.device_ns).saturating_sub(expected_ns);
+        if correction_ns.unsigned_abs() > RESET_THRESHOLD_NS.unsigned_abs() {
             self.health.resets += 1;
-            return self.begin(stamp, is_counted, arrival_ns, arrival_ns.max(soonest_ns));
+            return self.restart(stamp, is_counted, arrival_ns, arrival_ns.max(earliest_ns));
         }
-        let most_ns = (elapsed_ns as f64 * STEERING_MAX) as i64;
-        let t_ns = expected_ns.saturating_add(behind_ns.clamp(-most_ns, most_ns)).max(soonest_ns);
-        self.note(Last { stamp, is_counted, point }, t_ns)
+        let max_correction_ns = (elapsed_ns as f64 * MAX_CORRECTION) as i64;
+        let t_ns = expected_ns.saturating_add(correction_ns.clamp(-max_correction_ns, max_correction_ns)).max(earliest_ns);
+        self.record(LastSample { stamp, is_counted, point }, t_ns)
     }
 
-    /// Samples may be missing before the next one: the line begins anew with it.
-    pub fn interrupt(&mut self) {
+    /// Restarts the fit at the next sample, because samples before it may be missing.
+    pub fn mark_gap(&mut self) {
         self.last = None;
     }
 
-    /// What is known of the device's clock.
+    /// Returns the estimated state of the device's clock.
     pub fn health(&self) -> ClockHealth {
         self.health
     }
 
-    /// The line begins anew with a sample, which has the time `t_ns`.
-    fn begin(&mut self, stamp: Option<Stamp>, is_counted: bool, arrival_ns: i64, t_ns: i64) -> i64 {
+    /// Restarts the fit at a sample and assigns it the time `t_ns`.
+    fn restart(&mut self, stamp: Option<Stamp>, is_counted: bool, arrival_ns: i64, t_ns: i64) -> i64 {
         let device_ns = stamp.map_or(arrival_ns, |stamp| stamp.count_ns.cast_signed());
         let point = Point { device_ns, arrival_ns };
         self.points.clear();
         self.points.push_back(point);
         (self.health.drift_ppm, self.health.jitter_ns) = (0.0, 0.0);
         self.health.offset_ns = if stamp.is_some() { arrival_ns.wrapping_sub(device_ns) } else { 0 };
-        self.note(Last { stamp, is_counted, point }, t_ns)
+        self.record(LastSample { stamp, is_counted, point }, t_ns)
     }
 
-    /// The count of samples without a stamp as one.
-    fn counted(&mut self) -> Option<Stamp> {
+    /// Returns a timestamp derived from the number of samples.
+    fn next_count_stamp(&mut self) -> Option<Stamp> {
         self.count += 1;
         self.interval_ns.map(|interval_ns| Stamp { count_ns: self.count.wrapping_mul(interval_ns), period_ns: None })
     }
 
-    fn note(&mut self, last: Last, t_ns: i64) -> i64 {
+    fn record(&mut self, last: LastSample, t_ns: i64) -> i64 {
         (self.last, self.t_ns) = (Some(last), Some(t_ns));
         t_ns
     }
 
     fn add(&mut self, point: Point) {
-        let is_due = |newest: &Point| point.device_ns.saturating_sub(newest.device_ns) >= POINT_INTERVAL_NS;
+        let is_due = |newest: &Point| point.device_ns.saturating_sub(newest.device_ns) >= MIN_POINT_INTERVAL_NS;
         if self.points.back().is_none_or(is_due) {
             self.points.push_back(point);
         }
-        if self.points.len() > POINTS_MAX {
+        if self.points.len() > MAX_POINTS {
             self.points.pop_front();
         }
     }
 
-    /// The line through the points, and what it says of the clock at `now`.
-    fn fit(&mut self, now: Point, drift_max: f64) -> Line {
+    /// Fits the line to the points and updates the clock state at `now`.
+    fn fit(&mut self, now: Point, max_drift: f64) -> Line {
         let origin = self.points.front().copied().unwrap_or(now);
         let relative = |point: &Point| {
             let device_ns = point.device_ns.saturating_sub(origin.device_ns) as f64;
@@ -198,34 +211,35 @@ impl ClockFit {
             let (x, y) = (x - mean_device_ns, y - mean_arrival_ns);
             (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
         }
-        let spans = self.points.back().map_or(0, |newest| newest.device_ns.saturating_sub(origin.device_ns));
-        let slope = if spans < SLOPE_SPAN_NS { 1.0 } else { (xy / xx).clamp(1.0 - drift_max, 1.0 + drift_max) };
+        let span_ns = self.points.back().map_or(0, |newest| newest.device_ns.saturating_sub(origin.device_ns));
+        let slope = if span_ns < MIN_SLOPE_SPAN_NS { 1.0 } else { (xy / xx).clamp(1.0 - max_drift, 1.0 + max_drift) };
         let line = Line { mean_device_ns, mean_arrival_ns, slope, origin };
-        let rest = yy - 2.0 * slope * xy + slope * slope * xx;
-        self.health.jitter_ns = (rest.max(0.0) / count).sqrt();
+        let residual = yy - 2.0 * slope * xy + slope * slope * xx;
+        self.health.jitter_ns = (residual.max(0.0) / count).sqrt();
         self.health.drift_ppm = (slope - 1.0) * 1e6;
-        self.health.offset_ns = line.at(now.device_ns).wrapping_sub(now.device_ns);
+        self.health.offset_ns = line.host_time_ns(now.device_ns).wrapping_sub(now.device_ns);
         line
     }
 }
 
 impl Line {
-    /// The host's time of a time of the device.
-    fn at(&self, device_ns: i64) -> i64 {
+    /// Returns the host time of a device time.
+    fn host_time_ns(&self, device_ns: i64) -> i64 {
         let device_ns = device_ns.saturating_sub(self.origin.device_ns) as f64;
         let arrival_ns = self.mean_arrival_ns + self.slope * (device_ns - self.mean_device_ns);
         self.origin.arrival_ns.saturating_add(arrival_ns as i64)
     }
 }
 
-/// The device's time from one stamp to the next, and how often its count has begun again meanwhile: as often as fits the host's time best.
-fn elapsed(before: Stamp, now: Stamp, host_ns: i64) -> (i64, u64) {
-    let difference_ns = i128::from(now.count_ns) - i128::from(before.count_ns);
-    let limited = |ns: i128| ns.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64;
+/// Returns the device time between two stamps and the number of wraps that fits the host's interval
+/// best.
+fn elapsed(previous: Stamp, now: Stamp, host_ns: i64) -> (i64, u64) {
+    let difference_ns = i128::from(now.count_ns) - i128::from(previous.count_ns);
+    let saturated = |ns: i128| ns.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64;
     let Some(period_ns) = now.period_ns.filter(|period_ns| *period_ns > 0).map(i128::from) else {
-        return (limited(difference_ns), 0);
+        return (saturated(difference_ns), 0);
     };
     let missing_ns = i128::from(host_ns) - difference_ns;
     let periods = (missing_ns + period_ns / 2).div_euclid(period_ns);
-    (limited(difference_ns + periods * period_ns), u64::try_from(periods).unwrap_or(0))
+    (saturated(difference_ns + periods * period_ns), u64::try_from(periods).unwrap_or(0))
 }

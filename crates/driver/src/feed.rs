@@ -1,58 +1,59 @@
-//! A topic that programs outside the system publish on, joined again when the system begins anew.
+//! Publisher of an external program on a topic. It rejoins the system after a restart of the
+//! system.
 
 use std::time::Instant;
 
 use bus::{BusError, Feeder, SystemName};
 use messages::Message;
 
-use crate::{DriverError, LOOK_INTERVAL};
+use crate::{DriverError, CHECK_INTERVAL};
 
-/// The publishing end of `M` in a system.
+/// Publisher of `M` that follows the system's name.
 #[derive(Debug)]
 pub(crate) struct Feed<M: Message> {
     system: SystemName,
-    joined: Option<Feeder<M>>,
-    looked: Instant,
-    holds: usize,
+    feeder: Option<Feeder<M>>,
+    last_check: Instant,
+    capacity: usize,
 }
 
 impl<M: Message> Feed<M> {
     pub(crate) fn open(system: &str) -> Result<Self, DriverError> {
         let system = SystemName::new(system).map_err(DriverError::Bus)?;
-        let mut feed = Self { system, joined: None, looked: Instant::now(), holds: 0 };
+        let mut feed = Self { system, feeder: None, last_check: Instant::now(), capacity: 0 };
         feed.join()?;
         Ok(feed)
     }
 
     pub(crate) fn send(&mut self, message: &M) -> Result<(), DriverError> {
-        if self.looked.elapsed() >= LOOK_INTERVAL {
-            self.looked = Instant::now();
-            if !self.joined.as_ref().is_some_and(Feeder::is_running) {
+        if self.last_check.elapsed() >= CHECK_INTERVAL {
+            self.last_check = Instant::now();
+            if !self.feeder.as_ref().is_some_and(Feeder::is_running) {
                 self.join()?;
             }
         }
-        let gone = || BusError::NotRunning { name: self.system.name().into() };
-        self.joined.as_ref().ok_or_else(gone).and_then(|joined| joined.send(message)).map_err(DriverError::Bus)
+        let not_running = || BusError::NotRunning { name: self.system.name().into() };
+        self.feeder.as_ref().ok_or_else(not_running).and_then(|feeder| feeder.send(message)).map_err(DriverError::Bus)
     }
 
-    pub(crate) fn holds(&self) -> usize {
-        self.holds
+    pub(crate) fn capacity(&self) -> usize {
+        self.capacity
     }
 
-    /// Joins the system that has the name now, in place of the one that had it.
+    /// Joins the system that has the name now, replacing the previous connection.
     fn join(&mut self) -> Result<(), DriverError> {
         match Feeder::join(&self.system, "driver") {
-            Ok(joined) => {
-                self.holds = joined.holds();
-                self.joined = Some(joined);
+            Ok(feeder) => {
+                self.capacity = feeder.buffer();
+                self.feeder = Some(feeder);
                 Ok(())
             }
-            // It runs on with what it has open, and so does this.
-            Err(BusError::FilesRemoved { .. }) if self.joined.is_some() => Ok(()),
+            // The running system continues on the files it has open, and so does this connection.
+            Err(BusError::FilesRemoved { .. }) if self.feeder.is_some() => Ok(()),
             Err(error) => {
-                self.joined = None;
+                self.feeder = None;
                 Err(match error {
-                    BusError::Unopened { topic } => DriverError::NotTaken { system: self.system.name().into(), topic },
+                    BusError::TopicNotOpen { topic } => DriverError::TopicNotOpen { system: self.system.name().into(), topic },
                     error => DriverError::Bus(error),
                 })
             }

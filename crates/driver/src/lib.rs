@@ -1,8 +1,16 @@
-//! For whoever feeds a running system: readings of a sensor and fixes of a receiver, given to `ingest` over the bus.
+//! Client library for programs that publish sensor readings and fixes to the `ingest` of a running
+//! system.
 //!
-//! Input: measurements in SI units and the sensor's own axes. Output: the topics `sensor` and `receiver` of a system whose launch file says
-//! `[ingest] source = "bus"`. Time: the measurement's, in ns on a clock that does not run backward; [`clock_fit`] makes such a time of what a
-//! device tells. Failure: a system that does not run, or whose ingest has not opened the topic, is named; the program asks again.
+//! Input: measurements in SI units and sensor axes.
+//!
+//! Output: the topics `sensor` and `receiver` of a system whose launch file sets `[ingest] source =
+//! "bus"`.
+//!
+//! Time: the timestamp of the measurement, in ns on a monotonic clock. [`clock_fit`] converts a
+//! device's timestamps to such a clock.
+//!
+//! Failure: an error names a system that is not running or whose ingest has not opened the topic.
+//! The program may retry.
 //!
 //! ```no_run
 //! let mut sensor = driver::Sensor::open("plumbline")?;
@@ -23,23 +31,32 @@ pub use clock_fit::{ClockFit, Stamp};
 
 use feed::Feed;
 
-/// How often a feed looks whether the system is still the one that it joined.
-pub(crate) const LOOK_INTERVAL: Duration = Duration::from_millis(100);
+/// Interval between checks that the joined system is still running.
+pub(crate) const CHECK_INTERVAL: Duration = Duration::from_millis(100);
 
-/// An IMU of a running system, with or without a magnetometer.
+/// Connection of an IMU, with or without a magnetometer, to a running system.
 #[derive(Debug)]
 pub struct Sensor(Feed<SensorReading>);
 
 impl Sensor {
-    /// Joins the system of this name. How much its topic holds, it says itself: [`holds`](Self::holds).
+    /// Joins the system named `system`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system is not running or its ingest has not opened the topic.
     pub fn open(system: &str) -> Result<Self, DriverError> {
         Feed::open(system).map(Self)
     }
 
-    /// Publishes a reading; never waits. `t_ns` is when it was taken, on the sensor's clock; `rate_rad_s` and `force_m_s2` are in its axes, and
-    /// so is `field_ut`, where this reading has one.
+    /// Publishes a reading without blocking.
     ///
-    /// Of a system that was started anew meanwhile it joins the new one. Where there is none the reading is gone, and the error says so.
+    /// `t_ns` is the time of the measurement on the sensor's clock. `rate_rad_s`, `force_m_s2` and
+    /// the optional `field_ut` are in sensor axes. If the system was restarted in the meantime, the
+    /// new one is joined.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system is not running. The reading is then discarded.
     pub fn send(
         &mut self,
         t_ns: i64,
@@ -51,70 +68,80 @@ impl Sensor {
         self.0.send(&SensorReading { t_sensor_ns: t_ns, rate_rad_s, force_m_s2, field_ut })
     }
 
-    /// Readings that the system holds until ingest takes them; of more at once the oldest are overwritten.
-    pub fn holds(&self) -> usize {
-        self.0.holds()
+    /// Returns the number of readings that the topic buffers for ingest. When it is full, the
+    /// oldest reading is overwritten.
+    pub fn capacity(&self) -> usize {
+        self.0.capacity()
     }
 }
 
-/// A satellite receiver of a running system.
+/// Connection of a satellite receiver to a running system.
 #[derive(Debug)]
 pub struct Receiver(Feed<ReceiverReading>);
 
 impl Receiver {
-    /// Joins the system of this name.
+    /// Joins the system named `system`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system is not running or its ingest has not opened the topic.
     pub fn open(system: &str) -> Result<Self, DriverError> {
         Feed::open(system).map(Self)
     }
 
-    /// Publishes a fix; it goes with the next reading of the sensor. `velocity_m_s` is over ground, east, north, up.
-    pub fn send(&mut self, velocity_m_s: [f64; 3], known: Known) -> Result<(), DriverError> {
-        let told = |value: Option<f64>| value.unwrap_or(f64::NAN);
+    /// Publishes a fix, which is combined with the next reading of the sensor. `velocity_m_s` is
+    /// the velocity over ground, east, north, up.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system is not running. The fix is then discarded.
+    pub fn send(&mut self, velocity_m_s: [f64; 3], metadata: FixMetadata) -> Result<(), DriverError> {
+        let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
         self.0.send(&ReceiverReading {
             velocity_m_s,
-            velocity_sd_m_s: told(known.sd_m_s),
-            age_s: told(known.age_s),
-            latitude_rad: told(known.latitude_rad),
-            longitude_rad: told(known.longitude_rad),
-            altitude_m: told(known.altitude_m),
+            velocity_sd_m_s: or_nan(metadata.sd_m_s),
+            age_s: or_nan(metadata.age_s),
+            latitude_rad: or_nan(metadata.latitude_rad),
+            longitude_rad: or_nan(metadata.longitude_rad),
+            altitude_m: or_nan(metadata.altitude_m),
         })
     }
 
-    /// Fixes that the system holds until ingest takes them.
-    pub fn holds(&self) -> usize {
-        self.0.holds()
+    /// Returns the number of fixes that the topic buffers for ingest.
+    pub fn capacity(&self) -> usize {
+        self.0.capacity()
     }
 }
 
-/// What a receiver knows beside the velocity.
+/// Data of a fix in addition to the velocity. Unknown values are `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Known {
-    /// Standard deviation of each component of the velocity, m/s.
+pub struct FixMetadata {
+    /// Standard deviation of each velocity component, m/s.
     pub sd_m_s: Option<f64>,
-    /// How old the velocity is on arrival, s.
+    /// Age of the velocity on arrival, s.
     pub age_s: Option<f64>,
     /// Geodetic latitude, rad, north positive.
     pub latitude_rad: Option<f64>,
     /// Longitude, rad, east positive.
     pub longitude_rad: Option<f64>,
-    /// Altitude as the receiver gives it, m.
+    /// Altitude as reported by the receiver, m.
     pub altitude_m: Option<f64>,
 }
 
-/// Why a reading was not given to a system.
+/// Error while joining or feeding a system.
 #[derive(Debug, thiserror::Error)]
 pub enum DriverError {
-    /// There is no such system, or it cannot be joined.
+    /// The system is not running or cannot be joined.
     #[error(transparent)]
     Bus(BusError),
-    /// It runs, and takes no readings from the bus.
+    /// The system is running but its topic is not open.
     #[error(
         "feeding the system {system:?}: its topic {topic:?} is not open; set source = \"bus\" in [ingest] of its launch file, or wait until ingest has started"
     )]
-    NotTaken {
-        /// The system's name.
+    TopicNotOpen {
+        /// Name of the system.
         system: String,
-        /// The topic.
+        /// Name of the topic.
         topic: &'static str,
     },
 }

@@ -1,73 +1,80 @@
-//! What follows from the table: who is beside whom.
+//! Queries on the topic table: inputs, outputs and neighbours of a service.
 
 use crate::{Entry, Participant, Presence, Service, Topic};
 
-/// A table of topics, to be asked.
+/// A table of topics.
 #[derive(Debug, Clone, Copy)]
 pub struct Graph(pub &'static [Entry]);
 
-/// The graph of the system.
+/// The topic table of the system.
 pub const GRAPH: Graph = Graph(Topic::ENTRIES);
 
 impl Graph {
-    /// What a service publishes that is its own: not what every service does.
+    /// Returns the topics that only `service` publishes.
+    ///
+    /// Topics that every service publishes, such as `health`, are excluded.
     pub fn outputs(self, service: Service) -> impl Iterator<Item = &'static Entry> {
         self.0.iter().filter(move |topic| topic.publisher == Participant::One(service))
     }
 
-    /// The topic on which a service publishes what it makes of each tick.
+    /// Returns the topic with a message for every tick that `service` publishes, if any.
     pub fn output(self, service: Service) -> Option<&'static Entry> {
         self.outputs(service).find(|topic| topic.presence == Presence::EveryTick)
     }
 
-    /// What a service reads that descends from IMU samples.
+    /// Returns the topics derived from IMU samples that `service` subscribes to.
     pub fn inputs(self, service: Service) -> impl Iterator<Item = &'static Entry> {
-        self.0.iter().filter(move |topic| topic.presence.is_ticked() && topic.is_read_by(service))
+        self.0.iter().filter(move |topic| topic.presence.is_ticked() && topic.is_subscribed_by(service))
     }
 
-    /// The services whose output of a tick another one waits for.
+    /// Returns the services whose output `service` needs for every tick.
     pub fn sources(self, service: Service) -> impl Iterator<Item = Service> {
         let is_waited_for =
-            move |source: &Service| self.output(*source).is_some_and(|output| output.is_read_by(service));
+            move |source: &Service| self.output(*source).is_some_and(|output| output.is_subscribed_by(service));
         Service::ALL.into_iter().filter(is_waited_for)
     }
 
-    /// Topics that can be carried to another host, in the order in which those of one tick are published there: what goes with some
-    /// ticks before those ticks.
+    /// Returns the topics that can be carried to another host, in publication order.
+    ///
+    /// Within one tick, topics with messages for some ticks come before those with one for every
+    /// tick.
     pub fn carried(self) -> impl Iterator<Item = &'static Entry> {
-        let of = move |dense: bool| {
+        let by_density = move |dense: bool| {
             let presence = move |topic: &&Entry| (topic.presence == Presence::EveryTick) == dense;
             self.0.iter().filter(|topic| topic.is_carried()).filter(presence)
         };
-        of(false).chain(of(true))
+        by_density(false).chain(by_density(true))
     }
 
-    /// Who reads what a service publishes and goes on from a checkpoint of its own; in a split system the gateway reads for slots
-    /// elsewhere, or publishes for them.
-    pub fn readers(self, service: Service) -> impl Iterator<Item = Service> {
-        let publishes = move |topic: &Entry| {
+    /// Returns the checkpointed services that consume what `service` publishes.
+    ///
+    /// In a split system the gateway subscribes on behalf of remote slots and publishes for them,
+    /// so it counts as consumer and as publisher of every carried topic.
+    pub fn downstream(self, service: Service) -> impl Iterator<Item = Service> {
+        let may_publish = move |topic: &Entry| {
             topic.is_carried() && (service.carries_ticks() || topic.publisher == Participant::One(service))
         };
-        let reads = move |reader: &Service| {
-            *reader != service
-                && self.0.iter().any(|topic| publishes(topic) && (reader.carries_ticks() || topic.is_read_by(*reader)))
+        let may_subscribe = move |consumer: &Service| {
+            *consumer != service
+                && self.0.iter().any(|topic| may_publish(topic) && (consumer.carries_ticks() || topic.is_subscribed_by(*consumer)))
         };
-        Service::ALL.into_iter().filter(reads)
+        Service::ALL.into_iter().filter(may_subscribe)
     }
 }
 
 impl Entry {
-    /// The service reads it in its own work.
-    pub fn is_read_by(&self, service: Service) -> bool {
-        self.readers.iter().any(|reader| reader.includes(service))
+    /// Returns `true` if `service` subscribes to the topic for its own computation.
+    pub fn is_subscribed_by(&self, service: Service) -> bool {
+        self.subscribers.iter().any(|subscriber| subscriber.includes(service))
     }
 
-    /// A slot works on its ticks, so the gateway can bring them to one on another host.
+    /// Returns `true` if the gateway can carry the topic to another host: a slot processes its
+    /// ticks.
     pub fn is_carried(&self) -> bool {
-        self.presence.is_ticked() && Service::SLOTS.into_iter().any(|slot| self.is_read_by(slot))
+        self.presence.is_ticked() && Service::SLOTS.into_iter().any(|slot| self.is_subscribed_by(slot))
     }
 
-    /// The service that publishes it, if that is one.
+    /// Returns the publisher, or `None` unless it is a single service.
     pub fn publishing_service(&self) -> Option<Service> {
         match self.publisher {
             Participant::One(service) => Some(service),
@@ -81,30 +88,30 @@ impl Entry {
 }
 
 impl Service {
-    /// [`Graph::output`] of the system.
+    /// Returns [`Graph::output`] of the system's table.
     pub fn output(self) -> Option<Topic> {
-        GRAPH.output(self).and_then(Topic::of)
+        GRAPH.output(self).and_then(Topic::from_entry)
     }
 
-    /// [`Graph::inputs`] of the system.
+    /// Returns [`Graph::inputs`] of the system's table.
     pub fn inputs(self) -> impl Iterator<Item = Topic> {
-        GRAPH.inputs(self).filter_map(Topic::of)
+        GRAPH.inputs(self).filter_map(Topic::from_entry)
     }
 
-    /// [`Graph::sources`] of the system.
+    /// Returns [`Graph::sources`] of the system's table.
     pub fn sources(self) -> impl Iterator<Item = Self> {
         GRAPH.sources(self)
     }
 
-    /// [`Graph::readers`] of the system.
-    pub fn readers(self) -> impl Iterator<Item = Self> {
-        GRAPH.readers(self)
+    /// Returns [`Graph::downstream`] of the system's table.
+    pub fn downstream(self) -> impl Iterator<Item = Self> {
+        GRAPH.downstream(self)
     }
 }
 
 impl Topic {
-    /// [`Graph::carried`] of the system.
+    /// Returns [`Graph::carried`] of the system's table.
     pub fn carried() -> impl Iterator<Item = Self> {
-        GRAPH.carried().filter_map(Self::of)
+        GRAPH.carried().filter_map(Self::from_entry)
     }
 }

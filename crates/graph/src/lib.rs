@@ -1,13 +1,17 @@
-//! The graph of the system: every topic, who publishes it, who reads it. It stands here once, and everything else derives from it.
+//! The graph of the system: every topic with its publisher and subscribers.
 //!
-//! Input, output: constants. Time: none. Failure: none; what does not fit together does not compile.
+//! The [topic table](topics) is the single definition. Everything else derives from it.
 //!
-//! | module | what it holds |
+//! Output: constants.
+//!
+//! Failure: an inconsistent table does not compile.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`table`](topics) | the table itself: a line for each topic |
-//! | [`service`] | the services and slots, and who else takes part |
-//! | [`topic`] | what a line says, and [`Topic`], one for each |
-//! | [`edges`] | what follows: inputs and outputs of a service, its readers, what can be carried to another host |
+//! | [`table`](topics) | the table, one line per topic |
+//! | [`service`] | services, slots and other participants |
+//! | [`topic`] | the contents of a line, and [`Topic`], with a variant per line |
+//! | [`edges`] | queries: inputs and outputs of a service, downstream services, carried topics |
 #![forbid(unsafe_code)]
 
 pub mod edges;

@@ -1,62 +1,66 @@
-//! The services and slots, and who else publishes or reads.
+//! Services, slots and the other publishers and subscribers.
 
 use core::fmt;
 
-/// A service of the system. Messages and the wire name it by its place in [`ALL`](Self::ALL).
+/// A service of the system, identified in messages by its index in [`ALL`](Self::ALL).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum Service {
-    /// Brings samples in.
+    /// Checks, calibrates and numbers the readings of the source.
     Ingest,
-    /// Integrates the rate.
+    /// Integrates the angular rate.
     Gyro,
-    /// Finds the vertical in the specific force.
+    /// Estimates the vertical from the specific force.
     Accel,
-    /// Joins both to the attitude.
+    /// Fuses gyro and accelerometer into an attitude.
     Fuser,
-    /// Turns the attitude into angles.
+    /// Computes angles and course from the attitude.
     Course,
-    /// Carries messages beyond the board.
+    /// Exchanges messages with other hosts.
     Gateway,
     /// Reads the devices of a live source.
     Drivers,
-    /// Shows the system in a browser.
+    /// Serves the web page.
     Cockpit,
 }
 
 impl Service {
-    /// The services of the data path, in the order data passes through them.
+    /// Services of the data path, in the order of the data flow.
     pub const PATH: [Self; 5] = [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// Those of the path that a stage fills.
+    /// Services of the data path that run a stage.
     pub const SLOTS: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-    /// Every service: those of the path, and those beside it.
+    /// All services: the data path first, then the auxiliary ones.
     pub const ALL: [Self; 8] =
         [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Drivers, Self::Cockpit];
-    /// Those that a launch file lists. The drivers run where its source needs them.
+    /// Services that a launch file may list. The drivers are started if the source needs them.
     pub const LISTED: [Self; 7] =
         [Self::Ingest, Self::Gyro, Self::Accel, Self::Fuser, Self::Course, Self::Gateway, Self::Cockpit];
 
-    /// It is not of the data path: it makes no ticks of its own, and its end is no failure of the system.
-    pub fn is_beside(self) -> bool {
+    /// Returns `true` for services outside the data path.
+    ///
+    /// An auxiliary service publishes no ticks of its own, and its end is not a failure of the
+    /// system.
+    pub fn is_auxiliary(self) -> bool {
         !Self::PATH.contains(&self)
     }
 
-    /// In a split system it brings ticks from one host to another.
+    /// Returns `true` if the service carries ticks between the hosts of a split system.
     pub const fn carries_ticks(self) -> bool {
         matches!(self, Self::Gateway)
     }
 
-    /// Nothing on board waits for it: on a machine with too much to do it is the one to wait.
-    pub const fn can_wait(self) -> bool {
+    /// Returns `true` if nothing on board waits for the service, so that it may run at low
+    /// priority.
+    pub const fn is_low_priority(self) -> bool {
         matches!(self, Self::Gateway | Self::Cockpit)
     }
 
-    /// A stage fills it.
+    /// Returns `true` if the service runs a stage.
     pub fn is_slot(self) -> bool {
         Self::SLOTS.contains(&self)
     }
 
-    /// The name it has in a launch file.
+    /// Returns the name used in launch files and messages.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ingest => "ingest",
@@ -70,14 +74,14 @@ impl Service {
         }
     }
 
-    /// The service of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Returns the service called `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|service| service.name() == name)
     }
 
-    /// The service of that place in [`ALL`](Self::ALL).
-    pub fn at(place: u32) -> Option<Self> {
-        Self::ALL.get(usize::try_from(place).ok()?).copied()
+    /// Returns the service with this index in [`ALL`](Self::ALL).
+    pub fn from_index(index: u32) -> Option<Self> {
+        Self::ALL.get(usize::try_from(index).ok()?).copied()
     }
 }
 
@@ -87,25 +91,25 @@ impl fmt::Display for Service {
     }
 }
 
-/// Who publishes or reads a topic.
+/// Publisher or subscriber of a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Participant {
-    /// Whoever has the sensors: the service `drivers`, or a program that is no part of the system.
+    /// The source of sensor readings: the `drivers` service or an external program.
     Feeders,
-    /// A service.
+    /// A single service.
     One(Service),
     /// Every slot.
     Slots,
     /// Every service.
     Services,
-    /// Every stage that computes beside the owner of its slot.
+    /// Every stage that runs as a candidate for a slot.
     Candidates,
     /// The supervisor.
     Supervisor,
 }
 
 impl Participant {
-    /// The service is the participant, or one of those that it stands for.
+    /// Returns `true` if `service` is this participant or one of its members.
     pub fn includes(self, service: Service) -> bool {
         match self {
             Self::One(one) => one == service,
@@ -116,7 +120,7 @@ impl Participant {
         }
     }
 
-    /// As many processes as there are services or slots may be it at once.
+    /// Returns `true` if several processes can be this participant at the same time.
     pub const fn is_many(self) -> bool {
         match self {
             Self::Slots | Self::Services | Self::Candidates => true,
@@ -128,7 +132,7 @@ impl Participant {
 impl fmt::Display for Participant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Self::Feeders => "drivers, or a program of its own",
+            Self::Feeders => "drivers or an external program",
             Self::One(service) => service.name(),
             Self::Slots => "every slot",
             Self::Services => "every service",
@@ -138,8 +142,8 @@ impl fmt::Display for Participant {
     }
 }
 
-/// The participants under the names that the table has for them.
-#[expect(non_upper_case_globals, reason = "the table names them as launch files do")]
+/// Participants under the names used in the table.
+#[expect(non_upper_case_globals, reason = "the table uses the spelling of launch files")]
 pub mod participant {
     use super::{Participant, Service};
 

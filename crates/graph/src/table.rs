@@ -1,16 +1,19 @@
-//! The table.
+//! The topic table.
 
-/// Hands the table to the macro `callback`, after what is in the first braces and before lines of the caller's own:
-/// `topics!(callback { arguments } lines)`.
+/// Passes the topic table to the macro `callback`, followed by the caller's own lines.
 ///
-/// A line is `Topic = "name": Payload, presence, buffer, publisher => [readers];`
-/// - *presence*: `every_tick`, `flagged(FLAG)` where only ticks with that flag of `messages::Flags` have one, or `no_tick` where a message
-///   does not descend from an IMU sample;
-/// - *buffer*: `Path` or `Control`, of [`Buffer`](crate::Buffer);
-/// - *publisher*, *readers*: of [`Participant::named`](crate::service::participant).
+/// The usage is `topics!(callback { arguments } lines)`. The callback receives `{ arguments }`, the
+/// table and `lines`.
 ///
-/// The order is that of the wake words. The gateway can read each topic, and carries to other hosts what [`Graph::carried`](crate::Graph)
-/// says; the lines do not name it for that.
+/// A line is `Topic = "name": Payload, presence, buffer, publisher => [subscribers];`
+/// - *presence*: `every_tick`, `flagged(FLAG)` for ticks with that flag of `messages::Flags`, or
+///   `no_tick` for messages that are not derived from an IMU sample;
+/// - *buffer*: `Path` or `Control` of [`Buffer`](crate::Buffer);
+/// - *publisher*, *subscribers*: names of [`participant`](crate::service::participant).
+///
+/// The order of the lines is the order of the wake words. The gateway can subscribe to every topic
+/// and carries those of [`Graph::carried`](crate::Graph) to other hosts. The lines do not list it
+/// for that.
 #[macro_export]
 macro_rules! topics {
     ($($callback:ident)::+ { $($argument:tt)* } $($more:tt)*) => {

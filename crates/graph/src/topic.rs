@@ -1,48 +1,48 @@
-//! What the table says of a topic.
+//! Topics and their entries in the table.
 
 use crate::Participant;
 
-/// A line of the table.
+/// Entry of a topic in the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
-    /// Its place in the table, which is that of its wake word.
-    pub place: usize,
-    /// Its name on the bus, on the wire and for people.
+    /// Index in the table and of the wake word.
+    pub index: usize,
+    /// Name on the bus, on the wire and in output.
     pub name: &'static str,
-    /// The name of the payload that it carries.
+    /// Type name of the payload.
     pub payload: &'static str,
-    /// Which ticks have a message.
+    /// Ticks that have a message.
     pub presence: Presence,
-    /// How many messages it holds for each reader.
+    /// Number of messages buffered per subscriber.
     pub buffer: Buffer,
-    /// Who publishes it.
+    /// Publishing participant.
     pub publisher: Participant,
-    /// Who reads it, beside whoever asks to.
-    pub readers: &'static [Participant],
+    /// Subscribing participants. Observers and the gateway may subscribe in addition.
+    pub subscribers: &'static [Participant],
 }
 
-/// Which ticks have a message of a topic.
+/// Ticks for which a topic has a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Presence {
-    /// Every one: a tick that is missing is lost.
+    /// Every tick. A missing message is lost.
     EveryTick,
-    /// Those with the flag of this name, and no other.
+    /// Ticks with the flag of this name only.
     Flagged(&'static str),
-    /// The messages do not descend from an IMU sample.
+    /// None: the messages are not derived from an IMU sample.
     NoTick,
 }
 
-/// How many messages a topic holds for each reader before the oldest is overwritten.
+/// Number of messages buffered per subscriber before the oldest is overwritten.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Buffer {
-    /// `buffer_s` of the path.
+    /// As many messages as the data path produces in `buffer_s`.
     Path,
-    /// The few of a topic that says how services are and what they are to do.
+    /// A small fixed number, for control and status messages.
     Control,
 }
 
 impl Presence {
-    /// A message of the topic descends from an IMU sample and says from which.
+    /// Returns `true` if each message is derived from an IMU sample and carries its tick.
     pub const fn is_ticked(self) -> bool {
         match self {
             Self::EveryTick | Self::Flagged(_) => true,
@@ -51,56 +51,56 @@ impl Presence {
     }
 }
 
-/// Defines `Topic`, one for each line of the table.
+/// Defines `Topic`, with a variant for each line of the table.
 #[macro_export]
 macro_rules! define_topics {
     ({} $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
-        $publisher:ident => [$($reader:ident),*];)*
+        $publisher:ident => [$($subscriber:ident),*];)*
     ) => {
-        /// A topic of the system: a typed stream.
+        /// A topic of the system: a typed stream of messages.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Topic {
             $(#[doc = concat!("`", $name, "`: `", stringify!($payload), "`.")] $topic),*
         }
 
         impl Topic {
-            /// Every topic, in the order of the table.
+            /// All topics, in the order of the table.
             pub const ALL: &'static [Self] = &[$(Self::$topic),*];
-            /// The lines of the table.
+            /// All entries of the table.
             pub const ENTRIES: &'static [$crate::Entry] = &[$($crate::Entry {
-                place: Self::$topic as usize,
+                index: Self::$topic as usize,
                 name: $name,
                 payload: stringify!($payload),
                 presence: $crate::presence!($presence $(($flag))?),
                 buffer: $crate::Buffer::$buffer,
                 publisher: $crate::service::participant::$publisher,
-                readers: &[$($crate::service::participant::$reader),*],
+                subscribers: &[$($crate::service::participant::$subscriber),*],
             }),*];
 
-            /// What the table says of it.
+            /// Returns the entry of the topic.
             pub const fn entry(self) -> &'static $crate::Entry {
                 &Self::ENTRIES[self as usize]
             }
 
-            /// Its name on the bus, on the wire and for people.
+            /// Returns the name on the bus, on the wire and in output.
             pub const fn name(self) -> &'static str {
                 self.entry().name
             }
 
-            /// The topic of a line of this table.
-            pub fn of(entry: &$crate::Entry) -> Option<Self> {
-                Self::ALL.get(entry.place).copied()
+            /// Returns the topic of an entry of this table.
+            pub fn from_entry(entry: &$crate::Entry) -> Option<Self> {
+                Self::ALL.get(entry.index).copied()
             }
 
-            /// The topic of that name.
-            pub fn named(name: &str) -> Option<Self> {
+            /// Returns the topic called `name`.
+            pub fn from_name(name: &str) -> Option<Self> {
                 Self::ALL.iter().copied().find(|topic| topic.name() == name)
             }
         }
     };
 }
 
-/// A [`Presence`] as the table writes it.
+/// Translates the presence column of the table to a [`Presence`].
 #[doc(hidden)]
 #[macro_export]
 macro_rules! presence {

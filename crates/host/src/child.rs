@@ -1,4 +1,4 @@
-//! The process of a stage: a request goes out, its answer comes back.
+//! Process of an external stage, with one response per request.
 
 use std::{
     io,
@@ -17,182 +17,184 @@ use rustix::{
         sockopt::{Timeout, set_socket_timeout},
     },
 };
-use sdk::frame::{FRAME_BYTES_MAX, FrameError, Head, Kind};
+use sdk::frame::{MAX_FRAME_BYTES, FrameError, Head, Kind};
 
-/// From its start until a program has answered for the first time.
-pub const START_LIMIT: Duration = Duration::from_secs(10);
-/// How long the status of a program that has closed its end is waited for.
-const STATUS_LIMIT: Duration = Duration::from_millis(100);
+/// Timeout for each response during the start of a program.
+pub const START_TIMEOUT: Duration = Duration::from_secs(10);
+/// Timeout for the exit status of a program that has closed its end of the connection.
+const EXIT_STATUS_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// Why a hosted stage cannot go on.
+/// Failure of an external stage.
 #[derive(Debug, thiserror::Error)]
 pub enum HostError {
-    /// There is no such program, or it cannot be run.
+    /// The program does not exist or cannot be executed.
     #[error("starting {program}: {cause}")]
     Start {
-        /// The command.
+        /// Command line of the program.
         program: String,
-        /// What the system answered.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// It has ended.
-    #[error("{program} ended with {status} when it was asked to {asked}; what it said is above")]
-    Ended {
-        /// The command.
+    /// The program exited.
+    #[error("{program} ended with {status} on the request to {request}; its output is above")]
+    Exited {
+        /// Command line of the program.
         program: String,
-        /// How.
+        /// Exit status, or a description if it is unknown.
         status: String,
-        /// What for.
-        asked: &'static str,
+        /// Pending request.
+        request: &'static str,
     },
-    /// It did not answer in time.
-    #[error("{program} was asked to {asked} and has said nothing for {ms} ms")]
-    Silent {
-        /// The command.
+    /// The program did not respond in time.
+    #[error("{program} has not responded to the request to {request} for {waited_ms} ms")]
+    Timeout {
+        /// Command line of the program.
         program: String,
-        /// What for.
-        asked: &'static str,
-        /// How long.
-        ms: u128,
+        /// Pending request.
+        request: &'static str,
+        /// Time waited, ms.
+        waited_ms: u128,
     },
-    /// What it answered is no answer.
-    #[error("{program} was asked to {asked} and answered with {cause}")]
-    Answer {
-        /// The command.
+    /// The response is invalid.
+    #[error("{program} sent an invalid response to the request to {request}: {cause}")]
+    InvalidResponse {
+        /// Command line of the program.
         program: String,
-        /// What for.
-        asked: &'static str,
-        /// What is wrong with the answer.
+        /// Request that was answered.
+        request: &'static str,
+        /// Error in the response.
         cause: String,
     },
-    /// The stage that this one was to be like has failed.
+    /// The stage could not be cloned, or its original had failed.
     #[error("{0}")]
-    Like(String),
+    CloneFailed(String),
 }
 
-/// A running program and this end of its pair of sockets. It ends with this value.
+/// Running program with this end of its socket pair. Dropping it kills the process.
 #[derive(Debug)]
 pub(crate) struct Child {
     program: String,
     process: Process,
     socket: OwnedFd,
-    /// Requests so far.
+    /// Number of requests so far.
     number: u64,
-    request: Vec<u8>,
-    answer: Vec<u8>,
-    limit: Duration,
+    frame: Vec<u8>,
+    response: Vec<u8>,
+    timeout: Duration,
 }
 
 impl Child {
-    /// Starts the program; it has [`START_LIMIT`] for each answer until another limit is set.
+    /// Starts the program. Each response may take [`START_TIMEOUT`] until another timeout is set.
     pub(crate) fn start(mut command: Command) -> Result<Self, HostError> {
         let words = [command.get_program()].into_iter().chain(command.get_args());
         let program = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
-        let (socket, its) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
+        let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
-        // What it prints is for people; frames are all that goes over its standard input.
+        // Printed output is for the user. Its standard input carries frames only.
         let stdout = io::stderr().as_fd().try_clone_to_owned().map_err(failed)?;
-        command.stdin(its).stdout(stdout).stderr(Stdio::inherit());
-        // Ctrl-C is for whoever hosts it.
+        command.stdin(child_socket).stdout(stdout).stderr(Stdio::inherit());
+        // A separate process group, so that Ctrl-C reaches only the host.
         let process = command.process_group(0).spawn().map_err(failed)?;
         drop(command);
-        let answer = vec![0; FRAME_BYTES_MAX];
+        let response = vec![0; MAX_FRAME_BYTES];
         let mut child =
-            Self { program, process, socket, number: 0, request: Vec::new(), answer, limit: Duration::ZERO };
-        child.set_limit(START_LIMIT)?;
+            Self { program, process, socket, number: 0, frame: Vec::new(), response, timeout: Duration::ZERO };
+        child.set_timeout(START_TIMEOUT)?;
         Ok(child)
     }
 
-    /// The process.
+    /// Returns the process identifier.
     pub(crate) fn pid(&self) -> u32 {
         self.process.id()
     }
 
-    /// How long each answer may take from now on.
-    pub(crate) fn set_limit(&mut self, limit: Duration) -> Result<(), HostError> {
-        self.limit = limit;
-        set_socket_timeout(&self.socket, Timeout::Recv, Some(limit))
+    /// Sets the timeout for each response.
+    pub(crate) fn set_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
+        self.timeout = timeout;
+        set_socket_timeout(&self.socket, Timeout::Recv, Some(timeout))
             .map_err(|errno| HostError::Start { program: self.program.clone(), cause: errno.into() })
     }
 
-    /// Asks, and waits for the answer; `None` where it refuses.
-    pub(crate) fn ask(&mut self, kind: Kind, put: impl FnOnce(&mut Vec<u8>)) -> Result<Option<&[u8]>, HostError> {
+    /// Sends a request and returns the payload of its response, or `None` if the program rejects
+    /// it.
+    pub(crate) fn request(&mut self, kind: Kind, write: impl FnOnce(&mut Vec<u8>)) -> Result<Option<&[u8]>, HostError> {
         self.number += 1;
-        Head { kind, refused: false, number: self.number }.begin(&mut self.request);
-        put(&mut self.request);
-        if send(&self.socket, &self.request, SendFlags::NOSIGNAL).is_err() {
+        Head { kind, refused: false, number: self.number }.begin(&mut self.frame);
+        write(&mut self.frame);
+        if send(&self.socket, &self.frame, SendFlags::NOSIGNAL).is_err() {
             return Err(self.ended(kind));
         }
         let len = self.receive(kind)?;
-        let wrong = |program: &str, cause: FrameError| HostError::Answer {
+        let invalid = |program: &str, cause: FrameError| HostError::InvalidResponse {
             program: program.into(),
-            asked: asked(kind),
+            request: request_name(kind),
             cause: cause.to_string(),
         };
         let (head, payload) =
-            Head::of(self.answer.get(..len).unwrap_or_default()).map_err(|e| wrong(&self.program, e))?;
+            Head::of(self.response.get(..len).unwrap_or_default()).map_err(|e| invalid(&self.program, e))?;
         if (head.kind, head.number) != (kind, self.number) {
-            let other = FrameError::Other { found: head.number, kind: head.kind, expected: self.number };
-            return Err(wrong(&self.program, other));
+            let mismatch = FrameError::Other { found: head.number, kind: head.kind, expected: self.number };
+            return Err(invalid(&self.program, mismatch));
         }
         Ok((!head.refused).then_some(payload))
     }
 
-    /// What the program answered is no answer to that.
-    pub(crate) fn wrong(&self, kind: Kind, cause: &dyn std::fmt::Display) -> HostError {
-        HostError::Answer { program: self.program.clone(), asked: asked(kind), cause: cause.to_string() }
+    /// Builds the error for an invalid response to a request.
+    pub(crate) fn invalid_response(&self, kind: Kind, cause: &dyn std::fmt::Display) -> HostError {
+        HostError::InvalidResponse { program: self.program.clone(), request: request_name(kind), cause: cause.to_string() }
     }
 
-    /// Bytes of the next packet.
+    /// Receives the next packet and returns its length.
     fn receive(&mut self, kind: Kind) -> Result<usize, HostError> {
-        let begun = Instant::now();
+        let started = Instant::now();
         loop {
-            match recv(&self.socket, &mut self.answer[..], RecvFlags::empty()) {
+            match recv(&self.socket, &mut self.response[..], RecvFlags::empty()) {
                 Ok((len, _)) if len > 0 => return Ok(len),
-                // A signal of this process's own, which is not heeded here.
-                Err(Errno::INTR) if begun.elapsed() < self.limit => {}
+                // Interrupted by a signal of this process, which is handled elsewhere.
+                Err(Errno::INTR) if started.elapsed() < self.timeout => {}
                 Err(Errno::AGAIN | Errno::INTR) => {
-                    let ms = begun.elapsed().as_millis();
-                    return Err(HostError::Silent { program: self.program.clone(), asked: asked(kind), ms });
+                    let waited_ms = started.elapsed().as_millis();
+                    return Err(HostError::Timeout { program: self.program.clone(), request: request_name(kind), waited_ms });
                 }
                 Ok(_) | Err(_) => return Err(self.ended(kind)),
             }
         }
     }
 
-    /// How it ended; it may close its end a moment before.
+    /// Builds the error for a closed connection. The exit status may follow a moment later.
     fn ended(&mut self, kind: Kind) -> HostError {
-        let begun = Instant::now();
+        let started = Instant::now();
         let status: Option<ExitStatus> = loop {
             match self.process.try_wait() {
-                Ok(None) if begun.elapsed() < STATUS_LIMIT => std::thread::sleep(Duration::from_millis(1)),
+                Ok(None) if started.elapsed() < EXIT_STATUS_TIMEOUT => std::thread::sleep(Duration::from_millis(1)),
                 status => break status.ok().flatten(),
             }
         };
-        let status = status.map_or("a closed standard input".into(), |status| status.to_string());
-        HostError::Ended { program: self.program.clone(), status, asked: asked(kind) }
+        let status = status.map_or("its standard input closed".into(), |status| status.to_string());
+        HostError::Exited { program: self.program.clone(), status, request: request_name(kind) }
     }
 }
 
 impl Drop for Child {
     fn drop(&mut self) {
-        // It has nothing to keep: its state is asked for. A process that has ended already is only waited for.
+        // The state of the program is not needed any more. Errors mean that the process has already
+        // exited.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-/// What a request asks for, for people.
-fn asked(kind: Kind) -> &'static str {
+/// Describes a request, for error messages.
+fn request_name(kind: Kind) -> &'static str {
     match kind {
         Kind::Describe => "describe itself",
-        Kind::Set => "take a parameter",
+        Kind::Set => "set a parameter",
         Kind::Step => "step",
-        Kind::Snapshot => "tell its state",
-        Kind::Restore => "take a state over",
-        Kind::Common => "tell what others can go on with",
-        Kind::Adopt => "go on from another stage",
+        Kind::Snapshot => "report its state",
+        Kind::Restore => "restore a state",
+        Kind::Common => "report its common state",
+        Kind::Adopt => "adopt a common state",
         Kind::Align => "align",
         Kind::Realign => "realign",
     }

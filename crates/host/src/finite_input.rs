@@ -1,19 +1,21 @@
-//! What a program is given is finite, so no stage of the user's own has to look: what is not a number is missing, or zero where the slot has no
-//! word for missing. A number that means infinity does so in a common state alone.
+//! Conversion of stage inputs to finite numbers, so that external stages need no checks.
+//!
+//! A value that is not finite becomes missing, or zero if the slot cannot express a missing value.
+//! Only a common state may contain infinite values, which mean "unknown".
 
 use attitude::{
-    Vector3, course::CourseInput, fuser::FuserInput, gnss::Fix, gyro::RateSample, numbers::Numbers,
-    stage::attitude_flaw, state::Attitude,
+    Vector3, course::CourseInput, fuser::FuserInput, gnss::Fix, gyro::RateSample, scalars::Scalars,
+    stage::attitude_validation_error, state::Attitude,
 };
 
-/// The input of a slot.
-pub trait Given: Numbers + Default + Copy {
-    /// The input with finite numbers only; the same where it has no others.
+/// Input of a slot that can be made finite.
+pub trait FiniteInput: Scalars + Default + Copy {
+    /// Returns the input with finite numbers only. Finite values are unchanged.
     fn finite(&self) -> Self;
 }
 
-/// A rate that is none is no turn: zero, over no time.
-impl Given for RateSample {
+/// An invalid rate becomes zero over a zero interval: no rotation.
+impl FiniteInput for RateSample {
     fn finite(&self) -> Self {
         let known = self.rate_rad_s.iter().all(|rate| rate.is_finite());
         let rate_rad_s = if known { self.rate_rad_s } else { Vector3::zeros() };
@@ -21,22 +23,22 @@ impl Given for RateSample {
     }
 }
 
-/// A force that is none is zero, which has no direction.
-impl Given for Vector3<f64> {
+/// An invalid force becomes zero, which has no direction.
+impl FiniteInput for Vector3<f64> {
     fn finite(&self) -> Self {
         if self.iter().all(|force| force.is_finite()) { *self } else { Self::zeros() }
     }
 }
 
-impl Given for FuserInput {
+impl FiniteInput for FuserInput {
     fn finite(&self) -> Self {
-        *Self::finite(self, &mut None)
+        *Self::sanitized(self, &mut None)
     }
 }
 
-impl Given for CourseInput {
+impl FiniteInput for CourseInput {
     fn finite(&self) -> Self {
-        let known = attitude_flaw(self.attitude).is_none();
+        let known = attitude_validation_error(self.attitude).is_none();
         let sd_known = self.heading_sd_rad.is_finite();
         Self {
             attitude: if known { self.attitude } else { Attitude::default() },

@@ -1,4 +1,4 @@
-//! A stage that is a program of its own.
+//! External stage of a slot.
 
 use std::{
     cell::{OnceCell, RefCell},
@@ -10,12 +10,12 @@ use std::{
 use attitude::{
     fuser::{Fuser, FuserStage},
     gyro::{Gyro, GyroStage},
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError},
-    stage::{RestoreError, STATE_LIMIT, Snapshot, Sound, Stage},
+    stage::{RestoreError, MAX_STATE_VALUES, Snapshot, Validate, Stage},
     state::Attitude,
 };
-use launch::Program;
+use launch::ExternalStage;
 use sdk::{
     Description,
     frame::{self, FrameError, Kind},
@@ -23,138 +23,147 @@ use sdk::{
 
 use crate::{
     child::{Child, HostError},
-    finite_input::Given,
+    finite_input::FiniteInput,
     interned,
 };
 
-/// The stages of a slot, one of which may be a program of its own: its input, output and common state are numbers.
-pub trait HostedBy: Stage<Input: Given, Output: Numbers + Default + Sound, Common: Numbers + Default> {}
+/// Stage whose slot can run an external program: its input, output and common state are numbers.
+pub trait HostableStage: Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default> {}
 
-impl<S: Stage<Input: Given, Output: Numbers + Default + Sound, Common: Numbers + Default>> HostedBy for S {}
+impl<S: Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>> HostableStage for S {}
 
-/// A program in the place of a stage `B`.
+/// External program in place of a built-in stage `B`.
 ///
-/// Its clone is another process, set alike and given the same state.
-pub struct Hosted<B> {
+/// A clone starts another process with the same settings and state.
+pub struct HostedStage<B> {
     name: &'static str,
-    program: Program,
-    limit: Duration,
+    program: ExternalStage,
+    timeout: Duration,
     parameters: &'static [Parameter],
     settings: Vec<(usize, f64)>,
-    /// Numbers in its state.
+    /// Number of values of its state.
     state_len: usize,
-    /// `None` where the stage that it was to be like had failed.
+    /// `None` if this is a clone of a failed stage, or could not be started.
     child: RefCell<Option<Child>>,
     failure: OnceCell<HostError>,
-    of: PhantomData<fn() -> B>,
+    slot: PhantomData<fn() -> B>,
 }
 
-impl<B: HostedBy> Hosted<B> {
-    /// Starts the program that fills a slot under this name. Each answer may take as long as `limit`.
-    pub fn start(name: &str, program: &Program, limit: Duration) -> Result<Self, HostError> {
+impl<B: HostableStage> HostedStage<B> {
+    /// Starts the program as the stage `name`. Each response after the start may take up to
+    /// `timeout`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the program cannot be started, describes a stage of another slot or has too many
+    /// state values.
+    pub fn start(name: &str, program: &ExternalStage, timeout: Duration) -> Result<Self, HostError> {
         let mut child = Child::start(program.command())?;
-        let described = child.ask(Kind::Describe, |_| {})?.map(Description::read);
-        let description = match described {
+        let response = child.request(Kind::Describe, |_| {})?.map(Description::read);
+        let description = match response {
             Some(Ok(description)) => description,
-            Some(Err(error)) => return Err(child.wrong(Kind::Describe, &error)),
-            None => return Err(child.wrong(Kind::Describe, &"a refusal")),
+            Some(Err(error)) => return Err(child.invalid_response(Kind::Describe, &error)),
+            None => return Err(child.invalid_response(Kind::Describe, &"the request was rejected")),
         };
         if description.slot != program.slot.name() {
-            let other = format!("`slot {}`, and it is to fill the slot {}", description.slot, program.slot);
-            return Err(child.wrong(Kind::Describe, &other));
+            let other = format!("it is a stage of the slot {}, not of {}", description.slot, program.slot);
+            return Err(child.invalid_response(Kind::Describe, &other));
         }
-        let kept = interned::text(name).zip(interned::parameters(&description));
-        let (name, parameters) = kept.ok_or_else(|| child.wrong(Kind::Describe, &"ever other descriptions"))?;
-        let state_len = child.ask(Kind::Snapshot, |_| {})?.map_or(usize::MAX, <[u8]>::len) / 8;
-        if state_len > STATE_LIMIT {
-            return Err(child.wrong(Kind::Snapshot, &format_args!("more than {STATE_LIMIT} numbers")));
+        let interned_texts = interned::text(name).zip(interned::parameters(&description));
+        let (name, parameters) = interned_texts
+            .ok_or_else(|| child.invalid_response(Kind::Describe, &"too many different descriptions"))?;
+        let state_len = child.request(Kind::Snapshot, |_| {})?.map_or(usize::MAX, <[u8]>::len) / 8;
+        if state_len > MAX_STATE_VALUES {
+            let cause = format!("the state has more than {MAX_STATE_VALUES} numbers");
+            return Err(child.invalid_response(Kind::Snapshot, &cause));
         }
-        child.set_limit(limit)?;
+        child.set_timeout(timeout)?;
         Ok(Self {
             name,
             program: program.clone(),
-            limit,
+            timeout,
             parameters,
             settings: Vec::new(),
             state_len,
             child: RefCell::new(Some(child)),
             failure: OnceCell::new(),
-            of: PhantomData,
+            slot: PhantomData,
         })
     }
 
-    /// Asks the program, as long as it has not failed, and hands its answer to `take`; `None` where there is no answer.
-    fn ask<T>(
+    /// Sends a request unless the program has failed, and parses the response. Returns `None` after
+    /// a failure.
+    fn request<T>(
         &self,
         kind: Kind,
-        put: impl FnOnce(&mut Vec<u8>),
-        take: impl FnOnce(&[u8]) -> Result<T, FrameError>,
-    ) -> Option<Answer<T>> {
+        write: impl FnOnce(&mut Vec<u8>),
+        parse: impl FnOnce(&[u8]) -> Result<T, FrameError>,
+    ) -> Option<Response<T>> {
         let mut child = self.child.borrow_mut();
         let child = child.as_mut().filter(|_| self.failure.get().is_none())?;
-        let answered = match child.ask(kind, put) {
-            Ok(None) => return Some(Answer::Refused),
-            Ok(Some(payload)) => take(payload),
+        let parsed = match child.request(kind, write) {
+            Ok(None) => return Some(Response::Rejected),
+            Ok(Some(payload)) => parse(payload),
             Err(error) => {
-                // It fails once, so there is nothing to be replaced.
+                // The failure is still unset here, so `set` cannot fail.
                 let _ = self.failure.set(error);
                 return None;
             }
         };
-        match answered {
-            Ok(value) => Some(Answer::Taken(value)),
+        match parsed {
+            Ok(value) => Some(Response::Accepted(value)),
             Err(cause) => {
-                let _ = self.failure.set(child.wrong(kind, &cause));
+                let _ = self.failure.set(child.invalid_response(kind, &cause));
                 None
             }
         }
     }
 
-    /// Hands something over that the program may refuse.
-    fn hand(&self, kind: Kind, put: impl FnOnce(&mut Vec<u8>)) -> Result<(), RestoreError> {
-        match self.ask(kind, put, nothing) {
-            Some(Answer::Taken(())) => Ok(()),
-            Some(Answer::Refused) => Err(RestoreError::Flaw { flaw: "numbers that the program refuses" }),
-            None => Err(RestoreError::Flaw { flaw: "and the program has failed" }),
+    /// Sends a request that the program either accepts or rejects.
+    fn request_ack(&self, kind: Kind, write: impl FnOnce(&mut Vec<u8>)) -> Result<(), RestoreError> {
+        match self.request(kind, write, empty_payload) {
+            Some(Response::Accepted(())) => Ok(()),
+            Some(Response::Rejected) => Err(RestoreError::Invalid { reason: "the program rejects the values" }),
+            None => Err(RestoreError::Invalid { reason: "the program has failed" }),
         }
     }
 }
 
-impl<B> Hosted<B> {
-    /// The process.
+impl<B> HostedStage<B> {
+    /// Returns the process identifier, or `None` if the process could not be started.
     pub fn pid(&self) -> Option<u32> {
         self.child.borrow().as_ref().map(Child::pid)
     }
 }
 
-/// What a program answers.
-enum Answer<T> {
-    Taken(T),
-    Refused,
+/// Response of the program to a request.
+enum Response<T> {
+    Accepted(T),
+    Rejected,
 }
 
-impl<T> Answer<T> {
-    fn taken(self) -> Option<T> {
+impl<T> Response<T> {
+    fn accepted(self) -> Option<T> {
         match self {
-            Self::Taken(value) => Some(value),
-            Self::Refused => None,
+            Self::Accepted(value) => Some(value),
+            Self::Rejected => None,
         }
     }
 }
 
-/// An answer without a payload.
-fn nothing(payload: &[u8]) -> Result<(), FrameError> {
+/// Parses a response without a payload.
+fn empty_payload(payload: &[u8]) -> Result<(), FrameError> {
     if payload.is_empty() { Ok(()) } else { Err(FrameError::Length { found: payload.len(), expected: 0 }) }
 }
 
-/// A value without a number in it: what a stage gives that has failed.
-fn no_numbers<T: Numbers + Default>() -> T {
+/// Returns a value of NaN numbers, the output of a failed stage.
+fn nan_value<T: Scalars + Default>() -> T {
     let mut value = T::default();
     value.visit(&mut |number| *number = f64::NAN);
     value
 }
 
-impl<B: HostedBy> Stage for Hosted<B> {
+impl<B: HostableStage> Stage for HostedStage<B> {
     type Input = B::Input;
     type Output = B::Output;
     type Common = B::Common;
@@ -169,34 +178,35 @@ impl<B: HostedBy> Stage for Hosted<B> {
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
         let unknown = ParameterError::Unknown { known: self.parameters };
-        let place = self.parameters.iter().position(|parameter| parameter.name == name).ok_or(unknown)?;
-        let parameter = self.parameters.get(place).ok_or(unknown)?;
-        let in_range = (parameter.least..=parameter.most).contains(&value);
-        // What it refuses in its own range it does not take either.
-        let put = |frame: &mut Vec<u8>| [place as f64, value].into_iter().for_each(|number| frame::put(frame, number));
-        if !in_range || self.hand(Kind::Set, put).is_err() {
+        let index = self.parameters.iter().position(|parameter| parameter.name == name).ok_or(unknown)?;
+        let parameter = self.parameters.get(index).ok_or(unknown)?;
+        let in_range = (parameter.min..=parameter.max).contains(&value);
+        // A value that the program rejects is reported as out of range, too.
+        let write = |frame: &mut Vec<u8>| [index as f64, value].into_iter().for_each(|number| frame::put(frame, number));
+        if !in_range || self.request_ack(Kind::Set, write).is_err() {
             return Err(ParameterError::OutOfRange { parameter, value });
         }
-        self.settings.push((place, value));
+        self.settings.push((index, value));
         Ok(())
     }
 
     fn step(&mut self, input: &B::Input) -> B::Output {
-        let given = input.finite();
-        let output = self.ask(Kind::Step, |frame| frame::put(frame, given), frame::value).and_then(Answer::taken);
-        output.unwrap_or_else(no_numbers)
+        let input = input.finite();
+        let output = self.request(Kind::Step, |frame| frame::put(frame, input), frame::value).and_then(Response::accepted);
+        output.unwrap_or_else(nan_value)
     }
 
-    /// Nothing: the state is in the other process, and [`Stage::snapshot`] and [`Stage::restore`] fetch and bring it.
+    /// Visits no values: the state is in the other process. [`Stage::snapshot`] and
+    /// [`Stage::restore`] transfer it.
     fn visit_state(&mut self, _visit: &mut dyn FnMut(&mut f64)) {}
 
     fn common(&self) -> B::Common {
-        let common = self.ask(Kind::Common, |_| {}, frame::value).and_then(Answer::taken);
-        common.unwrap_or_else(no_numbers)
+        let common = self.request(Kind::Common, |_| {}, frame::value).and_then(Response::accepted);
+        common.unwrap_or_else(nan_value)
     }
 
     fn adopt(&mut self, common: &B::Common) -> Result<(), RestoreError> {
-        self.hand(Kind::Adopt, |frame| frame::put(frame, *common))
+        self.request_ack(Kind::Adopt, |frame| frame::put(frame, *common))
     }
 
     fn failure(&self) -> Option<&dyn std::error::Error> {
@@ -204,9 +214,9 @@ impl<B: HostedBy> Stage for Hosted<B> {
     }
 
     fn snapshot(&self) -> Snapshot {
-        let mut record = Snapshot { stage: self.name, values: [0.0; STATE_LIMIT], len: self.state_len, checksum: 0 };
+        let mut record = Snapshot { stage: self.name, values: [0.0; MAX_STATE_VALUES], len: self.state_len, checksum: 0 };
         let values = &mut record.values[..self.state_len];
-        self.ask(
+        self.request(
             Kind::Snapshot,
             |_| {},
             |payload| {
@@ -216,59 +226,59 @@ impl<B: HostedBy> Stage for Hosted<B> {
                 Ok(())
             },
         );
-        record.checksum = record.sum();
+        record.checksum = record.compute_checksum();
         record
     }
 
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError> {
-        record.check(self.name, self.state_len)?;
-        self.hand(Kind::Restore, |frame| {
+        record.validate(self.name, self.state_len)?;
+        self.request_ack(Kind::Restore, |frame| {
             record.values[..record.len].iter().for_each(|number| frame::put(frame, *number))
         })
     }
 }
 
-impl GyroStage for Hosted<Gyro> {
+impl GyroStage for HostedStage<Gyro> {
     fn align(&mut self, attitude: Attitude) {
-        self.ask(Kind::Align, |frame| frame::put(frame, attitude), nothing);
+        self.request(Kind::Align, |frame| frame::put(frame, attitude), empty_payload);
     }
 }
 
-impl FuserStage for Hosted<Fuser> {
+impl FuserStage for HostedStage<Fuser> {
     fn realign(&mut self) {
-        self.ask(Kind::Realign, |_| {}, nothing);
+        self.request(Kind::Realign, |_| {}, empty_payload);
     }
 }
 
-impl<B: HostedBy> Clone for Hosted<B> {
+impl<B: HostableStage> Clone for HostedStage<B> {
     fn clone(&self) -> Self {
         let record = self.snapshot();
-        let like = match &self.failure.get() {
-            Some(error) => Err(HostError::Like(error.to_string())),
-            None => Self::start(self.name, &self.program, self.limit),
+        let copy = match &self.failure.get() {
+            Some(error) => Err(HostError::CloneFailed(error.to_string())),
+            None => Self::start(self.name, &self.program, self.timeout),
         };
-        let mut like = match like {
-            Ok(like) => like,
+        let mut copy = match copy {
+            Ok(copy) => copy,
             Err(error) => {
                 let failure = OnceCell::from(error);
                 let (program, settings) = (self.program.clone(), self.settings.clone());
                 return Self { program, settings, failure, child: RefCell::new(None), ..*self };
             }
         };
-        for (place, value) in &self.settings {
-            if let Some(parameter) = self.parameters.get(*place) {
-                // What was taken once is taken again.
-                let _ = like.set(parameter.name, *value);
+        for (index, value) in &self.settings {
+            if let Some(parameter) = self.parameters.get(*index) {
+                // The original accepted this value, so the copy does, too.
+                let _ = copy.set(parameter.name, *value);
             }
         }
-        if let Err(error) = like.restore(&record) {
-            let _ = like.failure.set(HostError::Like(format!("another process of {}: {error}", self.name)));
+        if let Err(error) = copy.restore(&record) {
+            let _ = copy.failure.set(HostError::CloneFailed(format!("another process of {}: {error}", self.name)));
         }
-        like
+        copy
     }
 }
 
-impl<B> fmt::Debug for Hosted<B> {
+impl<B> fmt::Debug for HostedStage<B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Hosted").field("name", &self.name).field("program", &self.program).finish_non_exhaustive()
     }

@@ -1,44 +1,44 @@
-//! What programs say of themselves, kept for as long as this process: names and parameters of stages are `'static`.
+//! Names and parameters of external stages, interned because stages require `'static` data.
 //!
-//! What is the same is kept once, and no more than [`KEPT_MAX`] texts and tables are.
+//! Equal entries are stored once. At most [`MAX_INTERNED`] texts and as many tables are stored.
 
 use std::sync::{Mutex, PoisonError};
 
 use attitude::parameters::Parameter;
 use sdk::Description;
 
-/// More than any launch file names.
-const KEPT_MAX: usize = 4096;
+/// Maximum number of entries, which is more than any launch file needs.
+const MAX_INTERNED: usize = 4096;
 
 static TEXTS: Mutex<Vec<&'static str>> = Mutex::new(Vec::new());
 static TABLES: Mutex<Vec<&'static [Parameter]>> = Mutex::new(Vec::new());
 
-/// The text, kept; `None` when too much is.
+/// Interns a text. Returns `None` if the limit is reached.
 pub(crate) fn text(text: &str) -> Option<&'static str> {
-    let mut kept = TEXTS.lock().unwrap_or_else(PoisonError::into_inner);
-    let found = kept.iter().find(|kept| **kept == text).copied();
+    let mut interned = TEXTS.lock().unwrap_or_else(PoisonError::into_inner);
+    let found = interned.iter().find(|interned| **interned == text).copied();
     found.or_else(|| {
-        (kept.len() < KEPT_MAX).then(|| {
+        (interned.len() < MAX_INTERNED).then(|| {
             let text: &'static str = Box::leak(text.into());
-            kept.push(text);
+            interned.push(text);
             text
         })
     })
 }
 
-/// The parameters, kept; `None` when too much is.
+/// Interns the parameters of a description. Returns `None` if the limit is reached.
 pub(crate) fn parameters(description: &Description) -> Option<&'static [Parameter]> {
-    let table = description.parameters.iter().map(|told| {
-        let (name, unit, about) = (text(&told.name)?, text(&told.unit)?, text(&told.about)?);
-        Some(Parameter { name, unit, default: told.default, least: told.least, most: told.most, about })
+    let table = description.parameters.iter().map(|parameter| {
+        let (name, unit, about) = (text(&parameter.name)?, text(&parameter.unit)?, text(&parameter.about)?);
+        Some(Parameter { name, unit, default: parameter.default, min: parameter.least, max: parameter.most, description: about })
     });
     let table = table.collect::<Option<Vec<_>>>()?;
-    let mut kept = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
-    let found = kept.iter().find(|kept| **kept == table).copied();
+    let mut interned = TABLES.lock().unwrap_or_else(PoisonError::into_inner);
+    let found = interned.iter().find(|interned| **interned == table).copied();
     found.or_else(|| {
-        (kept.len() < KEPT_MAX).then(|| {
+        (interned.len() < MAX_INTERNED).then(|| {
             let table: &'static [Parameter] = Box::leak(table.into());
-            kept.push(table);
+            interned.push(table);
             table
         })
     })

@@ -1,16 +1,22 @@
-//! Stages that are programs of their own, as stages like any other.
+//! External stages: programs that run as a stage in a separate process.
 //!
-//! Input: the program that a launch file names. Output: a value that implements `attitude::stage::Stage`. Time: a request waits for its answer, up
-//! to a limit. Failure: a program that dies, says nothing, or answers with what is no answer has failed, with the reason; its outputs are
-//! then no numbers, which its slot does not publish.
+//! Input: the program that a launch file names.
 //!
-//! | module | what it holds |
+//! Output: a value that implements `attitude::stage::Stage`.
+//!
+//! Time: a request blocks until its response arrives, up to a timeout.
+//!
+//! Failure: a program that exits, does not respond in time or sends an invalid response has failed
+//! permanently, with a reason. Its outputs are NaN from then on, and the slot does not publish
+//! them.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`child`] | the process: requests and answers |
-//! | [`hosted`] | the stage |
-//! | [`finite_input`] | what a program is given: finite numbers |
-//! | [`slot_stage`] | a stage of Plumbline's own or a hosted one |
-//! | `interned` | what a program says of itself, kept as long as this process |
+//! | [`child`] | the process: requests and responses |
+//! | [`hosted`] | the external stage |
+//! | [`finite_input`] | conversion of inputs to finite numbers |
+//! | [`slot_stage`] | a built-in or an external stage |
+//! | `interned` | names and parameters of programs with static lifetime |
 #![forbid(unsafe_code)]
 
 pub mod child;
@@ -20,6 +26,6 @@ mod interned;
 pub mod slot_stage;
 
 pub use child::HostError;
-pub use finite_input::Given;
-pub use hosted::{Hosted, HostedBy};
+pub use finite_input::FiniteInput;
+pub use hosted::{HostedStage, HostableStage};
 pub use slot_stage::AnyStage;

@@ -1,4 +1,4 @@
-//! What fills a slot: a stage of Plumbline's own, or one that is a program.
+//! Stage of a slot: built in or external.
 
 use attitude::{
     fuser::{Estimate, Fuser, FuserStage},
@@ -8,94 +8,94 @@ use attitude::{
     state::Attitude,
 };
 
-use crate::hosted::{Hosted, HostedBy};
+use crate::hosted::{HostedStage, HostableStage};
 
-/// A stage of Plumbline's own, or a program in its place.
+/// Built-in or external stage of a slot.
 #[derive(Debug, Clone)]
-#[allow(clippy::large_enum_variant, reason = "one value per slot; what is computed stays where it is")]
-pub enum AnyStage<B: HostedBy> {
-    /// In this process.
+#[allow(clippy::large_enum_variant, reason = "there is one value per slot, and it is not moved")]
+pub enum AnyStage<B: HostableStage> {
+    /// Stage that runs in this process.
     BuiltIn(B),
-    /// In a process of its own.
-    Hosted(Hosted<B>),
+    /// Stage that runs as an external program.
+    Hosted(HostedStage<B>),
 }
 
-macro_rules! each {
-    ($any:expr, $stage:ident => $do:expr) => {
+macro_rules! delegate {
+    ($any:expr, $stage:ident => $call:expr) => {
         match $any {
-            AnyStage::BuiltIn($stage) => $do,
-            AnyStage::Hosted($stage) => $do,
+            AnyStage::BuiltIn($stage) => $call,
+            AnyStage::Hosted($stage) => $call,
         }
     };
 }
 
-impl<B: HostedBy + Clone> Stage for AnyStage<B> {
+impl<B: HostableStage + Clone> Stage for AnyStage<B> {
     type Input = B::Input;
     type Output = B::Output;
     type Common = B::Common;
 
     fn name(&self) -> &'static str {
-        each!(self, stage => stage.name())
+        delegate!(self, stage => stage.name())
     }
 
     fn parts(&self) -> &'static [&'static str] {
-        each!(self, stage => stage.parts())
+        delegate!(self, stage => stage.parts())
     }
 
     fn parameters(&self) -> &'static [Parameter] {
-        each!(self, stage => stage.parameters())
+        delegate!(self, stage => stage.parameters())
     }
 
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        each!(self, stage => stage.set(name, value))
+        delegate!(self, stage => stage.set(name, value))
     }
 
     #[inline]
     fn step(&mut self, input: &B::Input) -> B::Output {
-        each!(self, stage => stage.step(input))
+        delegate!(self, stage => stage.step(input))
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        each!(self, stage => stage.visit_state(visit));
+        delegate!(self, stage => stage.visit_state(visit));
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        each!(self, stage => stage.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        delegate!(self, stage => stage.validation_error())
     }
 
     fn common(&self) -> B::Common {
-        each!(self, stage => stage.common())
+        delegate!(self, stage => stage.common())
     }
 
     fn adopt(&mut self, common: &B::Common) -> Result<(), RestoreError> {
-        each!(self, stage => stage.adopt(common))
+        delegate!(self, stage => stage.adopt(common))
     }
 
     fn failure(&self) -> Option<&dyn std::error::Error> {
-        each!(self, stage => stage.failure())
+        delegate!(self, stage => stage.failure())
     }
 
     fn snapshot(&self) -> Snapshot {
-        each!(self, stage => stage.snapshot())
+        delegate!(self, stage => stage.snapshot())
     }
 
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError> {
-        each!(self, stage => stage.restore(record))
+        delegate!(self, stage => stage.restore(record))
     }
 }
 
 impl GyroStage for AnyStage<Gyro> {
     fn align(&mut self, attitude: Attitude) {
-        each!(self, stage => stage.align(attitude));
+        delegate!(self, stage => stage.align(attitude));
     }
 }
 
 impl FuserStage for AnyStage<Fuser> {
     fn realign(&mut self) {
-        each!(self, stage => stage.realign());
+        delegate!(self, stage => stage.realign());
     }
 
-    fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
-        each!(self, stage => stage.begin_with(known))
+    fn seed_sensor_errors(&mut self, known: &Estimate) -> Result<(), RestoreError> {
+        delegate!(self, stage => stage.seed_sensor_errors(known))
     }
 }

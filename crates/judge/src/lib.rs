@@ -1,250 +1,261 @@
-//! Whether what comes in can be what it is taken for: units, signs and axes of the sensors, judged before they are believed.
+//! Plausibility check of sensor input: units, signs, axes and timestamps.
 //!
-//! Input: samples as they are about to be fused, after calibration and mounting. Output: findings, each once, with figures and
-//! remedies; nothing is changed. Time: the samples' own. Memory: bounded. Failure: none; what is not finite is passed over.
+//! Input: samples after calibration and mounting, as they are about to be fused.
 //!
-//! | module | what it judges |
+//! Output: diagnoses with figures and remedies, each reported once. Samples are never changed.
+//!
+//! Time: that of the samples.
+//!
+//! Failure: samples that are not finite are skipped. Memory is bounded.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`finding`] | what is said, and the remedies |
-//! | `fields` | fields on their way to their samples |
-//! | `sizes` | magnitudes of force, field and interval: their units |
-//! | `spinning` | whether the gyro tells of turns that gravity does not show |
-//! | `turning` | whether the gyro turns gravity as the accelerometer sees it |
-//! | `uprightness` | where gravity points |
-//! | `axes` | axes that stand still or end at their range |
+//! | [`diagnosis`] | diagnoses and their remedies |
+//! | `field_queue` | magnetometer samples waiting for the IMU sample of their tick |
+//! | `magnitude` | units, from the medians of force, field and interval |
+//! | `rate_unit` | unit of the rates, from rotation that the force does not show |
+//! | `axes_vs_gravity` | axes and unit of the gyro, from the rotation of gravity |
+//! | `orientation` | direction of gravity |
+//! | `axis_faults` | stuck and clipped axes |
 #![forbid(unsafe_code)]
 
-mod axes;
-mod fields;
-pub mod finding;
-mod sizes;
-mod spinning;
-mod turning;
-mod uprightness;
+mod axis_faults;
+mod field_queue;
+pub mod diagnosis;
+mod magnitude;
+mod rate_unit;
+mod axes_vs_gravity;
+mod orientation;
 
 use messages::{Flags, ImuSample, MagSample};
 
-use axes::Axes;
-pub use fields::Fields;
-pub use finding::{Candidate, Finding, Mistake};
-use sizes::Sizes;
-use spinning::Spinning;
-use turning::Turning;
-use uprightness::Uprightness;
+use axis_faults::AxisMonitor;
+pub use field_queue::FieldQueue;
+pub use diagnosis::{Diagnosis, InputIssue, PossibleCause};
+use magnitude::MagnitudeCheck;
+use rate_unit::RateUnitCheck;
+use axes_vs_gravity::GyroAxesCheck;
+use orientation::OrientationCheck;
 
-/// Between two looks at what has been gathered, s of the samples' time: the first word comes within seconds, as long as a window of `turning` takes.
-const LOOK_S: f64 = 2.0;
-/// Samples that a look needs, in all and since the one before: the tenth part of fewer is no quantile.
-const LOOK_SAMPLES: u64 = 100;
-/// Samples before the first look: times in a wrong unit make seconds of few.
-const FIRST_SAMPLES: u64 = 200;
-/// It ends after so much motion that can be judged, s: thirty windows, ten times what a finding needs.
-const MOTION_S: f64 = 60.0;
-/// It ends after so long, s: who has not moved by then is not waited for.
-const SPAN_MAX_S: f64 = 120.0;
-/// It ends after so many samples, whatever their times: a minute at 8 kHz.
-const SAMPLES_MAX: u64 = 500_000;
-/// A number beyond it is not judged: its square and products of squares must stay finite.
-const SENSE: f64 = 1e9;
-/// Rates at the end of the range that °/s make: a body that is thrown has a few.
-const CLIPPED_MIN: u64 = 50;
-/// Rates so far beyond the range that they were refused: no gyro gives one, and a spike on the wire is single.
-const SENSELESS_MIN: u64 = 5;
-/// Samples told to be refused or out of order before it is worth a word: a start and a restart of the device make one each.
-const STAMPS_MIN: u64 = 3;
-/// Rates that no gyro ends below, rad/s: the smallest usual range is 125 °/s.
-const RATE_RANGE_MIN_RAD_S: f64 = 2.0;
-/// Forces that no accelerometer ends below, m/s²: the smallest usual range is 2 g, less its error.
-const FORCE_RANGE_MIN_M_S2: f64 = 15.0;
+/// Interval between two evaluations, s of the samples' time. Equal to the longest window.
+const EVALUATION_INTERVAL_S: f64 = 2.0;
+/// Minimum number of samples for an evaluation, in total and since the previous one. The 10 %
+/// quantile needs that many.
+const MIN_EVALUATION_SAMPLES: u64 = 100;
+/// Minimum number of samples before the first evaluation. With times in a wrong unit, a few samples
+/// appear to span seconds.
+const MIN_INITIAL_SAMPLES: u64 = 200;
+/// Amount of usable motion after which the check ends, s: thirty windows, ten times what a
+/// diagnosis needs.
+const SUFFICIENT_MOTION_S: f64 = 60.0;
+/// Time after which the check ends even without motion, s.
+const MAX_SPAN_S: f64 = 120.0;
+/// Number of samples after which the check ends, whatever their times: one minute at 8 kHz.
+const MAX_SAMPLES: u64 = 500_000;
+/// Largest component that is checked. Its square and products of squares stay finite.
+const SQUARE_SAFE_MAX: f64 = 1e9;
+/// Minimum number of clipped rates for a diagnosis. A thrown body causes a few.
+const MIN_CLIPPED_RATES: u64 = 50;
+/// Minimum number of invalid rates for a diagnosis. A spike on the wire is a single one.
+const MIN_IMPLAUSIBLE_RATES: u64 = 5;
+/// Minimum number of timestamp faults for a diagnosis. A start or restart of a device causes one.
+const MIN_TIMESTAMP_FAULTS: u64 = 3;
+/// Smallest measuring range of a gyro, rad/s. The smallest usual range is 125 °/s.
+const MIN_RATE_RANGE_RAD_S: f64 = 2.0;
+/// Smallest measuring range of an accelerometer, m/s². The smallest usual range is 2 g, less its
+/// error.
+const MIN_FORCE_RANGE_M_S2: f64 = 15.0;
 
-/// Gathers samples and says what is wrong with them.
+/// Plausibility check of one stream of samples.
 #[derive(Debug, Clone)]
-pub struct Judge {
-    sizes: Sizes,
-    turning: Turning,
-    spinning: Spinning,
-    uprightness: Uprightness,
-    rate: Axes,
-    force: Axes,
+pub struct InputCheck {
+    magnitude: MagnitudeCheck,
+    gyro_axes: GyroAxesCheck,
+    rate_unit: RateUnitCheck,
+    orientation: OrientationCheck,
+    rate_axes: AxisMonitor,
+    force_axes: AxisMonitor,
     samples: u64,
     next_tick: u64,
     first_ns: Option<i64>,
     span_s: f64,
-    looked: (f64, u64),
-    rates_clipped: u64,
-    rates_senseless: u64,
-    refused: u64,
-    leaps: u64,
-    told: Vec<Mistake>,
-    ended: bool,
+    last_evaluation: (f64, u64),
+    clipped_rates: u64,
+    implausible_rates: u64,
+    rejected: u64,
+    clock_leaps: u64,
+    reported: Vec<InputIssue>,
+    finished: bool,
 }
 
-impl Default for Judge {
+impl Default for InputCheck {
     fn default() -> Self {
         Self {
-            sizes: Sizes::default(),
-            turning: Turning::default(),
-            spinning: Spinning::default(),
-            uprightness: Uprightness::default(),
-            rate: Axes::new("rate", "gyro", RATE_RANGE_MIN_RAD_S),
-            force: Axes::new("force", "accelerometer", FORCE_RANGE_MIN_M_S2),
+            magnitude: MagnitudeCheck::default(),
+            gyro_axes: GyroAxesCheck::default(),
+            rate_unit: RateUnitCheck::default(),
+            orientation: OrientationCheck::default(),
+            rate_axes: AxisMonitor::new("rate", "gyro", MIN_RATE_RANGE_RAD_S),
+            force_axes: AxisMonitor::new("force", "accelerometer", MIN_FORCE_RANGE_M_S2),
             samples: 0,
             next_tick: 0,
             first_ns: None,
             span_s: 0.0,
-            looked: (0.0, 0),
-            rates_clipped: 0,
-            rates_senseless: 0,
-            refused: 0,
-            leaps: 0,
-            told: Vec::new(),
-            ended: false,
+            last_evaluation: (0.0, 0),
+            clipped_rates: 0,
+            implausible_rates: 0,
+            rejected: 0,
+            clock_leaps: 0,
+            reported: Vec::new(),
+            finished: false,
         }
     }
 }
 
-impl Judge {
-    /// Takes a sample, and the field where one came with it. Gives what is found by it and was not told before: usually nothing.
-    pub fn take(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<Finding> {
+impl InputCheck {
+    /// Adds a sample and returns the diagnoses that are new with it, usually none.
+    ///
+    /// `mag` is the magnetometer sample of the same tick, if there is one.
+    pub fn update(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<Diagnosis> {
         let tick = imu.header.tick;
-        // A source that was started again gives again what it had given.
-        if self.ended || tick < self.next_tick || imu.header.flags.any(Flags::FAULT_INJECTED) {
+        // A restarted source sends samples again that were checked before.
+        if self.finished || tick < self.next_tick || imu.header.flags.any(Flags::FAULT_INJECTED) {
             return Vec::new();
         }
         if tick > self.next_tick {
             self.interrupt();
         }
         self.next_tick = tick + 1;
-        self.gather(imu, mag);
-        let due = self.samples >= FIRST_SAMPLES
-            && self.span_s - self.looked.0 >= LOOK_S
-            && self.samples - self.looked.1 >= LOOK_SAMPLES;
-        let over = self.samples >= FIRST_SAMPLES && self.span_s >= SPAN_MAX_S
-            || self.turning.seconds() >= MOTION_S
-            || self.samples >= SAMPLES_MAX;
-        if over {
+        self.record(imu, mag);
+        let is_due = self.samples >= MIN_INITIAL_SAMPLES
+            && self.span_s - self.last_evaluation.0 >= EVALUATION_INTERVAL_S
+            && self.samples - self.last_evaluation.1 >= MIN_EVALUATION_SAMPLES;
+        let is_complete = self.samples >= MIN_INITIAL_SAMPLES && self.span_s >= MAX_SPAN_S
+            || self.gyro_axes.motion_s() >= SUFFICIENT_MOTION_S
+            || self.samples >= MAX_SAMPLES;
+        if is_complete {
             return self.finish();
         }
-        if due { self.look() } else { Vec::new() }
+        if is_due { self.evaluate() } else { Vec::new() }
     }
 
-    /// It has said all that it will.
-    pub fn is_ended(&self) -> bool {
-        self.ended
+    /// Returns `true` if the check has ended and will report nothing further.
+    pub fn is_finished(&self) -> bool {
+        self.finished
     }
 
-    /// What is found at the end of the samples and was not told before.
-    pub fn finish(&mut self) -> Vec<Finding> {
-        if self.ended {
+    /// Ends the check and returns the remaining diagnoses.
+    pub fn finish(&mut self) -> Vec<Diagnosis> {
+        if self.finished {
             return Vec::new();
         }
-        self.ended = true;
-        self.look()
+        self.finished = true;
+        self.evaluate()
     }
 
-    fn gather(&mut self, imu: &ImuSample, mag: Option<&MagSample>) {
+    fn record(&mut self, imu: &ImuSample, mag: Option<&MagSample>) {
         let flags = imu.header.flags;
         self.samples += 1;
-        self.refused += u64::from(flags.any(Flags::REFUSED_BEFORE));
-        self.rates_clipped += u64::from(flags.any(Flags::RATE_CLIPPED));
-        self.rates_senseless += u64::from(flags.any(Flags::RATE_INVALID));
-        self.leaps += u64::from(flags.any(Flags::CLOCK_LEAP));
+        self.rejected += u64::from(flags.any(Flags::REFUSED_BEFORE));
+        self.clipped_rates += u64::from(flags.any(Flags::RATE_CLIPPED));
+        self.implausible_rates += u64::from(flags.any(Flags::RATE_INVALID));
+        self.clock_leaps += u64::from(flags.any(Flags::CLOCK_LEAP));
         let first_ns = *self.first_ns.get_or_insert(imu.header.t_end_ns);
         self.span_s = imu.header.t_end_ns.saturating_sub(first_ns) as f64 * 1e-9;
         let dt_s = imu.header.t_end_ns.saturating_sub(imu.header.t_start_ns) as f64 * 1e-9;
         if self.samples > 1 {
-            self.sizes.interval(dt_s);
+            self.magnitude.push_interval(dt_s);
         }
         match mag {
-            Some(mag) if is_sensible(mag.field_ut) => {
-                self.sizes.field(mag.field_ut);
-                self.uprightness.field(mag.field_ut);
+            Some(mag) if is_in_range(mag.field_ut) => {
+                self.magnitude.push_field(mag.field_ut);
+                self.orientation.push_field(mag.field_ut);
             }
             Some(_) => {}
-            None => self.sizes.field_refused(flags.any(Flags::FIELD_INVALID)),
+            None => self.magnitude.push_missing_field(flags.any(Flags::FIELD_INVALID)),
         }
-        if !is_sensible(imu.rate_rad_s) || !is_sensible(imu.force_m_s2) {
+        if !is_in_range(imu.rate_rad_s) || !is_in_range(imu.force_m_s2) {
             return self.interrupt();
         }
         if !flags.any(Flags::RATE_INVALID) {
-            self.rate.take(imu.rate_rad_s);
+            self.rate_axes.push(imu.rate_rad_s);
         }
         if flags.any(Flags::FORCE_INVALID) {
             return self.interrupt();
         }
-        self.force.take(imu.force_m_s2);
-        self.sizes.force(imu.force_m_s2);
+        self.force_axes.push(imu.force_m_s2);
+        self.magnitude.push_force(imu.force_m_s2);
         if flags.any(Flags::RATE_INVALID | Flags::GAP | Flags::CLOCK_LEAP | Flags::FORCE_STUCK) {
             return self.interrupt();
         }
-        self.uprightness.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
-        self.turning.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
-        self.spinning.take(dt_s, imu.rate_rad_s, imu.force_m_s2);
+        self.orientation.push(dt_s, imu.rate_rad_s, imu.force_m_s2);
+        self.gyro_axes.push(dt_s, imu.rate_rad_s, imu.force_m_s2);
+        self.rate_unit.push(dt_s, imu.rate_rad_s, imu.force_m_s2);
     }
 
-    /// What came before does not go on.
+    /// Discards open windows after a discontinuity.
     fn interrupt(&mut self) {
-        self.turning.interrupt();
-        self.spinning.interrupt();
+        self.gyro_axes.interrupt();
+        self.rate_unit.interrupt();
     }
 
-    fn look(&mut self) -> Vec<Finding> {
-        self.looked = (self.span_s, self.samples);
-        if self.samples < LOOK_SAMPLES {
+    fn evaluate(&mut self) -> Vec<Diagnosis> {
+        self.last_evaluation = (self.span_s, self.samples);
+        if self.samples < MIN_EVALUATION_SAMPLES {
             return Vec::new();
         }
         let mut found = Vec::new();
-        found.extend(self.sizes.interval_finding(self.leaps, self.samples));
-        let time_is_wrong = !found.is_empty();
-        if !time_is_wrong && self.refused + self.leaps >= STAMPS_MIN {
-            found.push(finding::stamps(self.refused, self.leaps, self.samples));
+        found.extend(self.magnitude.diagnose_interval(self.clock_leaps, self.samples));
+        let time_unit_is_wrong = !found.is_empty();
+        if !time_unit_is_wrong && self.rejected + self.clock_leaps >= MIN_TIMESTAMP_FAULTS {
+            found.push(diagnosis::timestamps(self.rejected, self.clock_leaps, self.samples));
         }
-        found.extend(self.sizes.force_finding(self.span_s));
-        let force_is_whole = !found.iter().any(|finding| finding.mistake == Mistake::GravityRemoved);
-        found.extend(self.sizes.field_finding());
-        if !time_is_wrong && force_is_whole {
-            found.extend(self.turning.finding());
-            if found.iter().all(|finding| !finding.mistake.is_of_turning()) {
-                found.extend(self.spinning.finding());
+        found.extend(self.magnitude.diagnose_force(self.span_s));
+        let has_gravity = !found.iter().any(|diagnosis| diagnosis.issue == InputIssue::GravityRemoved);
+        found.extend(self.magnitude.diagnose_field());
+        if !time_unit_is_wrong && has_gravity {
+            found.extend(self.gyro_axes.diagnose());
+            if found.iter().all(|diagnosis| !diagnosis.issue.is_gyro_mismatch()) {
+                found.extend(self.rate_unit.diagnose());
             }
-            if found.iter().all(|finding| !finding.mistake.is_of_turning())
-                && self.rates_clipped >= CLIPPED_MIN
-                && self.rates_senseless >= SENSELESS_MIN
+            if found.iter().all(|diagnosis| !diagnosis.issue.is_gyro_mismatch())
+                && self.clipped_rates >= MIN_CLIPPED_RATES
+                && self.implausible_rates >= MIN_IMPLAUSIBLE_RATES
             {
-                found.push(finding::rates_beyond(self.rates_clipped, self.rates_senseless));
+                found.push(diagnosis::rates_out_of_range(self.clipped_rates, self.implausible_rates));
             }
-            found.extend(self.uprightness.finding());
+            found.extend(self.orientation.diagnose());
         }
-        let rate_is_wrong = found.iter().any(|finding| finding.mistake == Mistake::RateUnit);
-        let turned = self.turning.is_enough();
-        found.extend(self.rate.finding(turned, rate_is_wrong));
-        found.extend(self.force.finding(turned, false));
-        found.retain(|finding| !self.told.contains(&finding.mistake));
-        self.told.extend(found.iter().map(|finding| finding.mistake));
+        let rate_unit_is_wrong = found.iter().any(|diagnosis| diagnosis.issue == InputIssue::RateUnit);
+        let has_rotated = self.gyro_axes.has_enough_windows();
+        found.extend(self.rate_axes.diagnose(has_rotated, rate_unit_is_wrong));
+        found.extend(self.force_axes.diagnose(has_rotated, false));
+        found.retain(|diagnosis| !self.reported.contains(&diagnosis.issue));
+        self.reported.extend(found.iter().map(|diagnosis| diagnosis.issue));
         found
     }
 }
 
-fn is_sensible(vector: [f64; 3]) -> bool {
-    vector.iter().all(|x| x.abs() < SENSE)
+fn is_in_range(vector: [f64; 3]) -> bool {
+    vector.iter().all(|x| x.abs() < SQUARE_SAFE_MAX)
 }
 
-/// What stamps show that nobody has conditioned yet.
+/// Counter of timestamp faults in readings that have not been conditioned.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Stamps {
-    /// Equal to the one before.
-    pub doubled: u64,
-    /// Earlier than the one before.
-    pub disordered: u64,
+pub struct TimestampCheck {
+    /// Number of timestamps equal to the previous one.
+    pub repeated: u64,
+    /// Number of timestamps earlier than the previous one.
+    pub out_of_order: u64,
     last_ns: Option<i64>,
 }
 
-impl Stamps {
-    /// Takes the stamp of a reading, ns.
-    pub fn take(&mut self, t_ns: i64) {
+impl TimestampCheck {
+    /// Adds the timestamp of a reading, ns.
+    pub fn push(&mut self, t_ns: i64) {
         if let Some(last_ns) = self.last_ns.replace(t_ns) {
-            self.doubled += u64::from(t_ns == last_ns);
-            self.disordered += u64::from(t_ns < last_ns);
+            self.repeated += u64::from(t_ns == last_ns);
+            self.out_of_order += u64::from(t_ns < last_ns);
         }
     }
 }

@@ -7,9 +7,9 @@ use serde::Serialize;
 use crate::KeysError;
 
 /// Longest name.
-const NAME_MAX: usize = 32;
+const MAX_NAME: usize = 32;
 /// Longest name of a host (RFC 1035, 2.3.4).
-const HOST_MAX: usize = 253;
+const MAX_HOST: usize = 253;
 
 /// What a party is there for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -47,7 +47,7 @@ impl Party {
     /// A party whose name is 1 to 32 of a-z, 0-9, - and _: a chunk of a key expression that means nothing else.
     pub fn new(role: Role, name: &str) -> Result<Self, KeysError> {
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
-        if !(1..=NAME_MAX).contains(&name.len()) || !name.chars().all(legal) {
+        if !(1..=MAX_NAME).contains(&name.len()) || !name.chars().all(legal) {
             return Err(KeysError::Name { name: name.into() });
         }
         Ok(Self { role, name: name.into() })
@@ -112,7 +112,7 @@ impl FromStr for Host {
         let label = |label: &str| {
             !label.is_empty() && !label.starts_with('-') && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
         };
-        let is_name = text.len() <= HOST_MAX && text.split('.').all(label);
+        let is_name = text.len() <= MAX_HOST && text.split('.').all(label);
         // An IPv4 address has the form of a name.
         if is_name {
             Ok(Self(text.into()))

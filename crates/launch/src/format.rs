@@ -1,75 +1,75 @@
-//! How the bytes of a port are to be read, and the keys that each format has.
+//! Byte formats of ports, and the keys of each format.
 
 use mapping::{FORCE, Mapping, MappingError, RATE};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     problem::{Problem, nearest},
-    walk::Section,
+    toml_reader::Section,
 };
 
-/// Bits of a counter.
+/// Allowed widths of a time counter, bits.
 const TIME_BITS: std::ops::RangeInclusive<u64> = 1..=63;
 
-/// How the bytes of a port are to be read.
+/// Format of the bytes from a port.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// Lines of numbers.
+    /// Lines of comma-separated numbers.
     Csv(Columns),
-    /// Messages of the schema, each with its length before it.
+    /// Protobuf messages, each preceded by its length.
     Protobuf,
     /// Frames of a WitMotion sensor.
     WitMotion(WitMotion),
     /// MTData2 of an Xsens MTi.
     Xsens {
-        /// What one unit of the magnetometer stands for, µT.
+        /// Scale of the magnetometer, µT per unit.
         field_unit_ut: f64,
     },
-    /// A BNO08x in its mode UART-RVC.
+    /// BNO08x in UART-RVC mode.
     Rvc,
-    /// The IMU and the receiver of an autopilot.
+    /// IMU and receiver of an autopilot.
     Mavlink(Autopilot),
 }
 
-/// Which column is what, in the words of `plumb import`.
+/// Meaning of the columns, as for `plumb import`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Columns {
-    /// `WHAT=COLUMN` with commas between them; empty where columns are called as what they are.
+    /// Comma-separated pairs `QUANTITY=COLUMN`. Empty if columns are named by their quantity.
     pub map: String,
-    /// Units with commas between them; empty for SI units.
+    /// Comma-separated units. Empty for SI units.
     pub units: String,
-    /// Axes; empty for `rfu`.
+    /// Axes. Empty for `rfu`.
     pub frame: String,
-    /// The names of the columns in their order, with commas between them; empty where a line names them.
+    /// Comma-separated column names in order. Empty if a header line names them.
     pub columns: String,
-    /// The time is a counter of so many bits; 0 if it is none.
+    /// Width of the time counter, bits. 0 if the time does not wrap.
     pub time_bits: u64,
 }
 
-/// What the numbers of a WitMotion sensor stand for.
+/// Scales of a WitMotion sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WitMotion {
-    /// Range of the accelerometer, g.
+    /// Measuring range of the accelerometer, g.
     pub range_g: f64,
-    /// Range of the gyro, °/s.
+    /// Measuring range of the gyro, °/s.
     pub range_deg_s: f64,
-    /// What one unit of the magnetometer stands for, µT; 0 where it is not to be used.
+    /// Scale of the magnetometer, µT per unit. 0 to ignore the magnetometer.
     pub field_unit_ut: f64,
 }
 
-/// What is read of an autopilot.
+/// Selection of an autopilot's messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Autopilot {
-    /// The system to hear; 0 for the first that is heard.
+    /// MAVLink system id. 0 for the first system that is received.
     pub system: u64,
-    /// The message with rate and force; none for the first that comes.
+    /// Message with rate and force. `None` for the first that is received.
     pub imu: Option<ImuMessage>,
-    /// The message with the velocity; none where it is not to be used.
+    /// Message with the velocity. `None` to ignore fixes.
     pub fix: Option<FixMessage>,
 }
 
-/// A message of MAVLink with rate and force.
+/// MAVLink message with rate and force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ImuMessage {
     /// HIGHRES_IMU.
@@ -80,11 +80,11 @@ pub enum ImuMessage {
     ScaledImu2,
     /// SCALED_IMU3.
     ScaledImu3,
-    /// RAW_IMU, whose numbers are mrad/s, mg and mgauss, as ArduPilot sends them.
+    /// RAW_IMU, with the units of ArduPilot: mrad/s, mg and mgauss.
     RawImu,
 }
 
-/// A message of MAVLink with a velocity over ground.
+/// MAVLink message with a velocity over ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FixMessage {
     /// GPS_RAW_INT.
@@ -93,7 +93,7 @@ pub enum FixMessage {
     GlobalPositionInt,
 }
 
-/// How the bytes of a receiver are to be read.
+/// Format of the bytes from a satellite receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ReceiverFormat {
@@ -110,7 +110,7 @@ impl Default for Format {
 }
 
 impl Format {
-    /// Its name in a launch file.
+    /// Returns the name of the format in a launch file.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::Csv(_) => "csv",
@@ -122,17 +122,17 @@ impl Format {
         }
     }
 
-    /// Its messages are lines, and end where a line, a datagram or the input ends.
+    /// Returns `true` for lines of text, which end with a newline, the datagram or the input.
     pub const fn is_text(&self) -> bool {
         matches!(self, Self::Csv(_))
     }
 
-    /// What the first system that is heard sends.
+    /// Returns the default MAVLink format: the first system that is received, with GPS fixes.
     pub(crate) const fn mavlink() -> Self {
         Self::Mavlink(Autopilot { system: 0, imu: None, fix: Some(FixMessage::GpsRawInt) })
     }
 
-    /// Every format with its settings as devices leave the factory.
+    /// Returns every format with the factory settings of the devices.
     fn all() -> [Self; 6] {
         let wit_motion = WitMotion { range_g: 16.0, range_deg_s: 2000.0, field_unit_ut: 0.1 };
         [
@@ -145,10 +145,10 @@ impl Format {
         ]
     }
 
-    /// The keys of MAVLink, where it is that.
+    /// Reads the keys of the MAVLink format. Does nothing for other formats.
     pub(crate) fn mavlink_keys(&mut self, section: &mut Section<'_, '_>) {
         let Self::Mavlink(Autopilot { system, imu, fix }) = self else { return };
-        section.count("system", 0..=255, system);
+        section.integer("system", 0..=255, system);
         let messages = [
             ("first", None),
             ("highres_imu", Some(ImuMessage::HighresImu)),
@@ -168,7 +168,7 @@ impl Format {
 }
 
 impl ReceiverFormat {
-    /// Its name in a launch file.
+    /// Returns the name of the format in a launch file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ubx => "ubx",
@@ -180,20 +180,24 @@ impl ReceiverFormat {
 }
 
 impl Columns {
-    /// Which column is what.
+    /// Returns the mapping from columns to quantities.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if `map`, `units` or `frame` is invalid.
     pub fn mapping(&self) -> Result<Mapping, MappingError> {
-        let said = |text: &String| Some(text.clone()).filter(|text| !text.is_empty());
-        let maps: Vec<_> = said(&self.map).into_iter().collect();
-        Mapping::parse_live(&maps, said(&self.units).as_deref(), said(&self.frame).as_deref())
+        let non_empty = |text: &String| Some(text.clone()).filter(|text| !text.is_empty());
+        let maps: Vec<_> = non_empty(&self.map).into_iter().collect();
+        Mapping::parse_live(&maps, non_empty(&self.units).as_deref(), non_empty(&self.frame).as_deref())
     }
 
-    /// The names of the columns, where they are said.
+    /// Returns the column names, or `None` if a header line names them.
     pub fn names(&self) -> Option<Vec<String>> {
         (!self.columns.is_empty()).then(|| self.columns.split(',').map(|name| name.trim().to_owned()).collect())
     }
 }
 
-/// The format and its keys.
+/// Reads `format` and its keys.
 pub(crate) fn stream_format(section: &mut Section<'_, '_>, out: &mut Format) {
     let all = Format::all().map(|format| (format.name(), format));
     let mut chosen = out.clone();
@@ -216,34 +220,34 @@ pub(crate) fn stream_format(section: &mut Section<'_, '_>, out: &mut Format) {
 
 fn csv(section: &mut Section<'_, '_>, out: &mut Columns) {
     let text = |text: &str| Some(text.to_owned());
-    section.text("map", r#"pairs as "gx=gyro_x,ax=acc_x""#, text, &mut out.map);
-    section.text("units", r#"units as "deg/s,g""#, text, &mut out.units);
-    section.text("frame", r#"axes as "frd""#, text, &mut out.frame);
-    section.text("columns", r#"names as "t,gx,gy,gz,ax,ay,az""#, text, &mut out.columns);
-    section.count("time_bits", TIME_BITS, &mut out.time_bits);
+    section.parsed("map", r#"pairs as "gx=gyro_x,ax=acc_x""#, text, &mut out.map);
+    section.parsed("units", r#"units as "deg/s,g""#, text, &mut out.units);
+    section.parsed("frame", r#"axes as "frd""#, text, &mut out.frame);
+    section.parsed("columns", r#"names as "t,gx,gy,gz,ax,ay,az""#, text, &mut out.columns);
+    section.integer("time_bits", TIME_BITS, &mut out.time_bits);
     let mut report = |key: &'static str, found: String, help: Option<String>| {
         let span = section.span(key).or_else(|| section.span("format")).unwrap_or_default();
-        section.report(Problem { help, ..Problem::new(span, format!("{key}: {found}"), "this cannot be read") });
+        section.report(Problem { help, ..Problem::new(span, format!("{key}: {found}"), "invalid") });
     };
     let mapping = match out.mapping() {
         Ok(mapping) => mapping,
-        Err(error) => return report(error.about(), error.to_string(), None),
+        Err(error) => return report(error.setting(), error.to_string(), None),
     };
     if let Some(names) = out.names() {
         let names: Vec<_> = names.iter().map(String::as_str).collect();
         if let Some(missing) = missing(&mapping, &names) {
             let help = nearest(missing, &names).map(|near| format!("did you mean {near:?}?"));
-            report("columns", format!("found no {missing:?} among them"), help);
+            report("columns", format!("the column {missing:?} is missing"), help);
         }
     }
-    if out.time_bits > 0 && mapping.period_ns(out.time_bits).is_none() {
-        report("time_bits", "a counter that begins again within 292 years was expected".into(), None);
+    if out.time_bits > 0 && mapping.wrap_period_ns(out.time_bits).is_none() {
+        report("time_bits", "expected a counter that wraps within 292 years".into(), None);
     }
 }
 
-/// A column that must be there and is not.
+/// Returns a required column that is not among `names`.
 fn missing<'m>(mapping: &'m Mapping, names: &[&str]) -> Option<&'m str> {
     let needed = RATE.into_iter().chain(FORCE).filter_map(|target| mapping.column(target));
-    let said = mapping.columns().filter(|_| mapping.is_said()).map(|(_, column)| column);
-    needed.chain(said).find(|column| !names.contains(column))
+    let mapped = mapping.columns().filter(|_| mapping.is_explicit()).map(|(_, column)| column);
+    needed.chain(mapped).find(|column| !names.contains(column))
 }

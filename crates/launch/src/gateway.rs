@@ -1,66 +1,66 @@
-//! What goes beyond the board, and to where: `[gateway]`.
+//! Connections to other hosts, and the topics sent: `[gateway]`.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
 use graph::Topic;
 use serde::{Deserialize, Serialize};
 
-/// What goes beyond the board, and to where.
+/// Settings of the gateway, which connects the system to other hosts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gateway {
-    /// The vehicle's name beyond the board; the system's name where there is none.
+    /// Name of the vehicle towards other hosts. `None` to use the system's name.
     pub vehicle: Option<String>,
-    /// Where others may connect, as `tcp/127.0.0.1:7447` or `quic/0.0.0.0:7447`; a port of the loopback that is taken is passed over for
-    /// the next free one.
+    /// Endpoints to listen at, such as `tcp/127.0.0.1:7447` or `quic/0.0.0.0:7447`. If a port on
+    /// the loopback is in use, the next free one is taken.
     pub listen: Vec<String>,
-    /// Whom it connects to: routers and stations.
+    /// Endpoints of routers and stations to connect to.
     pub connect: Vec<String>,
-    /// Messages per second of a topic at most, Hz: a topic that is faster goes several samples to a message; a path that is not is waited
-    /// for, and goes out at once.
+    /// Maximum message rate of a topic, Hz. A faster topic is sent with several samples per
+    /// message, and a slower one without delay.
     pub messages_hz: f64,
-    /// How much of each topic goes out, by its name; nothing of a topic that is not there.
-    pub rates: BTreeMap<String, Rate>,
-    /// Topics that slots on other hosts take part in: each tick goes out, and again to who missed it.
+    /// Rate at which each topic is sent, by its name. Topics without an entry are not sent.
+    pub rates: BTreeMap<String, TopicRate>,
+    /// Topics for slots on other hosts. Every tick is sent, and again to a host that missed it.
     pub export: Vec<String>,
-    /// For how long exported ticks are kept for a host that was cut off, s.
+    /// Time for which exported ticks are kept for a disconnected host, s.
     pub cache_s: f64,
-    /// What comes from the slots of another host.
+    /// Topics imported from the slots of another host.
     pub import: Option<Import>,
-    /// The certificates of mutual TLS.
+    /// Certificates of mutual TLS.
     pub tls: Option<Tls>,
-    /// A file with Zenoh's `access_control`: who may do what.
+    /// File with Zenoh's `access_control`, the permissions of each client.
     pub access: Option<PathBuf>,
 }
 
-/// How much of a topic goes out.
+/// Rate at which a topic is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum Rate {
+pub enum TopicRate {
     /// Every sample.
     All,
-    /// So many samples a second of the source's time, Hz.
+    /// Samples per second of the source's time, Hz.
     Hz(f64),
 }
 
-/// The certificates of mutual TLS, PEM.
+/// Certificates and key of mutual TLS, PEM.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Tls {
-    /// Of the authority that has signed everybody's.
+    /// File with the certificate of the common authority.
     pub ca: PathBuf,
-    /// This vehicle's.
+    /// File with the certificate of this vehicle.
     pub cert: PathBuf,
-    /// The key to it.
+    /// File with the private key of this vehicle.
     pub key: PathBuf,
 }
 
 impl Default for Gateway {
     fn default() -> Self {
         let rates = [
-            (Topic::Attitude, Rate::Hz(50.0)),
-            (Topic::Fused, Rate::Hz(10.0)),
-            (Topic::Gnss, Rate::All),
-            (Topic::Difference, Rate::All),
-            (Topic::Control, Rate::All),
-            (Topic::Health, Rate::All),
+            (Topic::Attitude, TopicRate::Hz(50.0)),
+            (Topic::Fused, TopicRate::Hz(10.0)),
+            (Topic::Gnss, TopicRate::All),
+            (Topic::Difference, TopicRate::All),
+            (Topic::Control, TopicRate::All),
+            (Topic::Health, TopicRate::All),
         ];
         Self {
             vehicle: None,
@@ -77,17 +77,17 @@ impl Default for Gateway {
     }
 }
 
-/// Topics that come from another host.
+/// Topics imported from another host.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Import {
-    /// The name of the other's gateway beyond its board.
+    /// Vehicle name of the other host's gateway.
     pub vehicle: String,
-    /// Which ones.
+    /// Names of the topics.
     pub topics: Vec<String>,
 }
 
 impl Gateway {
-    /// Slots of the system are on other hosts.
+    /// Returns `true` if slots of the system run on other hosts.
     pub fn is_split(&self) -> bool {
         !self.export.is_empty() || self.import.is_some()
     }

@@ -1,66 +1,70 @@
-//! The launch file: everything that runs, declared in one place.
+//! Launch file: the declaration of everything that runs in a system.
 //!
-//! Input: the text of a `launch.toml`. Output: a [`Launch`] in which every value is present and allowed. Time: none.
-//! Failure: every problem of the file at once, each pointing at its line; nothing that is not understood is passed over.
+//! Input: the text of a `launch.toml`.
 //!
-//! | module | what it holds |
+//! Output: a [`Launch`] in which every value is present and valid.
+//!
+//! Failure: all problems of the file at once, each with its line. Unknown keys are rejected.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | `model` | what a launch file says, and the defaults |
-//! | `schema` | which keys there are, and what each may be |
-//! | `filling` | what may fill a slot |
-//! | `live` | sources that are read while they send |
-//! | `format` | how the bytes of a port are to be read |
+//! | `model` | contents of a launch file, and the defaults |
+//! | `schema` | keys and their allowed values |
+//! | `slot_stage` | stages allowed in a slot |
+//! | `live_sources` | sources that send in real time |
+//! | `format` | byte formats of ports |
 //! | `source_uri` | a source in one line |
-//! | `sensors` | how the sensors are calibrated and mounted |
-//! | `north` | from which north a course is counted |
-//! | `output` | in which frame the attitude leaves the system |
-//! | `gateway` | what goes beyond the board, and to where |
-//! | `cockpit` | where the system is shown in a browser |
-//! | `endpoint` | how far the gateway's endpoints reach |
+//! | `sensors` | calibration and mounting of the sensors |
+//! | `north` | north reference of the course |
+//! | `output` | reference frame of published attitudes |
+//! | `gateway` | connections to other hosts, and the topics sent |
+//! | `gateway_section` | keys of `[gateway]` |
+//! | `cockpit` | web page of the system |
+//! | `endpoint` | reach and security of the gateway's endpoints |
 //! | `split` | one system on several hosts |
-//! | `fault` | what the sensors are made to do wrong |
-//! | `program` | stages of the user's own |
-//! | `watch` | stages that take over by themselves |
-//! | `walk` | reading a table key by key |
-//! | `problem` | what is wrong with a file, and how it is shown |
+//! | `fault` | injection of sensor faults |
+//! | `external_stage` | user-defined stages |
+//! | `promotion_rule` | automatic promotion of a stage |
+//! | `toml_reader` | reading a TOML table key by key |
+//! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
 mod cockpit;
 mod endpoint;
 mod fault;
-mod filling;
+mod slot_stage;
 mod format;
 mod gateway;
 mod gateway_section;
-mod live;
+mod live_sources;
 mod model;
 mod north;
 mod output;
 mod problem;
-mod program;
+mod external_stage;
 mod schema;
 mod sensors;
 mod source_uri;
 mod split;
-mod walk;
-mod watch;
+mod toml_reader;
+mod promotion_rule;
 
 pub use graph::Service;
 
 pub use cockpit::{Cockpit, CockpitTls};
-pub use fault::{DELAY_READINGS_MAX, FAULTS_MAX, Fault, FaultKind, Sensor};
-pub use filling::UnknownStage;
+pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
+pub use slot_stage::UnknownStage;
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
-pub use gateway::{Gateway, Import, Rate, Tls};
-pub use live::{Clock, IioDevice, Live, Port, Ported, ReceiverSource, Stream};
+pub use gateway::{Gateway, Import, TopicRate, Tls};
+pub use live_sources::{Clock, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
 pub use model::{
     BusSource, Calibration, Calibrations, Gnss, GyroSamples, Ingest, Launch, Limits, OnLimit, Replay, Restart, Sim,
-    Source, Stage, StateFile, TOPIC_MESSAGES_MAX,
+    Source, StageConfig, StateFile, MAX_TOPIC_MESSAGES,
 };
-pub use north::{Date, MODEL_YEARS, North, Position};
+pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
-pub use problem::{LaunchError, Problems, counted, nearest};
-pub use program::Program;
-pub use source_uri::{replayed, with_lines};
-pub use split::CACHE_TICKS_MAX;
-pub use watch::{Measure, Watch};
+pub use problem::{LaunchError, Problems, pluralize, nearest};
+pub use external_stage::ExternalStage;
+pub use source_uri::{replay_path, with_overrides};
+pub use split::MAX_CACHE_TICKS;
+pub use promotion_rule::{Measure, PromotionRule};

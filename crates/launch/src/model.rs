@@ -1,4 +1,4 @@
-//! What a launch file says, and the defaults.
+//! Contents of a launch file, and the defaults.
 
 use attitude::{
     Matrix3,
@@ -11,142 +11,146 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
-    cockpit::Cockpit, fault::Fault, gateway::Gateway, live::Live, north::North, output::Output, program::Program,
-    watch::Watch,
+    cockpit::Cockpit, fault::Fault, gateway::Gateway, live_sources::LiveSources, north::NorthReference, output::Output, external_stage::ExternalStage,
+    promotion_rule::PromotionRule,
 };
 
-/// Messages that a topic holds for a reader at most: 13 MB of the largest.
-pub const TOPIC_MESSAGES_MAX: usize = 65_536;
+/// Maximum number of messages that a topic holds for a subscriber: 13 MB of the largest.
+pub const MAX_TOPIC_MESSAGES: usize = 65_536;
 
-/// One running system.
+/// Declaration of one system.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Launch {
-    /// The system's name, 1 to 32 of a–z, 0–9, `_` and `-`; one running system per name.
+    /// Name of the system: 1 to 32 of a–z, 0–9, `_` and `-`. Each name can run only once.
     pub name: String,
-    /// Every service of the data path once, and what is to run beside it, in the order they are started.
+    /// Services in the order in which they are started: every service of the data path once, and
+    /// optional ones.
     pub services: Vec<Service>,
-    /// How much every topic holds before its oldest sample is overwritten, s.
+    /// Time span of messages that every topic holds before it overwrites the oldest, s.
     pub buffer_s: f64,
-    /// How far ahead of a missing input another must be for a join to go on without it, s; less than `buffer_s`.
+    /// Lead of another input after which a join gives up a missing one, s. Less than `buffer_s`.
     pub lateness_s: f64,
-    /// Where what outlives a stop of the whole system is kept.
+    /// Location of the state that outlives a stop of the whole system.
     pub state_file: StateFile,
-    /// When a service that ended is started again, and when no more.
+    /// Rules for restarting services.
     pub restart: Restart,
-    /// A script of faults is allowed.
+    /// Whether fault injection is allowed.
     pub faults: bool,
-    /// In which frame the attitude leaves the system.
+    /// Reference frame of published attitudes.
     pub output: Output,
-    /// What goes beyond the board, if the gateway is among the services.
+    /// Settings of the gateway, if it is among the services.
     pub gateway: Gateway,
-    /// Where the system is shown, if the cockpit is among the services.
+    /// Settings of the cockpit, if it is among the services.
     pub cockpit: Cockpit,
-    /// Where samples come from, and what is wrong with a sample.
+    /// Source of samples, and their limits and calibration.
     pub ingest: Ingest,
-    /// Programs of the user's own that may fill a slot, by name.
-    pub stages: BTreeMap<String, Program>,
-    /// Stages that take over by themselves; one of each slot at most.
-    pub watch: Vec<Watch>,
-    /// Which of `attitude::gyro::Gyro::NAMES` runs.
-    pub gyro: Stage,
-    /// Which of `attitude::accel::Accelerometer::NAMES` runs.
-    pub accel: Stage,
-    /// Which of `attitude::fuser::Fuser::NAMES` runs.
-    pub fuser: Stage,
-    /// Which of `attitude::course::Course::NAMES` runs.
-    pub course: Stage,
-    /// From which north its course is counted.
-    pub north: North,
+    /// User-defined stages by name.
+    pub stages: BTreeMap<String, ExternalStage>,
+    /// Rules for automatic promotion, at most one per slot.
+    pub watch: Vec<PromotionRule>,
+    /// Stage of the gyro slot, one of `attitude::gyro::Gyro::NAMES` or of `stages`.
+    pub gyro: StageConfig,
+    /// Stage of the accel slot, one of `attitude::accel::Accelerometer::NAMES` or of `stages`.
+    pub accel: StageConfig,
+    /// Stage of the fuser slot, one of `attitude::fuser::Fuser::NAMES` or of `stages`.
+    pub fuser: StageConfig,
+    /// Stage of the course slot, one of `attitude::course::Course::NAMES` or of `stages`.
+    pub course: StageConfig,
+    /// North reference of the course.
+    pub north: NorthReference,
 }
 
-/// Where what outlives a stop of the whole system is kept.
+/// Location of the state that outlives a stop of the whole system.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StateFile {
-    /// With sensors on the bus in a file of the system's name, in the folder that is the user's for such files; else nowhere.
+    /// For sensors on the bus, a file named after the system in the user's state folder. Otherwise
+    /// none.
     Auto,
-    /// Nowhere.
+    /// No state file.
     Off,
-    /// In this file, of a simulation in real time too. [`Launch::read`] has put the launch file's folder before a relative path.
+    /// This file, also for a simulation in real time. [`Launch::read`] makes a relative path
+    /// relative to the launch file's folder.
     File(PathBuf),
 }
 
-/// When a service that ended is started again, and when no more.
+/// Rules for restarting a service that ended.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Restart {
-    /// A service that says nothing for so long is killed and started again, s.
+    /// Time without a health message after which a service is killed and restarted, s.
     pub silence_s: f64,
-    /// An incarnation shorter than this counts as a failure, a longer one clears the count, s.
-    pub settled_s: f64,
-    /// The pause before the third incarnation in a row that follows a failure; it doubles with each, s.
+    /// Shortest run that does not count as a failure, s. A longer one resets the count.
+    pub min_uptime_s: f64,
+    /// Pause after the second failure in a row, s. Doubles with each further failure.
     pub backoff_s: f64,
-    /// The longest pause, s.
+    /// Longest pause, s.
     pub backoff_max_s: f64,
-    /// After more failures in a row than this the service has failed.
+    /// Number of failures in a row after which one more is final.
     pub limit: u64,
-    /// What happens then.
+    /// Reaction to the final failure.
     pub on_limit: OnLimit,
 }
 
-/// What happens when a service has failed.
+/// Reaction to the final failure of a service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum OnLimit {
     /// The system ends.
     Stop,
-    /// The service stays away; the others go on with what there is.
+    /// The service is not restarted, and the other services continue.
     Degrade,
-    /// It is tried again after the longest pause, without end.
-    Hold,
+    /// The service is restarted after the longest pause, without limit.
+    Retry,
 }
 
-/// What fills a slot.
+/// Stage of a slot with its parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Stage {
-    /// The stage's name: one of the slot's `NAMES`, or of [`Launch::stages`].
+pub struct StageConfig {
+    /// Name of the stage: one of the slot's `NAMES` or of [`Launch::stages`].
     pub stage: String,
-    /// Its parameters that are not to have their defaults, by name.
+    /// Parameters that differ from their defaults, by name.
     pub set: BTreeMap<String, f64>,
 }
 
-/// Where samples come from, and what is wrong with a sample.
+/// Source of samples, and their limits, calibration, mounting and faults.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ingest {
-    /// Which of the sources below is used.
+    /// Selected source.
     pub source: Source,
-    /// The simulated sensors.
+    /// Settings of simulated sensors.
     pub sim: Sim,
-    /// The recorded flight.
+    /// Settings of a recorded flight.
     pub replay: Replay,
-    /// The samples another process publishes.
+    /// Settings of samples published on the bus by another process.
     pub bus: BusSource,
-    /// What is read while it is sent.
-    pub live: Live,
-    /// What is flagged.
+    /// Settings of sources that send in real time.
+    pub live: LiveSources,
+    /// Limits beyond which samples are flagged.
     pub limits: Limits,
-    /// What the sensors' readings are in the sensors' axes.
+    /// Calibration of each sensor, in sensor axes.
     pub calibration: Calibrations,
-    /// The rotation from the sensors' axes to the body's, v_body = M v_sensor, row by row.
+    /// Rotation matrix from sensor axes to body axes, v_body = M v_sensor, row by row.
     pub mounting: [[f64; 3]; 3],
-    /// What the sensors are made to do wrong, in the order in which it is done to a reading; [`FAULTS_MAX`](crate::FAULTS_MAX) at most.
+    /// Injected faults in the order in which they are applied, at most
+    /// [`MAX_FAULTS`](crate::MAX_FAULTS).
     pub faults: Vec<Fault>,
 }
 
-/// The calibration of each sensor.
+/// Calibrations of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Calibrations {
-    /// Raw to rad/s.
+    /// Calibration from raw units to rad/s.
     pub gyro: Calibration,
-    /// Raw to m/s².
+    /// Calibration from raw units to m/s².
     pub accel: Calibration,
-    /// Raw to µT.
+    /// Calibration from raw units to µT.
     pub mag: Calibration,
 }
 
-/// The calibration of a sensor with three axes: out = M (raw − bias).
+/// Calibration of a sensor with three axes: out = M (raw − bias).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// In raw units.
+    /// Bias in raw units.
     pub bias: [f64; 3],
-    /// SI units (µT) per raw unit, row by row.
+    /// Matrix in SI units (µT for fields) per raw unit, row by row.
     pub matrix: [[f64; 3]; 3],
 }
 
@@ -157,39 +161,47 @@ impl Default for Calibration {
 }
 
 impl Calibration {
-    /// It as what acts on readings.
-    pub fn acting(&self) -> Result<calibration::Calibration, CalibrationError> {
+    /// Converts it to a calibration that can be applied to readings.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the values are not a valid calibration.
+    pub fn to_calibration(&self) -> Result<calibration::Calibration, CalibrationError> {
         let matrix = Matrix3::from_fn(|row, column| self.matrix[row][column]);
         calibration::Calibration::new(self.bias.into(), matrix)
     }
 }
 
-/// No turn, no scale.
+/// Identity matrix.
 pub(crate) const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// Simulated sensors on a body in motion.
+/// Settings of simulated sensors on a moving body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sim {
-    /// The motion, one of `scenario::Motion::NAMES`.
+    /// Name of the motion, one of `scenario::Motion::NAMES`.
     pub scenario: String,
-    /// Samples per second, Hz.
+    /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Seed of the noise; the same seed gives the same samples. At most `i64::MAX`.
+    /// Seed of the noise, at most `i64::MAX`. The same seed gives the same samples.
     pub seed: u64,
-    /// What is otherwise than in the scenario, by the names of `scenario::PARAMETERS`.
+    /// Parameters that differ from the scenario, by the names of `scenario::PARAMETERS`.
     #[serde(default)]
     pub set: BTreeMap<String, f64>,
 }
 
 impl Sim {
-    /// The scenario as it is set.
+    /// Returns the scenario with all parameters applied.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the scenario or a parameter is unknown or not allowed.
     pub fn scenario(&self) -> Result<Scenario, ScenarioError> {
         let mut scenario = Scenario::named(&self.scenario)?.with_seed(self.seed).with_rate_hz(self.rate_hz);
         self.set.iter().try_for_each(|(name, value)| scenario.set(name, *value))?;
         Ok(scenario)
     }
 
-    /// What a rate sample of the scenario says about its interval.
+    /// Returns the meaning of the scenario's rate samples within their intervals.
     pub fn gyro_samples(&self) -> GyroSamples {
         match Scenario::named(&self.scenario).map(|scenario| scenario.rate_kind) {
             Ok(RateKind::Mean) => GyroSamples::Means,
@@ -198,55 +210,56 @@ impl Sim {
     }
 }
 
-/// A recorded flight.
+/// Settings of a recorded flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Replay {
-    /// The recording; empty if none is named. [`Launch::read`] has put the launch file's folder before a relative path.
+    /// Path of the recording, empty if not set. [`Launch::read`] makes a relative path relative to
+    /// the launch file's folder.
     pub file: PathBuf,
-    /// What a rate sample says about its interval.
+    /// Meaning of a rate sample within its interval.
     pub gyro_samples: GyroSamples,
-    /// The magnetometer's columns are used.
+    /// Whether the magnetometer columns are used.
     pub mag: bool,
-    /// Where the satellite receiver's fixes are.
+    /// Location of the satellite receiver's fixes.
     pub gnss: Gnss,
 }
 
-/// Where the fixes that go with a recording are.
+/// Location of the fixes of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Gnss {
-    /// In `NAME_gnss.csv` beside `NAME_imu.csv` or `NAME_imu.csv.gz`, if that is there.
+    /// `NAME_gnss.csv` in the folder of `NAME_imu.csv` or `NAME_imu.csv.gz`, if it exists.
     Auto,
-    /// Nowhere.
+    /// No fixes.
     Off,
-    /// In this file.
+    /// This file.
     File(PathBuf),
 }
 
-/// Samples that another process publishes on the bus.
+/// Settings of samples published on the bus by another process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BusSource {
-    /// Nominal samples per second, Hz.
+    /// Nominal sample rate, Hz.
     pub rate_hz: f64,
-    /// What a rate sample says about its interval.
+    /// Meaning of a rate sample within its interval.
     pub gyro_samples: GyroSamples,
 }
 
-/// What is flagged in the samples.
+/// Limits beyond which samples are flagged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// A rate at or beyond it is flagged as clipped, °/s.
+    /// Rate at and beyond which a sample is flagged as clipped, °/s.
     pub rate_max_deg_s: f64,
-    /// A specific force at or beyond it is flagged as clipped, g.
+    /// Specific force at and beyond which a sample is flagged as clipped, g.
     pub force_max_g: f64,
-    /// A longer interval between samples is flagged as a gap, s.
+    /// Longest interval between samples that is not flagged as a gap, s.
     pub gap_s: f64,
-    /// A sensor that repeats itself for so long is flagged as stuck, s.
+    /// Time after which a sensor with constant output is flagged as stuck, s.
     pub stuck_s: f64,
-    /// A component of the magnetic field at or beyond it makes the sample worthless, µT.
+    /// Component of the magnetic field at and beyond which the field sample is rejected, µT.
     pub field_max_ut: f64,
 }
 
-/// Where samples come from.
+/// Source of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Source {
@@ -258,33 +271,33 @@ pub enum Source {
     Bus,
     /// Standard input of the supervisor.
     Stdin,
-    /// Datagrams.
+    /// UDP datagrams.
     Udp,
-    /// A connection.
+    /// TCP connection.
     Tcp,
-    /// A serial line.
+    /// Serial line.
     Serial,
-    /// An autopilot.
+    /// Autopilot over MAVLink.
     Mavlink,
-    /// A device of Linux industrial I/O.
+    /// Device of Linux industrial I/O.
     Iio,
 }
 
-/// What a rate sample says about its interval.
+/// Meaning of a rate sample within its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GyroSamples {
-    /// The mean over the interval.
+    /// Mean over the interval.
     Means,
-    /// The value at the interval's end.
+    /// Value at the end of the interval.
     Instants,
 }
 
 impl GyroSamples {
-    /// Both with their names.
+    /// All values with their names.
     pub(crate) const ALL: [(&str, Self); 2] = [("means", Self::Means), ("instants", Self::Instants)];
 
-    /// The same to the stages.
+    /// Returns the corresponding kind for the stages.
     pub fn rate_kind(self) -> RateKind {
         match self {
             Self::Means => RateKind::Mean,
@@ -295,7 +308,7 @@ impl GyroSamples {
 
 impl Default for Launch {
     fn default() -> Self {
-        let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
+        let stage = |name: &str| StageConfig { stage: name.into(), set: BTreeMap::new() };
         Self {
             name: "plumbline".into(),
             services: Service::PATH.into(),
@@ -304,7 +317,7 @@ impl Default for Launch {
             state_file: StateFile::Auto,
             restart: Restart {
                 silence_s: 0.5,
-                settled_s: 1.0,
+                min_uptime_s: 1.0,
                 backoff_s: 0.05,
                 backoff_max_s: 2.0,
                 limit: 10,
@@ -319,7 +332,7 @@ impl Default for Launch {
                 sim: Sim { scenario: "s1".into(), rate_hz: 1000.0, seed: 1, set: BTreeMap::new() },
                 replay: Replay { file: PathBuf::new(), gyro_samples: GyroSamples::Means, mag: true, gnss: Gnss::Auto },
                 bus: BusSource { rate_hz: 1000.0, gyro_samples: GyroSamples::Means },
-                live: Live::default(),
+                live: LiveSources::default(),
                 limits: Limits {
                     rate_max_deg_s: 2000.0,
                     force_max_g: 16.0,
@@ -337,14 +350,14 @@ impl Default for Launch {
             accel: stage("projector"),
             fuser: stage("multiple-model"),
             course: stage("angles"),
-            north: North::default(),
+            north: NorthReference::default(),
         }
     }
 }
 
 impl Launch {
-    /// What fills a slot; `None` for a service that has no stage.
-    pub fn slot(&self, service: Service) -> Option<&Stage> {
+    /// Returns the stage of a slot, or `None` for a service without one.
+    pub fn stage(&self, service: Service) -> Option<&StageConfig> {
         match service {
             Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&self.gyro),
@@ -354,8 +367,8 @@ impl Launch {
         }
     }
 
-    /// What fills a slot, to be swapped.
-    pub fn slot_mut(&mut self, service: Service) -> Option<&mut Stage> {
+    /// Returns the stage of a slot for modification, or `None` for a service without one.
+    pub fn stage_mut(&mut self, service: Service) -> Option<&mut StageConfig> {
         match service {
             Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => None,
             Service::Gyro => Some(&mut self.gyro),
@@ -366,7 +379,7 @@ impl Launch {
     }
 }
 
-/// A name of 1 to 32 of a–z, 0–9, `_` and `-`.
+/// Accepts a name of 1 to 32 of a–z, 0–9, `_` and `-`.
 pub(crate) fn system_name(name: &str) -> Option<String> {
     let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
     ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())

@@ -1,17 +1,17 @@
-//! In which frame the attitude leaves the system: `[output]`.
+//! Reference frame of published attitudes: `[output]`.
 
 use attitude::frames::{Frame, QuaternionOrder};
 use serde::{Deserialize, Serialize};
 
-use crate::walk::Section;
+use crate::toml_reader::Section;
 
-/// In which frame and order the attitude is given to others.
+/// Frame and quaternion order of attitudes for output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(try_from = "Names", into = "Names")]
 pub struct Output {
     /// Reference and body axes.
     pub frame: Frame,
-    /// The order of a quaternion's parts, where they have no names.
+    /// Order of a quaternion's components where they have no names.
     pub quaternion: QuaternionOrder,
 }
 
@@ -21,7 +21,7 @@ pub(crate) fn output(section: &mut Section<'_, '_>, out: &mut Output) {
     section.choice("quaternion", QuaternionOrder::NAMES, &mut out.quaternion);
 }
 
-/// What a service is told.
+/// Serialised form of [`Output`].
 #[derive(Serialize, Deserialize)]
 struct Names {
     frame: String,
@@ -38,11 +38,11 @@ impl TryFrom<Names> for Output {
     type Error = String;
 
     fn try_from(Names { frame, quaternion }: Names) -> Result<Self, String> {
-        fn of<T: Copy>(names: &[(&str, T)], found: &str) -> Result<T, String> {
+        fn lookup<T: Copy>(names: &[(&str, T)], found: &str) -> Result<T, String> {
             let known = names.iter().find(|(name, _)| *name == found).map(|(_, value)| *value);
-            known.ok_or_else(|| format!("reading the output's frame: there is none of the name {found:?}"))
+            known.ok_or_else(|| format!("unknown frame or quaternion order {found:?} in the output settings"))
         }
-        Ok(Self { frame: of(&Frame::NAMES, &frame)?, quaternion: of(&QuaternionOrder::NAMES, &quaternion)? })
+        Ok(Self { frame: lookup(&Frame::NAMES, &frame)?, quaternion: lookup(&QuaternionOrder::NAMES, &quaternion)? })
     }
 }
 
@@ -52,7 +52,7 @@ mod tests {
     use crate::Launch;
 
     #[test]
-    fn frame_and_order_are_taken_and_go_to_a_service_as_they_are() {
+    fn frame_and_order_are_read_and_serialised() {
         assert_eq!(Launch::parse("x", "").unwrap().output, Output::default());
         for (frame, order) in
             Frame::NAMES.into_iter().flat_map(|frame| QuaternionOrder::NAMES.map(|order| (frame, order)))
@@ -65,8 +65,8 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_name_is_answered_by_the_one_that_was_meant() {
-        for (text, said) in [
+    fn misspelt_name_is_rejected_with_suggestion() {
+        for (text, expected) in [
             ("output.frame = \"ned-fdr\"", "did you mean \"ned-frd\"?"),
             ("output.frame = \"ENU-FLU\"", "did you mean \"enu-flu\"?"),
             ("output.quaternion = \"xyzx\"", "did you mean \"xyzw\"?"),
@@ -76,7 +76,7 @@ mod tests {
             ("ingest.mounting.axes = \"x-foward-y-right\"", "did you mean \"x-forward-y-right\"?"),
         ] {
             let shown = Launch::parse("launch.toml", text).unwrap_err().to_string();
-            assert!(shown.contains(said) && shown.ends_with("1 problem"), "{said}:\n{shown}");
+            assert!(shown.contains(expected) && shown.ends_with("1 problem"), "{expected}:\n{shown}");
         }
     }
 }

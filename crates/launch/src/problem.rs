@@ -1,28 +1,29 @@
-//! What is wrong with a file, and how it is shown.
+//! Problems of a launch file, and their display.
 
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use std::{fmt, io, ops::Range, path::PathBuf};
 
-/// Why there is no launch.
+/// Error when reading a launch file.
 #[derive(Debug, thiserror::Error)]
 pub enum LaunchError {
     /// The file could not be read.
     #[error(
-        "reading the launch file {}: {cause}; check that it exists, that this user may read it and that it is UTF-8",
+        "reading the launch file {}: {cause}; check that it exists, is readable by this user and is UTF-8",
         path.display()
     )]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file says something that is not allowed.
+    /// The file contains invalid entries.
     #[error(transparent)]
     Problems(#[from] Problems),
 }
 
-/// Everything that is wrong with a launch file, in the order of its lines; displayed as rustc does, without colour.
+/// All problems of a launch file in the order of its lines, displayed like those of rustc, without
+/// colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problems {
     pub(crate) file_name: String,
@@ -30,7 +31,7 @@ pub struct Problems {
     pub(crate) list: Vec<Problem>,
 }
 
-/// One thing that is wrong, and where; spans are in bytes.
+/// Problem with its location. Spans are byte ranges.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Problem {
     pub(crate) title: String,
@@ -46,7 +47,7 @@ impl Problem {
         Self { title: title.into(), span, label: label.into(), context: None, help: None, note: None }
     }
 
-    /// A name that is not among those allowed.
+    /// Creates the problem of an unknown name, with a suggestion and the allowed names.
     pub(crate) fn unknown(span: Range<usize>, title: impl Into<String>, found: &str, allowed: &[&str]) -> Self {
         Self {
             help: nearest(found, allowed).map(|name| format!("did you mean {name:?}?")),
@@ -55,7 +56,7 @@ impl Problem {
         }
     }
 
-    /// What TOML itself refuses.
+    /// Creates the problem of a TOML syntax error.
     pub(crate) fn syntax(error: &toml::de::Error, text: &str) -> Self {
         let (what, label) = match error.message().split_once(", expected ") {
             Some((what, expected)) => (what, format!("expected {expected}")),
@@ -82,14 +83,14 @@ impl fmt::Display for Problems {
         for problem in &self.list {
             writeln!(f, "{}\n", problem.render(&self.file_name, &self.text))?;
         }
-        write!(f, "{}: {}", self.file_name, counted(self.list.len() as u64, "problem"))
+        write!(f, "{}: {}", self.file_name, pluralize(self.list.len() as u64, "problem"))
     }
 }
 
 impl std::error::Error for Problems {}
 
-/// So many of what a noun names, for people: `1 fix`, `2 fixes`.
-pub fn counted(count: u64, noun: &str) -> String {
+/// Formats a count with its noun: `1 fix`, `2 fixes`.
+pub fn pluralize(count: u64, noun: &str) -> String {
     let ending = match count {
         1 => "",
         _ if noun.ends_with(['x', 's']) => "es",
@@ -98,12 +99,15 @@ pub fn counted(count: u64, noun: &str) -> String {
     format!("{count} {noun}{ending}")
 }
 
-/// The names as a list in quotes.
+/// Formats names as a comma-separated list in quotes.
 pub(crate) fn quoted(names: &[&str]) -> String {
     names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ")
 }
 
-/// The name meant, if one is within a third of its letters or begins so: a unit is easily left off.
+/// Returns the allowed name most similar to `found`, if any.
+///
+/// Similar names differ in at most a third of their letters or begin with `found`, because a unit
+/// suffix is easily forgotten.
 pub fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
     let found = found.to_lowercase();
     let close = |name: &str, edits: usize| edits <= name.len().max(found.len()).max(3) / 3;
@@ -115,9 +119,9 @@ pub fn nearest<'a>(found: &str, allowed: &[&'a str]) -> Option<&'a str> {
         .map(|(_, name)| name)
 }
 
-/// The span cut to the text, at whole characters.
+/// Clamps a span to the text and extends it to character boundaries.
 fn within(span: &Range<usize>, text: &str) -> Range<usize> {
-    let whole = |index: &usize| text.is_char_boundary(*index);
-    let start = (0..=span.start.min(text.len())).rev().find(whole).unwrap_or(0);
-    start..(span.end.max(start)..text.len()).find(whole).unwrap_or(text.len())
+    let is_boundary = |index: &usize| text.is_char_boundary(*index);
+    let start = (0..=span.start.min(text.len())).rev().find(is_boundary).unwrap_or(0);
+    start..(span.end.max(start)..text.len()).find(is_boundary).unwrap_or(text.len())
 }

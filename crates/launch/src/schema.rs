@@ -1,35 +1,42 @@
-//! Which keys there are, and what each may be.
+//! Keys of a launch file and their allowed values.
 
 use crate::{
     GyroSamples, Launch, LaunchError, OnLimit, Problems, Restart, Service, Source,
     cockpit::cockpit,
     fault,
-    filling::filling,
+    slot_stage::stage_config,
     gateway::{Gateway, Tls},
     gateway_section::gateway,
-    live::{RATES_HZ, live},
-    model::{Gnss, Ingest, Replay, StateFile, TOPIC_MESSAGES_MAX, system_name},
+    live_sources::{RATE_RANGE_HZ, live_sources},
+    model::{Gnss, Ingest, Replay, StateFile, MAX_TOPIC_MESSAGES, system_name},
     north,
     output::output,
     problem::{Problem, quoted},
-    program::programs,
+    external_stage::external_stages,
     sensors::{calibration, mounting},
     split,
-    walk::{self, Section},
-    watch::watches,
+    toml_reader::{self, Section},
+    promotion_rule::promotion_rules,
 };
 use scenario::{Motion, PARAMETERS, Parameter, ScenarioError};
 use std::{fs, path::Path};
 use toml::{Spanned, de::DeTable};
 
 impl Launch {
-    /// Reads a launch file. A relative file of `state_file`, `ingest.replay` or `gateway` is taken from the launch file's folder.
+    /// Reads and checks a launch file.
+    ///
+    /// Relative paths in `state_file`, `ingest.replay` and `gateway` become relative to the launch
+    /// file's folder.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be read or contains problems.
     pub fn read(path: &Path) -> Result<Self, LaunchError> {
         let text =
             fs::read_to_string(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
-        let place =
+        let absolute =
             std::path::absolute(path).map_err(|cause| LaunchError::Unreadable { path: path.to_path_buf(), cause })?;
-        let mut launch = Self::parse_in(place.parent(), &path.display().to_string(), &text)?;
+        let mut launch = Self::parse_in(absolute.parent(), &path.display().to_string(), &text)?;
         let Replay { file, gnss, .. } = &mut launch.ingest.replay;
         if let Some(folder) = path.parent() {
             if let StateFile::File(file) = &mut launch.state_file {
@@ -48,9 +55,14 @@ impl Launch {
         Ok(launch)
     }
 
-    /// The launch a text declares; `file_name` is what problems call it. An absent key takes its default.
+    /// Parses and checks the text of a launch file. `file_name` is its name in problems.
     ///
-    /// A text that is not TOML is not looked into further: what its tables hold is then a guess.
+    /// Absent keys take their defaults. If the text is not valid TOML, only the syntax errors are
+    /// reported.
+    ///
+    /// # Errors
+    ///
+    /// Returns all problems of the text.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, Problems> {
         Self::parse_in(None, file_name, text)
     }
@@ -60,7 +72,7 @@ impl Launch {
         let (table, syntax_errors) = DeTable::parse_recoverable(text);
         let mut list: Vec<_> = syntax_errors.iter().map(|error| Problem::syntax(error, text)).collect();
         if list.is_empty() {
-            walk::root(table.get_ref(), &mut list, |section| launch.take(section, folder));
+            toml_reader::read_root(table.get_ref(), &mut list, |section| launch.read_keys(section, folder));
         }
         if list.is_empty() {
             return Ok(launch);
@@ -69,36 +81,36 @@ impl Launch {
         Err(Problems { file_name: file_name.into(), text: text.into(), list })
     }
 
-    fn take(&mut self, section: &mut Section<'_, '_>, folder: Option<&Path>) {
-        section.text("name", r#"1 to 32 of a-z, 0-9, "_" and "-""#, system_name, &mut self.name);
+    fn read_keys(&mut self, section: &mut Section<'_, '_>, folder: Option<&Path>) {
+        section.parsed("name", r#"1 to 32 of a-z, 0-9, "_" and "-""#, system_name, &mut self.name);
         let all_known = services(section, &mut self.services);
-        let buffer_taken = section.number("buffer_s", 0.1..=60.0, &mut self.buffer_s);
-        let lateness_taken = section.number("lateness_s", 0.01..=60.0, &mut self.lateness_s);
-        if buffer_taken && lateness_taken && self.lateness_s >= self.buffer_s {
+        let buffer_valid = section.number("buffer_s", 0.1..=60.0, &mut self.buffer_s);
+        let lateness_valid = section.number("lateness_s", 0.01..=60.0, &mut self.lateness_s);
+        if buffer_valid && lateness_valid && self.lateness_s >= self.buffer_s {
             section.report(lateness_problem(self, section));
         }
-        section.text("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
+        section.parsed("state_file", r#""auto", "off" or a path"#, state_file, &mut self.state_file);
         section.section("output", |section| output(section, &mut self.output));
         section.section("gateway", |section| gateway(section, &mut self.gateway));
         section.section("cockpit", |section| cockpit(section, &mut self.cockpit));
         section.section("restart", |section| restart(section, &mut self.restart));
-        let allowed = !section.flag("faults", &mut self.faults) || self.faults;
+        let allowed = !section.boolean("faults", &mut self.faults) || self.faults;
         section.section("ingest", |section| {
             ingest(section, &mut self.ingest);
-            fault::script(section, allowed, &mut self.ingest.faults);
+            fault::faults(section, allowed, &mut self.ingest.faults);
         });
         self.add_drivers();
         if all_known && !self.gateway.is_split() {
-            whole(section, &self.services);
-            gateway_starts(section);
+            require_complete_path(section, &self.services);
+            require_gateway_service(section);
         } else if all_known {
-            split::problems(self, section).into_iter().for_each(|problem| section.report(problem));
+            split::validate(self, section).into_iter().for_each(|problem| section.report(problem));
         }
-        if buffer_taken && let Some(problem) = buffer_problem(self, section) {
+        if buffer_valid && let Some(problem) = buffer_problem(self, section) {
             section.report(problem);
         }
-        programs(section, folder, self);
-        watches(section, self);
+        external_stages(section, folder, self);
+        promotion_rules(section, self);
         for slot in Service::SLOTS {
             let Self { stages, gyro, accel, fuser, course, north, .. } = &mut *self;
             let out = match slot {
@@ -109,7 +121,7 @@ impl Launch {
                 Service::Course => course,
             };
             section.section(slot.name(), |section| {
-                filling(section, slot, stages, out);
+                stage_config(section, slot, stages, out);
                 if slot == Service::Course {
                     north::north(section, north);
                 }
@@ -118,7 +130,7 @@ impl Launch {
     }
 }
 
-/// Whether every name was known.
+/// Reads `services` and returns whether every name is known.
 fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
     let allowed = Service::LISTED.map(|service| (service.name(), service));
     let Some(listed) = section.choices("services", &allowed) else { return true };
@@ -137,26 +149,27 @@ fn services(section: &mut Section<'_, '_>, out: &mut Vec<Service>) -> bool {
     all_known
 }
 
-/// A system on one host has every service of the data path.
-fn whole(section: &mut Section<'_, '_>, services: &[Service]) {
+/// Reports missing services of the data path in a system on one host.
+fn require_complete_path(section: &mut Section<'_, '_>, services: &[Service]) {
     let missing: Vec<_> =
         Service::PATH.into_iter().filter(|service| !services.contains(service)).map(Service::name).collect();
     if let Some(span) = section.span("services").filter(|_| !missing.is_empty()) {
         section.report(Problem {
-            note: Some("every service of the data path runs exactly once, here or behind [gateway.import]".into()),
+            note: Some("every service of the data path must run exactly once, here or on the host of [gateway.import]".into()),
             ..Problem::new(span, format!("services: {} missing", quoted(&missing)), "incomplete")
         });
     }
 }
 
-/// What is said of the gateway is for one that is started. Who lists the services without it has left it out.
-fn gateway_starts(section: &mut Section<'_, '_>) {
+/// Reports a `[gateway]` section without the gateway service. A `services` list without the gateway
+/// disables it on purpose.
+fn require_gateway_service(section: &mut Section<'_, '_>) {
     if let Some(span) = section.span("gateway").filter(|_| !section.has("services")) {
         let started = Service::LISTED.map(Service::name);
         section.report(Problem {
             help: Some(format!("at the top of the file: services = [{}]", quoted(&started))),
-            note: Some("a list of services without \"gateway\" leaves it out".into()),
-            ..Problem::new(span, "gateway: it is not among the services that are started", "nothing goes out")
+            note: Some("to ignore the section on purpose, set services without \"gateway\"".into()),
+            ..Problem::new(span, "gateway: the service is not started", "no effect")
         });
     }
 }
@@ -173,62 +186,63 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
             Problem::new(buffer.unwrap_or_default(), title, format!("expected more than {}", launch.lateness_s))
         }
     };
-    Problem { note: Some("a join can wait only for what the topics still hold".into()), ..problem }
+    Problem { note: Some("a join can only wait for messages that the topics still hold".into()), ..problem }
 }
 
-/// A recording's rate is not known here; its buffers are cut to the limit.
+/// Returns the problem of a buffer that exceeds the capacity of a topic. The rate of a recording is
+/// unknown here, so its buffers are limited when it starts.
 pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
     let rate_hz = launch.ingest.declared_rate_hz()?;
-    let most_s = TOPIC_MESSAGES_MAX as f64 / rate_hz;
-    (launch.buffer_s > most_s).then(|| {
+    let max_s = MAX_TOPIC_MESSAGES as f64 / rate_hz;
+    (launch.buffer_s > max_s).then(|| {
         let title = format!("buffer_s = {} at {rate_hz} Hz is more than a topic can hold", launch.buffer_s);
-        let place = section.span("buffer_s").unwrap_or_default();
-        let note = format!("a topic holds {TOPIC_MESSAGES_MAX} messages at most");
-        Problem { note: Some(note), ..Problem::new(place, title, format!("expected at most {most_s:.1}")) }
+        let span = section.span("buffer_s").unwrap_or_default();
+        let note = format!("a topic holds at most {MAX_TOPIC_MESSAGES} messages");
+        Problem { note: Some(note), ..Problem::new(span, title, format!("expected at most {max_s:.1}")) }
     })
 }
 
 fn restart(section: &mut Section<'_, '_>, out: &mut Restart) {
     section.number("silence_s", 0.2..=60.0, &mut out.silence_s);
-    section.number("settled_s", 0.0..=60.0, &mut out.settled_s);
+    section.number("min_uptime_s", 0.0..=60.0, &mut out.min_uptime_s);
     section.number("backoff_s", 0.0..=60.0, &mut out.backoff_s);
     section.number("backoff_max_s", 0.0..=600.0, &mut out.backoff_max_s);
-    section.natural("limit", &mut out.limit);
-    let policies = [("stop", OnLimit::Stop), ("degrade", OnLimit::Degrade), ("hold", OnLimit::Hold)];
+    section.unsigned("limit", &mut out.limit);
+    let policies = [("stop", OnLimit::Stop), ("degrade", OnLimit::Degrade), ("retry", OnLimit::Retry)];
     section.choice("on_limit", policies, &mut out.on_limit);
 }
 
 pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     section.choice("source", Source::NAMES, &mut out.source);
     section.section("sim", |section| {
-        section.choice("scenario", Motion::NAMES.map(named), &mut out.sim.scenario);
-        section.number("rate_hz", RATES_HZ, &mut out.sim.rate_hz);
-        section.natural("seed", &mut out.sim.seed);
+        section.choice("scenario", Motion::NAMES.map(named_value), &mut out.sim.scenario);
+        section.number("rate_hz", RATE_RANGE_HZ, &mut out.sim.rate_hz);
+        section.unsigned("seed", &mut out.sim.seed);
         for Parameter { name, least, most, .. } in &PARAMETERS {
             let mut value = 0.0;
             if section.has(name) && section.number(name, *least..=*most, &mut value) {
                 out.sim.set.insert((*name).into(), value);
             } else {
-                section.knows(name);
+                section.allow(name);
             }
         }
-        let refused = out.sim.scenario().err();
-        if let Some((error, key)) = refused.and_then(|error| match &error {
+        let error = out.sim.scenario().err();
+        if let Some((error, key)) = error.and_then(|error| match &error {
             ScenarioError::Lacks { key, .. } => Some((error.to_string(), *key)),
             _ => None,
         }) {
             section.report(Problem::new(section.span(key).unwrap_or_default(), error, "not in this scenario"));
         }
     });
-    let (mut file_taken, mut file_span) = (true, None);
+    let (mut file_valid, mut file_span) = (true, None);
     section.section("replay", |section| {
-        file_taken = section.text("file", "a path", |path| Some(path.into()), &mut out.replay.file);
+        file_valid = section.parsed("file", "a path", |path| Some(path.into()), &mut out.replay.file);
         file_span = section.span("file");
         section.choice("gyro_samples", GyroSamples::ALL, &mut out.replay.gyro_samples);
-        section.flag("mag", &mut out.replay.mag);
-        section.text("gnss", r#""auto", "off" or a path"#, gnss, &mut out.replay.gnss);
+        section.boolean("mag", &mut out.replay.mag);
+        section.parsed("gnss", r#""auto", "off" or a path"#, gnss, &mut out.replay.gnss);
     });
-    live(section, out);
+    live_sources(section, out);
     section.section("limits", |section| {
         section.number("rate_max_deg_s", 1.0..=100_000.0, &mut out.limits.rate_max_deg_s);
         section.number("force_max_g", 0.1..=10_000.0, &mut out.limits.force_max_g);
@@ -244,11 +258,11 @@ pub(crate) fn ingest(section: &mut Section<'_, '_>, out: &mut Ingest) {
     });
     mounting(section, &mut out.mounting);
 
-    if out.source == Source::Replay && file_taken && out.replay.file.as_os_str().is_empty() {
+    if out.source == Source::Replay && file_valid && out.replay.file.as_os_str().is_empty() {
         let span = file_span.or_else(|| section.span("source")).unwrap_or_default();
         section.report(Problem {
-            help: Some(r#"name a recording: file = "flight.csv.gz" in [ingest.replay]"#.into()),
-            ..Problem::new(span, "ingest.replay.file: a replay needs a file, none is named", "no file to replay")
+            help: Some(r#"set a recording: file = "flight.csv.gz" in [ingest.replay]"#.into()),
+            ..Problem::new(span, "ingest.replay.file: a replay needs a file, but none is set", "no file to replay")
         });
     }
 }
@@ -271,14 +285,14 @@ fn gnss(text: &str) -> Option<Gnss> {
     }
 }
 
-fn named(name: &'static str) -> (&'static str, String) {
+fn named_value(name: &'static str) -> (&'static str, String) {
     (name, name.into())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BusSource, Limits, Sim, Stage};
+    use crate::{BusSource, Limits, Sim, StageConfig};
     use attitude::{
         accel::Accelerometer,
         course::Course,
@@ -293,13 +307,13 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_file_is_the_default() {
+    fn empty_file_gives_the_default() {
         assert_eq!(Launch::parse("x", ""), Ok(Launch::default()));
         assert_eq!(Launch::parse("x", "[ingest]\n[ingest.sim]\n[gyro]\n"), Ok(Launch::default()));
     }
 
     #[test]
-    fn the_defaults_are_allowed_values() {
+    fn default_values_are_valid() {
         let launch = Launch::default();
         assert!(system_name(&launch.name).is_some());
         assert!(launch.lateness_s < launch.buffer_s);
@@ -311,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn every_key_is_taken() {
+    fn every_key_is_read() {
         let text = r#"
             name = "wing-2_b"
             services = ["course", "fuser", "accel", "gyro", "ingest"]
@@ -319,7 +333,7 @@ mod tests {
             lateness_s = 0.01
             state_file = "imu.state"
             output = { frame = "ned-frd", quaternion = "xyzw" }
-            restart = { silence_s = 1, settled_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "hold" }
+            restart = { silence_s = 1, min_uptime_s = 2, backoff_s = 3, backoff_max_s = 4, limit = 5, on_limit = "retry" }
             faults = true
             gyro.stage = "rk4"
             accel = { stage = "projector" }
@@ -352,7 +366,7 @@ mod tests {
             set.declination_deg = -3.5
             north = "true"
         "#;
-        let stage = |name: &str| Stage { stage: name.into(), set: BTreeMap::new() };
+        let stage = |name: &str| StageConfig { stage: name.into(), set: BTreeMap::new() };
         let expected = Launch {
             name: "wing-2_b".into(),
             services: Service::PATH.into_iter().rev().collect(),
@@ -362,11 +376,11 @@ mod tests {
             output: crate::Output { frame: Frame::NedFrd, quaternion: QuaternionOrder::Xyzw },
             restart: Restart {
                 silence_s: 1.0,
-                settled_s: 2.0,
+                min_uptime_s: 2.0,
                 backoff_s: 3.0,
                 backoff_max_s: 4.0,
                 limit: 5,
-                on_limit: OnLimit::Hold,
+                on_limit: OnLimit::Retry,
             },
             faults: true,
             gateway: Gateway::default(),
@@ -400,14 +414,14 @@ mod tests {
             gyro: stage("rk4"),
             accel: stage("projector"),
             fuser: stage("wz-closed"),
-            course: Stage { stage: "angles".into(), set: [("declination_deg".into(), -3.5)].into() },
-            north: crate::North { is_true: true, ..Default::default() },
+            course: StageConfig { stage: "angles".into(), set: [("declination_deg".into(), -3.5)].into() },
+            north: crate::NorthReference { is_true: true, ..Default::default() },
         };
         assert_eq!(Launch::parse("launch.toml", text), Ok(expected));
     }
 
     #[test]
-    fn two_problems_are_shown_at_once_as_rustc_shows_them() {
+    fn problems_are_displayed_like_those_of_rustc() {
         let shown = problems("bufer_s = 2.0\n[fuser]\nstage = \"wz-opn\"\n");
         let expected = r#"error: unknown key "bufer_s"
  --> launch.toml:1:1
@@ -432,7 +446,7 @@ launch.toml: 2 problems"#;
     }
 
     #[test]
-    fn each_problem_points_at_its_place() {
+    fn each_problem_points_at_its_location() {
         let cases: &[(&str, &[&str])] = &[
             (
                 "[ingest.sim]\nrate = 100",
@@ -465,7 +479,7 @@ launch.toml: 2 problems"#;
             ("buffer_s = 0.5", &["lateness_s = 1 must be less", ":1:12\n", "^^^ expected more than 1"]),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\"]",
-                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service of the data path runs"],
+                &["services: \"course\" missing", ":1:12\n", "^ incomplete", "every service of the data path must run"],
             ),
             (
                 "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"gyro\", \"course\"]",
@@ -485,30 +499,30 @@ launch.toml: 2 problems"#;
             ("[gyro\n", &["not valid TOML: unclosed table", ":1:6\n", "^ expected `]`"]),
             ("name = \"a\"\nname = \"b\"", &["not valid TOML: duplicate key", ":2:1\n", "^^^^ here"]),
         ];
-        for (text, parts) in cases {
+        for (text, fragments) in cases {
             let shown = problems(text);
-            for part in *parts {
-                assert!(shown.contains(part), "{part:?} is not in\n{shown}");
+            for fragment in *fragments {
+                assert!(shown.contains(fragment), "{fragment:?} is not in\n{shown}");
             }
             assert!(shown.ends_with("launch.toml: 1 problem"), "{shown}");
         }
     }
 
     #[test]
-    fn a_refused_value_causes_no_second_problem() {
+    fn invalid_value_causes_no_second_problem() {
         assert!(problems("buffer_s = 0.2\nlateness_s = 100").ends_with("1 problem"));
         assert!(problems("ingest.source = \"replay\"\ningest.replay.file = 7").ends_with("1 problem"));
     }
 
     #[test]
-    fn every_syntax_error_is_shown_and_nothing_guessed_from_the_rest() {
+    fn syntax_errors_are_shown_without_further_problems() {
         let shown = problems("name = \"abc\nbufer_s = 1\n[gyro\nstage = \"none\"\n");
         assert!(shown.contains(":1:12\n") && shown.contains(":3:6\n"), "{shown}");
         assert!(shown.ends_with("launch.toml: 2 problems"), "{shown}");
     }
 
     #[test]
-    fn a_relative_file_lies_beside_the_launch_file() {
+    fn relative_file_is_resolved_from_launch_file_folder() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("launch.toml");
         fs::write(&path, "state_file = \"imu.state\"").unwrap();
@@ -520,7 +534,7 @@ launch.toml: 2 problems"#;
     }
 
     #[test]
-    fn a_file_that_cannot_be_read_is_named() {
+    fn unreadable_file_is_reported_with_its_path() {
         let error = Launch::read(Path::new("/nowhere/launch.toml")).unwrap_err();
         assert!(matches!(error, LaunchError::Unreadable { .. }));
         assert!(error.to_string().starts_with("reading the launch file /nowhere/launch.toml: "), "{error}");
@@ -528,11 +542,11 @@ launch.toml: 2 problems"#;
     }
 
     #[test]
-    fn a_buffer_that_no_topic_can_hold_is_refused() {
+    fn buffer_larger_than_a_topic_is_rejected() {
         let text = "buffer_s = 60.0\n[ingest.sim]\nrate_hz = 10000\n";
         let shown = Launch::parse("launch.toml", text).unwrap_err().to_string();
-        for said in ["launch.toml:1:12", "expected at most 6.6", "65536 messages"] {
-            assert!(shown.contains(said), "{said}: {shown}");
+        for expected in ["launch.toml:1:12", "expected at most 6.6", "65536 messages"] {
+            assert!(shown.contains(expected), "{expected}: {shown}");
         }
     }
 }

@@ -1,7 +1,8 @@
-//! A source in one line, as `plumb up --source` takes it: `KIND:PLACE?key=value&key=value`; likewise the receiver beside it.
+//! Source or receiver in one line: `KIND:TARGET?key=value&key=value`, as for `plumb up --source`.
 //!
-//! The line is the section of its kind in other words: `serial:/dev/ttyUSB0?baud=9600` is `source = "serial"` with
-//! `[ingest.serial] port = "/dev/ttyUSB0"`, `baud = 9600`, and is read and checked as that. What it does not say stays as it was.
+//! The line is converted to the section of its kind and checked like a launch file. For example,
+//! `serial:/dev/ttyUSB0?baud=9600` becomes `source = "serial"` with `[ingest.serial] port =
+//! "/dev/ttyUSB0"` and `baud = 9600`. Keys that are not in the line keep their values.
 
 use toml::{Table, Value, de::DeTable};
 
@@ -9,11 +10,11 @@ use crate::{
     Launch, Source,
     problem::{Problem, Problems},
     schema::{buffer_problem, ingest},
-    walk,
+    toml_reader,
 };
 
-/// The key that the place of each kind stands for.
-const PLACES: [(&str, Option<&str>); 9] = [
+/// Key that the target of each kind sets.
+const MAIN_KEYS: [(&str, Option<&str>); 9] = [
     ("sim", Some("scenario")),
     ("replay", Some("file")),
     ("bus", None),
@@ -26,24 +27,32 @@ const PLACES: [(&str, Option<&str>); 9] = [
 ];
 
 impl Launch {
-    /// Takes the source of the line in place of its own. A relative path is one from the working folder.
+    /// Replaces the source by that of the line. A relative path is relative to the working folder.
+    ///
+    /// # Errors
+    ///
+    /// Returns the problems of the line. The launch is then unchanged.
     pub fn set_source(&mut self, line: &str) -> Result<(), Problems> {
-        self.set(format!("--source {line}"), source_section(line))
+        self.apply_override(format!("--source {line}"), source_section(line))
     }
 
-    /// Takes the receiver of the line, `ENDPOINT?key=value`, in place of its own.
+    /// Replaces the receiver by that of the line, `ENDPOINT?key=value`.
+    ///
+    /// # Errors
+    ///
+    /// Returns the problems of the line. The launch is then unchanged.
     pub fn set_receiver(&mut self, line: &str) -> Result<(), Problems> {
-        self.set(format!("--receiver {line}"), receiver_section(line))
+        self.apply_override(format!("--receiver {line}"), receiver_section(line))
     }
 
-    fn set(&mut self, file_name: String, text: String) -> Result<(), Problems> {
+    fn apply_override(&mut self, file_name: String, text: String) -> Result<(), Problems> {
         let (table, syntax) = DeTable::parse_recoverable(&text);
         let mut list: Vec<_> = syntax.iter().map(|error| Problem::syntax(error, &text)).collect();
         let mut launch = self.clone();
         if list.is_empty() {
-            walk::root(table.get_ref(), &mut list, |section| {
+            toml_reader::read_root(table.get_ref(), &mut list, |section| {
                 section.section("ingest", |section| ingest(section, &mut launch.ingest));
-                list_buffer(&launch, section);
+                check_buffer(&launch, section);
             });
         }
         if !list.is_empty() {
@@ -55,52 +64,55 @@ impl Launch {
     }
 }
 
-/// The recording that such a line has replayed.
-pub fn replayed(line: &str) -> Option<&str> {
-    let (place, _) = halves(line.strip_prefix("replay:")?);
-    Some(place)
+/// Returns the recording that a source line replays, or `None` for other sources.
+pub fn replay_path(line: &str) -> Option<&str> {
+    let (target, _) = split_query(line.strip_prefix("replay:")?);
+    Some(target)
 }
 
-/// The text of a launch file with such lines in it, so that it says what ran; its comments are gone. None where one of them is not valid.
-pub fn with_lines(text: &str, source: Option<&str>, receiver: Option<&str>) -> Option<String> {
+/// Returns the text of a launch file with source and receiver lines applied, for the record of a
+/// run.
+///
+/// Comments are lost. Returns `None` if the text or a line is not valid TOML.
+pub fn with_overrides(text: &str, source: Option<&str>, receiver: Option<&str>) -> Option<String> {
     let mut launch: Table = text.parse().ok()?;
     for section in source.map(source_section).into_iter().chain(receiver.map(receiver_section)) {
-        lay_over(&mut launch, section.parse().ok()?);
+        merge(&mut launch, section.parse().ok()?);
     }
     Some(launch.to_string())
 }
 
-fn lay_over(below: &mut Table, above: Table) {
-    for (key, value) in above {
-        match (below.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
-            (_, value) => drop(below.insert(key, value)),
+fn merge(base: &mut Table, overrides: Table) {
+    for (key, value) in overrides {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(base)), Value::Table(overrides)) => merge(base, overrides),
+            (_, value) => drop(base.insert(key, value)),
         }
     }
 }
 
-fn list_buffer(launch: &Launch, section: &mut walk::Section<'_, '_>) {
+fn check_buffer(launch: &Launch, section: &mut toml_reader::Section<'_, '_>) {
     if let Some(problem) = buffer_problem(launch, section) {
         section.report(problem);
     }
 }
 
-/// The line of a source as the section of a launch file.
+/// Converts a source line to a section of a launch file.
 fn source_section(line: &str) -> String {
-    let (kind_and_place, keys) = halves(line);
-    let (kind, place) = kind_and_place.split_once(':').unwrap_or((kind_and_place, ""));
+    let (kind_and_target, keys) = split_query(line);
+    let (kind, target) = kind_and_target.split_once(':').unwrap_or((kind_and_target, ""));
     let mut section = format!("[ingest]\nsource = {}\n", quoted(kind));
-    let Some((_, key)) = PLACES.iter().find(|(name, _)| *name == kind) else { return section };
+    let Some((_, key)) = MAIN_KEYS.iter().find(|(name, _)| *name == kind) else { return section };
     section += &format!("[ingest.{kind}]\n");
-    if !place.is_empty() {
-        section += &format!("{} = {}\n", key.unwrap_or("place"), quoted(place));
+    if !target.is_empty() {
+        section += &format!("{} = {}\n", key.unwrap_or("target"), quoted(target));
     }
     section + &pairs(keys)
 }
 
-/// The line of a receiver as the section of a launch file.
+/// Converts a receiver line to a section of a launch file.
 fn receiver_section(line: &str) -> String {
-    let (endpoint, keys) = halves(line);
+    let (endpoint, keys) = split_query(line);
     format!("[ingest.receiver]\nendpoint = {}\n{}", quoted(endpoint), pairs(keys))
 }
 
@@ -118,12 +130,12 @@ fn quoted(value: &str) -> String {
     Value::from(value).to_string()
 }
 
-fn halves(line: &str) -> (&str, &str) {
+fn split_query(line: &str) -> (&str, &str) {
     line.split_once('?').unwrap_or((line, ""))
 }
 
 impl Source {
-    /// Every source with its name.
+    /// All sources with their names.
     pub(crate) const NAMES: [(&str, Self); 9] = [
         ("sim", Self::Sim),
         ("replay", Self::Replay),
@@ -149,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_says_what_the_section_says() {
+    fn source_line_equals_its_section() {
         for (line, text) in [
             (
                 "sim:s3?seed=2&rate_hz=200",
@@ -188,29 +200,29 @@ mod tests {
         ] {
             assert_eq!(with(line), Launch::parse("launch.toml", text).unwrap(), "{line}");
         }
-        assert_eq!((replayed("replay:a.csv?mag=false"), replayed("stdin")), (Some("a.csv"), None));
+        assert_eq!((replay_path("replay:a.csv?mag=false"), replay_path("stdin")), (Some("a.csv"), None));
     }
 
     #[test]
-    fn a_launch_file_with_a_line_in_it_says_what_runs_with_both() {
+    fn overridden_text_parses_to_the_overridden_launch() {
         let text = "name = \"a\" # mine\n[ingest]\nsource = \"sim\"\nudp.rate_hz = 50\n[ingest.limits]\ngap_s = 0.5\n";
         for line in ["udp:[::1]:9?gyro_samples=instants", "sim:s3?seed=2", "stdin"] {
             let mut launch = Launch::parse("launch.toml", text).unwrap();
             launch.set_source(line).unwrap();
             assert_eq!(
-                Launch::parse("launch.toml", &with_lines(text, Some(line), None).unwrap()).unwrap(),
+                Launch::parse("launch.toml", &with_overrides(text, Some(line), None).unwrap()).unwrap(),
                 launch,
                 "{line}"
             );
             let receiver = "serial:/dev/ttyACM0?format=nmea&baud=9600";
             launch.set_receiver(receiver).unwrap();
-            let both = with_lines(text, Some(line), Some(receiver)).unwrap();
+            let both = with_overrides(text, Some(line), Some(receiver)).unwrap();
             assert_eq!(Launch::parse("launch.toml", &both).unwrap(), launch, "{line}");
         }
     }
 
     #[test]
-    fn the_drivers_run_exactly_where_the_source_is_theirs() {
+    fn drivers_run_only_for_sources_that_need_them() {
         let mut launch = with("stdin");
         assert_eq!(launch.services.last(), Some(&Service::Drivers));
         launch.set_source("bus").unwrap();
@@ -221,12 +233,12 @@ mod tests {
             launch.set_source(source).unwrap();
             assert_eq!(launch.services.contains(&Service::Drivers), is_driven, "{source}");
         }
-        let refused = Launch::parse("launch.toml", "services = [\"drivers\"]").unwrap_err().to_string();
-        assert!(refused.contains("unknown value \"drivers\""), "{refused}");
+        let shown = Launch::parse("launch.toml", "services = [\"drivers\"]").unwrap_err().to_string();
+        assert!(shown.contains("unknown value \"drivers\""), "{shown}");
     }
 
     #[test]
-    fn what_a_line_does_not_say_stays_as_it_was() {
+    fn keys_not_in_the_line_keep_their_values() {
         let text = "ingest.udp = { listen = \"0.0.0.0:7\", clock = \"device\", gyro_samples = \"instants\" }";
         let mut launch = Launch::parse("launch.toml", text).unwrap();
         launch.set_source("udp?rate_hz=50").unwrap();
@@ -237,14 +249,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_line_is_said_as_of_a_launch_file_and_nothing_is_changed() {
-        for (line, said) in [
+    fn invalid_line_is_rejected_without_change() {
+        for (line, expected) in [
             ("serail:/dev/a", "did you mean \"serial\"?"),
             ("serial:/dev/a?bauds=9600", "did you mean \"baud\"?"),
             ("serial:/dev/a?baud=fast", "expected an integer, found a string"),
-            ("serial", "name it: port = \"/dev/ttyUSB0\" in [ingest.serial]"),
-            ("tcp", "name it: connect"),
-            ("iio", "name it: device"),
+            ("serial", "set port = \"/dev/ttyUSB0\" in [ingest.serial]"),
+            ("tcp", "set connect"),
+            ("iio", "set device"),
             ("tcp:host", "a host and a port"),
             ("mavlink:udpout:1.2.3.4:5", "\"udpin:127.0.0.1:14540\""),
             ("serial:/dev/a?format=witmotoin", "did you mean \"witmotion\"?"),
@@ -252,11 +264,11 @@ mod tests {
             ("serial:/dev/a?map=gx=wx", "found no gy, gz, ax, ay, az"),
             ("serial:/dev/a?units=dgr/s", "did you mean \"deg/s\"?"),
             ("serial:/dev/a?frame=xyz", "found \"xyz\""),
-            ("serial:/dev/a?columns=t,gx,gy,gz,ax,ay", "found no \"az\" among them"),
-            ("serial:/dev/a?units=s&time_bits=60", "a counter that begins again within 292 years"),
+            ("serial:/dev/a?columns=t,gx,gy,gz,ax,ay", "the column \"az\" is missing"),
+            ("serial:/dev/a?units=s&time_bits=60", "expected a counter that wraps within 292 years"),
             ("sim:s1?receiver=1", "unknown key \"receiver\""),
             ("udp:nowhere", "an address and a port"),
-            ("stdin:/dev/a", "unknown key \"place\""),
+            ("stdin:/dev/a", "unknown key \"target\""),
             ("sim:s9", "unknown value \"s9\""),
             ("bus?rate_hz=0", "expected 1 to 10000"),
             ("stdin?rate_hz=1&rate_hz=2", "duplicate key"),
@@ -264,16 +276,16 @@ mod tests {
         ] {
             let mut launch = Launch::default();
             let problems = launch.set_source(line).unwrap_err().to_string();
-            assert!(problems.contains(said) && problems.contains(line), "{said}: {problems}");
+            assert!(problems.contains(expected) && problems.contains(line), "{expected}: {problems}");
             assert_eq!(launch, Launch::default());
         }
-        for (line, said) in [
+        for (line, expected) in [
             ("tpc:gnss:1", "\"tcp:HOST:PORT\""),
             ("tcp:gnss:1?format=nema", "did you mean \"nmea\"?"),
             ("tcp:gnss:1?baud=9600", "unknown key \"baud\""),
         ] {
             let problems = Launch::default().set_receiver(line).unwrap_err().to_string();
-            assert!(problems.contains(said) && problems.contains(line), "{said}: {problems}");
+            assert!(problems.contains(expected) && problems.contains(line), "{expected}: {problems}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The endpoints, and what secures them.
+//! Network endpoints and their security.
 
 use std::{
     fmt,
@@ -9,87 +9,95 @@ use std::{
 use keys::access::AccessList;
 use zenoh::Config;
 
-use crate::{LinkError, guard};
+use crate::{LinkError, admission};
 
-/// How the hosts of the loopback begin.
-const LOOPBACKS: [&str; 3] = ["127.", "localhost:", "[::1]:"];
-/// Ports tried after the one named.
-const PORTS_TRIED: u16 = 64;
+/// Prefixes of loopback addresses.
+const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];
+/// Number of ports tried after the configured one.
+const MAX_EXTRA_PORTS: u16 = 64;
 
-/// From the last sign of a neighbour until it counts as gone, ms. QUIC does not tell that a process at the other end has died.
+/// Time without a sign of life after which a peer counts as gone, ms. QUIC does not report that a
+/// remote process has died.
 const LEASE_MS: &str = "3000";
-/// How an endpoint with mutual TLS begins.
-const SECURED: &str = "quic/";
+/// Prefix of endpoints with mutual TLS.
+const SECURED_PREFIX: &str = "quic/";
 
-/// When whoever only connects tries again, ms: a few times while a gateway is busy with connections that never become sessions.
-const RETRY: &str = "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 1.5 }";
+/// Retry intervals of a session that only connects, ms. They are short because a gateway may be
+/// busy with connections that never become sessions.
+const RETRY_CONFIG: &str = "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 1.5 }";
 
-/// The endpoints, and what secures them.
+/// Endpoints of a session and their security.
 #[derive(Debug, Clone, Default)]
 pub struct Endpoints {
-    /// Where others may connect.
+    /// Endpoints to listen on.
     pub listen: Vec<String>,
-    /// Whom to connect to.
+    /// Endpoints to connect to.
     pub connect: Vec<String>,
-    /// The certificates of mutual TLS.
+    /// Certificates for mutual TLS.
     pub tls: Option<Tls>,
-    /// A file with Zenoh's `access_control`.
+    /// File with Zenoh's `access_control`.
     pub access: Option<PathBuf>,
-    /// What those may do who show no certificate, and whoever that list names; everything where there is none.
-    pub plain: Option<AccessList>,
-    /// A client: it sees through a router whom it is for, which from one peer to another hands nothing, and does not open where nobody
-    /// is.
+    /// Permissions of clients without a certificate and of those the list names; `None` for no
+    /// restriction.
+    pub plain_access: Option<AccessList>,
+    /// Whether the session is a client. A client sees vehicles through a router, which does not
+    /// forward between peers. Opening it fails if the endpoint is unreachable.
     pub client: bool,
 }
 
-/// The certificates of mutual TLS, PEM.
+/// PEM files for mutual TLS.
 #[derive(Debug, Clone)]
 pub struct Tls {
-    /// Of the authority.
+    /// Certificate of the authority.
     pub ca: PathBuf,
-    /// One's own.
+    /// Certificate of this program.
     pub cert: PathBuf,
-    /// The key to it.
+    /// Private key of the certificate.
     pub key: PathBuf,
 }
 
 impl Endpoints {
-    /// Those whom somebody elsewhere connects to.
-    pub fn connecting(endpoints: &[String]) -> Self {
-        // On the board itself there is no router.
+    /// Creates the endpoints of a remote program that only connects.
+    pub fn with_connect(endpoints: &[String]) -> Self {
+        // On the board itself there is no router, so a plain endpoint is a peer.
         let client = matches!(endpoints, [one] if is_secured(one));
         Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }
 
-    /// Those whom it connects to, and nobody connects to it.
-    pub fn calling(&self) -> Self {
-        Self { listen: vec![], access: None, plain: None, ..self.clone() }
+    /// Returns the endpoints to connect to, without those to listen on.
+    pub fn connect_only(&self) -> Self {
+        Self { listen: vec![], access: None, plain_access: None, ..self.clone() }
     }
 
-    /// The same with the next free port where one of the loopback is taken.
+    /// Replaces the ports of loopback listeners that are in use by the next free ones.
+    ///
+    /// # Errors
+    ///
+    /// Fails if no free port is found.
     pub fn with_free_ports(mut self) -> Result<Self, LinkError> {
         for endpoint in &mut self.listen {
-            let address = endpoint.strip_prefix("tcp/").filter(|it| LOOPBACKS.iter().any(|host| it.starts_with(host)));
+            let address = endpoint.strip_prefix("tcp/").filter(|it| LOOPBACK_PREFIXES.iter().any(|host| it.starts_with(host)));
             if let Some(address) = address {
-                *endpoint = format!("tcp/{}", free(address)?);
+                *endpoint = format!("tcp/{}", with_free_port(address)?);
             }
         }
         Ok(self)
     }
 
-    /// One's own certificates serve now. Who is shown one that does not will not say so.
-    pub fn check(&self) -> Result<(), LinkError> {
+    /// Checks that the certificates of this program are valid now. The other side does not report
+    /// an invalid certificate.
+    pub fn check_certificates(&self) -> Result<(), LinkError> {
         let files = self.tls.iter().flat_map(|tls| [&tls.ca, &tls.cert]);
         Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
     }
 
-    /// Some of what it speaks to is beyond this machine.
+    /// Returns `true` if any endpoint uses mutual TLS, and so leaves this machine.
     pub(crate) fn are_secured(&self) -> bool {
         self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))
     }
 
     pub(crate) fn config(&self) -> Result<Config, LinkError> {
-        if let Some(endpoint) = self.connect.iter().find(|endpoint| is_unreachable(endpoint)) {
+        if let Some(endpoint) = self.connect.iter().find(|endpoint| is_secured_ipv6(endpoint)) {
             return Err(LinkError::Ipv6 { endpoint: endpoint.clone() });
         }
         let mut config = Config::default();
@@ -98,10 +106,10 @@ impl Endpoints {
             config.insert_json5(key, &value).map_err(failed)
         };
         let client = self.client;
-        set("mode", quoted(if client { "client" } else { "peer" }))?;
+        set("mode", json_string(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
-        // A client tries once; `Link::open` tries again.
+        // A client tries only once here, because `Link::open` retries.
         set("connect/timeout_ms", if client { "0" } else { "-1" }.into())?;
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;
@@ -109,11 +117,11 @@ impl Endpoints {
         if self.are_secured() {
             set("transport/link/tx/lease", LEASE_MS.into())?;
         }
-        set(guard::MESSAGE_MAX.0, guard::MESSAGE_MAX.1.into())?;
+        set(admission::MAX_MESSAGE.0, admission::MAX_MESSAGE.1.into())?;
         if self.listen.is_empty() {
-            set("connect/retry", RETRY.into())?;
+            set("connect/retry", RETRY_CONFIG.into())?;
         } else {
-            guard::limits().into_iter().try_for_each(|(key, value)| set(key, value))?;
+            admission::connection_limits().into_iter().try_for_each(|(key, value)| set(key, value))?;
         }
         if let Some(Tls { ca, cert, key }) = &self.tls {
             set("transport/link/tls/enable_mtls", "true".into())?;
@@ -127,7 +135,7 @@ impl Endpoints {
                 set(private_key, path(key))?;
             }
         }
-        if let Some(list) = guard::access_control(self.access.as_deref(), self.plain.as_ref())? {
+        if let Some(list) = admission::access_control(self.access.as_deref(), self.plain_access.as_ref())? {
             set("access_control", list.to_string())?;
         }
         Ok(config)
@@ -141,37 +149,36 @@ impl fmt::Display for Endpoints {
     }
 }
 
-/// It speaks QUIC, with mutual TLS.
+/// Returns `true` if the endpoint uses QUIC with mutual TLS.
 pub fn is_secured(endpoint: &str) -> bool {
-    endpoint.starts_with(SECURED)
+    endpoint.starts_with(SECURED_PREFIX)
 }
 
-/// It names whom to connect to by an IPv6 address, which Zenoh's QUIC takes for a name and refuses.
-fn is_unreachable(endpoint: &str) -> bool {
-    let host = endpoint.strip_prefix(SECURED).and_then(|address| address.rsplit_once(':'));
+/// Returns `true` for an IPv6 address over QUIC, which Zenoh takes for a host name and rejects.
+fn is_secured_ipv6(endpoint: &str) -> bool {
+    let host = endpoint.strip_prefix(SECURED_PREFIX).and_then(|address| address.rsplit_once(':'));
     host.is_some_and(|(host, _)| host.contains(':'))
 }
 
-/// The address with the first port from the one named on that nobody has.
-fn free(address: &str) -> Result<String, LinkError> {
-    let none = || LinkError::NoPort { endpoint: format!("tcp/{address}"), tried: PORTS_TRIED };
-    let (host, port) = address.rsplit_once(':').ok_or_else(none)?;
-    let port: u16 = port.parse().map_err(|_| none())?;
+/// Returns the address with the first free port from the given one on.
+fn with_free_port(address: &str) -> Result<String, LinkError> {
+    let no_free_port = || LinkError::NoFreePort { endpoint: format!("tcp/{address}"), tried: MAX_EXTRA_PORTS };
+    let (host, port) = address.rsplit_once(':').ok_or_else(no_free_port)?;
+    let port: u16 = port.parse().map_err(|_| no_free_port())?;
     let is_free = |port: &u16| TcpListener::bind(format!("{host}:{port}")).is_ok();
-    let port = (port..=port.saturating_add(PORTS_TRIED)).find(is_free).ok_or_else(none)?;
+    let port = (port..=port.saturating_add(MAX_EXTRA_PORTS)).find(is_free).ok_or_else(no_free_port)?;
     Ok(format!("{host}:{port}"))
 }
 
-fn quoted(text: &str) -> String {
-    // Paths and endpoints as a JSON string.
+fn json_string(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
 fn path(path: &Path) -> String {
-    quoted(&path.to_string_lossy())
+    json_string(&path.to_string_lossy())
 }
 
 fn list(endpoints: &[String]) -> String {
-    let quoted: Vec<_> = endpoints.iter().map(|endpoint| quoted(endpoint)).collect();
+    let quoted: Vec<_> = endpoints.iter().map(|endpoint| json_string(endpoint)).collect();
     format!("[{}]", quoted.join(", "))
 }

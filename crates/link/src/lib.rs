@@ -1,21 +1,27 @@
-//! The network: the only crate that names Zenoh, for the gateway on board and for whoever looks at a vehicle from elsewhere.
+//! The network: access to Zenoh for the gateway on board and for remote clients.
 //!
-//! Input, output: bytes under keys. Time: every wait has a limit. Failure: a network that is not there, is slow or is blocked shows
-//! as messages that do not arrive; nothing here waits for it. No multicast, no gossip: only the endpoints named are spoken to.
+//! Input, output: bytes under keys.
 //!
-//! | module | what it holds |
+//! Time: every wait has a timeout.
+//!
+//! Failure: if the network is missing, slow or blocked, messages do not arrive, but no call here
+//! waits for it. There is no multicast and no gossip: only the configured endpoints are contacted.
+//!
+//! No other crate uses Zenoh directly.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`endpoints`] | the endpoints, and what secures them |
-//! | `guard` | how much may come in, and what those may do who show no certificate |
-//! | `reach` | why somebody could not be reached |
-//! | [`outlet`] | what a vehicle shows: messages, answers, signs of life |
-//! | [`remote`] | a vehicle seen from elsewhere |
+//! | [`endpoints`] | endpoints and their security |
+//! | `admission` | limits on incoming connections, and access control without certificates |
+//! | `diagnosis` | reasons why an endpoint is unreachable |
+//! | [`publisher`] | the vehicle's side: messages, responses, liveliness |
+//! | [`remote`] | the remote side: subscriptions and queries |
 #![forbid(unsafe_code)]
 
 pub mod endpoints;
-mod guard;
-pub mod outlet;
-mod reach;
+mod admission;
+pub mod publisher;
+mod diagnosis;
 pub mod remote;
 
 use std::time::{Duration, Instant};
@@ -23,28 +29,29 @@ use std::time::{Duration, Instant};
 use zenoh::{Session, Wait};
 
 pub use endpoints::Endpoints;
-pub use guard::SESSIONS_MAX;
-pub use outlet::{Answering, Liveliness, Outlet, Question};
-pub use remote::{Arrival, Stream};
+pub use admission::MAX_SESSIONS;
+pub use publisher::{QueryHandler, Liveliness, MessagePublisher, IncomingQuery};
+pub use remote::{RemoteMessage, MessageStream};
 
-/// How long a closing session may take; the process ends in any case.
-const CLOSE_LIMIT: Duration = Duration::from_millis(200);
-/// What was sent just before is given so much time to arrive before a session closes: QUIC forgets it with the connection. Some round trips
-/// of 100 ms.
-const SETTLING: Duration = Duration::from_millis(300);
-/// How long a client tries where nobody answers. Whoever listens accepts one after the other, and waits 30 s for one who has begun to
-/// connect and does not go on (eclipse-zenoh/zenoh#2719).
-const SILENCE_LIMIT: Duration = Duration::from_secs(40);
-/// How long a client tries where it is turned away, or cannot even begin.
-const REFUSAL_LIMIT: Duration = Duration::from_secs(3);
-/// An attempt that took longer was not answered; Zenoh gives it up after 10 s.
-const ANSWER_LIMIT: Duration = Duration::from_secs(5);
-/// How long one waits for its turn where somebody is there who does not answer yet; Zenoh turns away some 250 connections a second.
-const BUSY_LIMIT: Duration = Duration::from_secs(10);
-/// Between two attempts.
-const PAUSE: Duration = Duration::from_millis(500);
+/// Timeout for closing a session. The process ends in any case.
+const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
+/// Delay before a session is closed, for messages in transit. QUIC discards them with the
+/// connection. It covers some round trips of 100 ms.
+const DELIVERY_DELAY: Duration = Duration::from_millis(300);
+/// Time for which a client retries without any answer. A listener accepts one connection after the
+/// other and waits 30 s for one that stalls during the handshake (eclipse-zenoh/zenoh#2719).
+const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(40);
+/// Time for which a client retries after rejections or local errors.
+const REJECTED_TIMEOUT: Duration = Duration::from_secs(3);
+/// Duration from which an attempt counts as unanswered. Zenoh gives up after 10 s.
+const MIN_UNANSWERED_ATTEMPT: Duration = Duration::from_secs(5);
+/// Time to wait for a session at a port that is open but busy. Zenoh rejects about 250 connections
+/// per second.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+/// Delay between two attempts.
+const RETRY_INTERVAL: Duration = Duration::from_millis(500);
 
-/// A place in the network.
+/// Session with the network.
 #[derive(Debug, Clone)]
 pub struct Link {
     session: Session,
@@ -52,46 +59,57 @@ pub struct Link {
 }
 
 impl Link {
-    /// Takes a place in the network. Whom it is to connect to is tried for ever, in the background; a client is there when this returns.
+    /// Opens a session.
+    ///
+    /// A peer returns immediately and keeps connecting in the background. A client returns once it
+    /// is connected.
+    ///
+    /// # Errors
+    ///
+    /// Fails if an endpoint cannot be opened or, for a client, cannot be reached in time.
     pub fn open(endpoints: &Endpoints) -> Result<Self, LinkError> {
         let config = endpoints.config()?;
-        let began = Instant::now();
+        let started = Instant::now();
         loop {
-            let tried = Instant::now();
+            let attempt_started = Instant::now();
             let cause = match zenoh::open(config.clone()).wait() {
                 Ok(session) => return Ok(Self { session, is_secured: endpoints.are_secured() }),
                 Err(cause) => cause.to_string(),
             };
             if !endpoints.client {
-                // After the words comes the place in Zenoh's source.
+                // Zenoh appends its source location to the message.
                 return Err(LinkError::Open {
                     endpoints: endpoints.to_string(),
                     cause: cause.split(" at /").next().unwrap_or_default().into(),
                 });
             }
-            let answered = tried.elapsed() < ANSWER_LIMIT;
-            if began.elapsed() > if answered { REFUSAL_LIMIT } else { SILENCE_LIMIT } {
-                return Err(LinkError::Unreached { limit_s: began.elapsed().as_secs(), why: reach::why(endpoints) });
+            let was_answered = attempt_started.elapsed() < MIN_UNANSWERED_ATTEMPT;
+            if started.elapsed() > if was_answered { REJECTED_TIMEOUT } else { UNANSWERED_TIMEOUT } {
+                return Err(LinkError::Unreachable { limit_s: started.elapsed().as_secs(), reason: diagnosis::diagnose(endpoints) });
             }
-            std::thread::sleep(PAUSE);
+            std::thread::sleep(RETRY_INTERVAL);
         }
     }
 
-    /// Takes a place from which somebody is reached, within `limit`; else says why not.
-    pub fn reach(endpoints: &Endpoints, limit: Duration) -> Result<Self, LinkError> {
+    /// Opens a session and waits until it is connected, at most for `limit`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if no endpoint is connected in time, with the reason for each of them.
+    pub fn connect(endpoints: &Endpoints, limit: Duration) -> Result<Self, LinkError> {
         let link = Self::open(endpoints)?;
-        // One that is busy with connections that say nothing gets to this one in its turn.
-        if link.await_somebody(limit) || reach::is_somebody_there(endpoints) && link.await_somebody(BUSY_LIMIT) {
+        // A listener that is busy with stalled connections accepts this one later.
+        if link.wait_for_peer(limit) || diagnosis::is_port_open(endpoints) && link.wait_for_peer(BUSY_TIMEOUT) {
             return Ok(link);
         }
         link.close();
-        Err(LinkError::Unreached { limit_s: limit.as_secs(), why: reach::why(endpoints) })
+        Err(LinkError::Unreachable { limit_s: limit.as_secs(), reason: diagnosis::diagnose(endpoints) })
     }
 
-    /// Waits until somebody is connected, no longer than `limit`.
-    pub fn await_somebody(&self, limit: Duration) -> bool {
+    /// Waits until a peer is connected, at most for `limit`, and returns whether one is.
+    pub fn wait_for_peer(&self, limit: Duration) -> bool {
         let deadline = Instant::now() + limit;
-        while self.neighbours() == 0 {
+        while self.peer_count() == 0 {
             if Instant::now() > deadline {
                 return false;
             }
@@ -100,119 +118,119 @@ impl Link {
         true
     }
 
-    /// The identity of this place in the network: as keys name it, and its bytes.
+    /// Returns the identity of this session, as text for keys and as bytes.
     pub fn identity(&self) -> (String, [u8; 16]) {
         let id = self.session.zid();
         (id.to_string(), id.to_le_bytes())
     }
 
-    /// How many are connected.
-    pub fn neighbours(&self) -> usize {
+    /// Returns the number of connected peers and routers.
+    pub fn peer_count(&self) -> usize {
         let info = self.session.info();
         info.peers_zid().wait().count() + info.routers_zid().wait().count()
     }
 
-    /// Leaves, so that others know at once; what was sent before arrives.
+    /// Closes the session after a delay for messages in transit. Peers are notified immediately.
     pub fn close(&self) {
-        if self.is_secured && self.neighbours() > 0 {
-            std::thread::sleep(SETTLING);
+        if self.is_secured && self.peer_count() > 0 {
+            std::thread::sleep(DELIVERY_DELAY);
         }
         let session = self.session.clone();
         let closing = std::thread::spawn(move || {
-            // One that cannot be closed ends with the process.
+            // A session that cannot be closed ends with the process.
             let _ = session.close().wait();
         });
-        let deadline = Instant::now() + CLOSE_LIMIT;
+        let deadline = Instant::now() + CLOSE_TIMEOUT;
         while !closing.is_finished() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 }
 
-/// Why the network did not do what it was asked.
+/// Error of a network operation.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The place could not be taken.
-    #[error("opening {endpoints}: {cause}; is the port taken, or a certificate not there?")]
+    /// The session could not be opened.
+    #[error("opening {endpoints}: {cause}; check that the port is free and the certificates exist")]
     Open {
-        /// The endpoints.
+        /// Endpoints of the session.
         endpoints: String,
-        /// What Zenoh says.
+        /// Error of Zenoh.
         cause: String,
     },
-    /// Nobody was reached.
-    #[error("connecting, for {limit_s} s: {why}")]
-    Unreached {
-        /// How long it was tried, s.
+    /// No endpoint could be reached.
+    #[error("connecting: no connection after {limit_s} s: {reason}")]
+    Unreachable {
+        /// Duration of the attempts, s.
         limit_s: u64,
-        /// Each endpoint and what is found there.
-        why: String,
+        /// Each endpoint with the reason why it is unreachable.
+        reason: String,
     },
-    /// A certificate of one's own that does not serve.
+    /// A certificate of this program is invalid.
     #[error(transparent)]
     Certificate(#[from] keys::KeysError),
-    /// An address that QUIC does not connect to.
+    /// The endpoint has an IPv6 address, which is not supported over QUIC.
     #[error(
-        "connecting to {endpoint}: over QUIC, Zenoh connects to no IPv6 address; name the host by its DNS name, or by an IPv4 address"
+        "connecting to {endpoint}: IPv6 addresses are not supported over QUIC; use a DNS name or an IPv4 address"
     )]
     Ipv6 {
-        /// The endpoint.
+        /// Endpoint with the address.
         endpoint: String,
     },
-    /// The endpoints or what secures them cannot be.
+    /// The endpoints or their security settings are invalid.
     #[error("setting {what}: {cause}")]
     Config {
-        /// What was being set.
+        /// Setting that is invalid.
         what: &'static str,
-        /// What is wrong with it.
+        /// Error of the setting.
         cause: String,
     },
-    /// Every port that was tried is taken.
-    #[error("listening at {endpoint}: this port and the {tried} after it are taken; name another in [gateway] listen")]
-    NoPort {
-        /// The first one tried.
+    /// All ports that were tried are in use.
+    #[error("listening at {endpoint}: this port and the next {tried} ports are in use; set another one in [gateway] listen")]
+    NoFreePort {
+        /// First endpoint tried.
         endpoint: String,
-        /// How many more were.
+        /// Number of further ports tried.
         tried: u16,
     },
     /// A key could not be used.
-    #[error("{doing} {key}: {cause}")]
+    #[error("{operation} {key}: {cause}")]
     Key {
-        /// What was being done.
-        doing: &'static str,
-        /// The key.
+        /// Operation that failed.
+        operation: &'static str,
+        /// Key of the operation.
         key: String,
-        /// What Zenoh says.
+        /// Error of Zenoh.
         cause: String,
     },
-    /// Nobody has answered.
+    /// The query had no response.
     #[error(
-        "asking {key}: nobody answered, {limit_s:.0} s at most; `plumb station` shows the vehicles that one may see"
+        "querying {key}: no response within {limit_s:.0} s; `plumb station` lists the visible vehicles"
     )]
-    NoAnswer {
-        /// The question.
+    NoResponse {
+        /// Key of the query.
         key: String,
-        /// How long it was waited for.
+        /// Timeout of the query, s.
         limit_s: f64,
     },
-    /// Whoever was asked does not answer, and says why.
-    #[error("asking {key}: refused: {reason}")]
-    Refused {
-        /// The question.
+    /// The query was rejected.
+    #[error("querying {key}: rejected: {reason}")]
+    Rejected {
+        /// Key of the query.
         key: String,
-        /// Why, for people.
+        /// Reason, for display.
         reason: String,
     },
-    /// The answer is none.
-    #[error("asking {key}: {cause}")]
-    Answer {
-        /// The question.
+    /// The response is invalid.
+    #[error("querying {key}: {cause}")]
+    InvalidResponse {
+        /// Key of the query.
         key: String,
-        /// What is wrong with it.
-        cause: wire::Refusal,
+        /// Error in the response.
+        cause: wire::DecodeError,
     },
 }
 
-fn at_key(doing: &'static str, key: &str) -> impl Fn(zenoh::Error) -> LinkError {
-    move |cause| LinkError::Key { doing, key: key.into(), cause: cause.to_string() }
+fn at_key(operation: &'static str, key: &str) -> impl Fn(zenoh::Error) -> LinkError {
+    move |cause| LinkError::Key { operation, key: key.into(), cause: cause.to_string() }
 }

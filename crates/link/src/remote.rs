@@ -1,4 +1,4 @@
-//! A vehicle seen from elsewhere.
+//! The remote side of the network: subscriptions and queries to a vehicle.
 
 use std::time::{Duration, Instant};
 
@@ -11,84 +11,94 @@ use zenoh::{
     sample::{Sample, SampleKind},
 };
 
-use crate::{Link, LinkError, at_key, outlet::REASON};
+use crate::{Link, LinkError, at_key, publisher::REASON_ENCODING};
 
-/// Messages that are kept for a reader who is slow; then the oldest are lost, and show as a gap.
-const KEPT: usize = 4096;
-/// Letters of a reason at most.
-const REASON_MAX: usize = 4096;
+/// Maximum number of messages buffered for a slow reader. The oldest are dropped, which shows as a
+/// gap.
+const MAX_BUFFERED: usize = 4096;
+/// Maximum length of a rejection's reason, characters.
+const MAX_REASON_CHARS: usize = 4096;
 
-/// Reads messages, newest wins.
+/// Stream of messages. If the buffer is full, the oldest are dropped.
 #[derive(Debug)]
-pub struct Stream(Subscriber<RingChannelHandler<Sample>>);
+pub struct MessageStream(Subscriber<RingChannelHandler<Sample>>);
 
-/// What has come.
+/// Message or liveliness change received from the network.
 #[derive(Debug, Clone)]
-pub struct Arrival {
-    /// Under which key.
+pub struct RemoteMessage {
+    /// Key of the message.
     pub key: String,
-    /// The message.
+    /// Payload of the message.
     pub bytes: Vec<u8>,
-    /// Something came, or came to life; else it has gone.
-    pub is_there: bool,
+    /// `true` for a message or a new liveliness token, `false` if it was withdrawn.
+    pub is_present: bool,
 }
 
 impl Link {
-    /// Reads what is published under a key, or several.
-    pub fn stream(&self, keys: &str) -> Result<Stream, LinkError> {
-        let subscriber = self.session.declare_subscriber(keys.to_owned()).with(RingChannel::new(KEPT));
-        subscriber.wait().map(Stream).map_err(at_key("reading", keys))
+    /// Subscribes to the messages under one or more keys.
+    pub fn subscribe(&self, keys: &str) -> Result<MessageStream, LinkError> {
+        let subscriber = self.session.declare_subscriber(keys.to_owned()).with(RingChannel::new(MAX_BUFFERED));
+        subscriber.wait().map(MessageStream).map_err(at_key("subscribing to", keys))
     }
 
-    /// Sees what lives, and what comes and goes.
-    pub fn signs(&self, keys: &str) -> Result<Stream, LinkError> {
+    /// Subscribes to liveliness: existing tokens first, then all changes.
+    pub fn subscribe_liveliness(&self, keys: &str) -> Result<MessageStream, LinkError> {
         let liveliness = self.session.liveliness();
-        let subscriber = liveliness.declare_subscriber(keys.to_owned()).history(true).with(RingChannel::new(KEPT));
-        subscriber.wait().map(Stream).map_err(at_key("seeing what lives at", keys))
+        let subscriber = liveliness.declare_subscriber(keys.to_owned()).history(true).with(RingChannel::new(MAX_BUFFERED));
+        subscriber.wait().map(MessageStream).map_err(at_key("subscribing to liveliness at", keys))
     }
 
-    /// Every answer to a question within `limit`: its key and its bytes. Where there is none and somebody says why, that is the error.
-    pub fn ask(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<Vec<(String, Vec<u8>)>, LinkError> {
-        let question = self.session.get(key).target(QueryTarget::All).consolidation(ConsolidationMode::None);
-        let replies = question.payload(payload).timeout(limit).wait().map_err(at_key("asking", key))?;
+    /// Returns the key and bytes of every response to a query that arrives within `limit`.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the query cannot be sent, or if it was rejected and has no other response.
+    pub fn query(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<Vec<(String, Vec<u8>)>, LinkError> {
+        let query = self.session.get(key).target(QueryTarget::All).consolidation(ConsolidationMode::None);
+        let replies = query.payload(payload).timeout(limit).wait().map_err(at_key("querying", key))?;
         let deadline = Instant::now() + limit;
-        let (mut answers, mut refused) = (Vec::new(), None);
+        let (mut responses, mut rejection) = (Vec::new(), None);
         while let Ok(Some(reply)) = replies.recv_deadline(deadline) {
             match reply.result() {
-                Ok(sample) => answers.push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
-                Err(error) => refused = reason(error).or(refused),
+                Ok(sample) => responses.push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
+                Err(error) => rejection = reason(error).or(rejection),
             }
         }
-        match refused {
-            Some(reason) if answers.is_empty() => Err(LinkError::Refused { key: key.into(), reason }),
-            _ => Ok(answers),
+        match rejection {
+            Some(reason) if responses.is_empty() => Err(LinkError::Rejected { key: key.into(), reason }),
+            _ => Ok(responses),
         }
     }
 
-    /// The one answer to a question.
-    pub fn ask_one<L: ControlMessage>(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<L, LinkError> {
-        let answers = self.ask(key, payload, limit)?;
-        let unanswered = || LinkError::NoAnswer { key: key.into(), limit_s: limit.as_secs_f64() };
-        let (_, bytes) = answers.into_iter().next().ok_or_else(unanswered)?;
-        L::decoded(&bytes).map_err(|cause| LinkError::Answer { key: key.into(), cause })
+    /// Returns the first response to a query, decoded.
+    ///
+    /// # Errors
+    ///
+    /// Fails without a response within `limit` or if the response is invalid or a rejection.
+    pub fn query_one<L: ControlMessage>(&self, key: &str, payload: Vec<u8>, limit: Duration) -> Result<L, LinkError> {
+        let responses = self.query(key, payload, limit)?;
+        let no_response = || LinkError::NoResponse { key: key.into(), limit_s: limit.as_secs_f64() };
+        let (_, bytes) = responses.into_iter().next().ok_or_else(no_response)?;
+        L::from_bytes(&bytes).map_err(|cause| LinkError::InvalidResponse { key: key.into(), cause })
     }
 }
 
-/// What whoever was asked says against it. Zenoh's own errors, such as that the time is over, are no text.
+/// Returns the reason of a rejection. Zenoh's own errors, such as a timeout, have another encoding
+/// and no reason.
 fn reason(error: &ReplyError) -> Option<String> {
-    let said = (*error.encoding() == REASON).then(|| error.payload().to_bytes())?;
-    let said = String::from_utf8_lossy(&said);
-    Some(said.chars().filter(|letter| !letter.is_control() || *letter == '\n').take(REASON_MAX).collect())
+    let text = (*error.encoding() == REASON_ENCODING).then(|| error.payload().to_bytes())?;
+    let text = String::from_utf8_lossy(&text);
+    Some(text.chars().filter(|c| !c.is_control() || *c == '\n').take(MAX_REASON_CHARS).collect())
 }
 
-impl Stream {
-    /// What comes next within `limit`.
-    pub fn next(&self, limit: Duration) -> Option<Arrival> {
+impl MessageStream {
+    /// Returns the next message, or `None` after `limit`.
+    pub fn next(&self, limit: Duration) -> Option<RemoteMessage> {
         let sample = self.0.recv_timeout(limit).ok().flatten()?;
-        Some(Arrival {
+        Some(RemoteMessage {
             key: sample.key_expr().to_string(),
             bytes: sample.payload().to_bytes().into_owned(),
-            is_there: sample.kind() == SampleKind::Put,
+            is_present: sample.kind() == SampleKind::Put,
         })
     }
 }

@@ -1,15 +1,20 @@
-//! Text of numbers, and which of its columns is what: the words that people use for it, wherever such text comes from.
+//! Maps the columns of a text file or stream to quantities, units and axes.
 //!
-//! Input: pairs such as `gx=gyro_x`, units such as `deg/s,g`, axes such as `frd`; fields of a line. Output: a [`Mapping`] that turns
-//! numbers of a line into SI units and body axes right, forward, up. Time: as the text has it. Failure: a [`MappingError`] with what
-//! was found and what was expected.
+//! Input: pairs such as `gx=gyro_x`, units such as `deg/s,g`, axes such as `frd`; fields of a line.
 //!
-//! | module | what it holds |
+//! Output: a [`Mapping`] that converts the numbers of a line to SI units and to body axes right,
+//! forward, up.
+//!
+//! Time: as given in the text.
+//!
+//! Failure: a [`MappingError`] with the text found and the values expected.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | `mapping` | which column is what, and its unit and frame |
-//! | `rotation` | what is a rotation |
-//! | [`text`] | fields of a line, times as text |
-//! | [`names`] | names that are nearly others |
+//! | `mapping` | columns, units and frame |
+//! | `rotation` | check for a unit quaternion |
+//! | [`text`] | fields of a line, times in text form |
+//! | [`names`] | suggestions for misspelt names |
 #![forbid(unsafe_code)]
 
 mod mapping;

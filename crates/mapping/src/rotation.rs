@@ -1,9 +1,10 @@
-//! What is a rotation.
+//! Checks whether a quaternion is a rotation.
 
-/// By how much the length of an attitude's quaternion may differ from 1.
+/// Largest accepted deviation of a quaternion's length from 1. Allows for quaternions printed with
+/// few digits.
 const LENGTH_TOLERANCE: f64 = 0.01;
 
-/// A quaternion of unit length, as far as others round it.
+/// Returns `true` if the quaternion has unit length, within rounding to two decimal places.
 pub fn is_rotation(quaternion: [f64; 4]) -> bool {
     let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     (length - 1.0).abs() <= LENGTH_TOLERANCE

@@ -1,9 +1,11 @@
-//! Fields of a line, and times as text.
+//! Splits lines into fields and parses times.
 
-/// Before what must be less than this, s, so that it can be counted in ns.
-const TIME_END_S: i128 = 9_000_000_000;
+/// Exclusive limit of |t|, s. Nanoseconds within this limit fit into an `i64`.
+const TIME_LIMIT_S: i128 = 9_000_000_000;
 
-/// The fields of a line, without the blanks and the quotes around each. A separator between quotes is none; a quote ends with its line.
+/// Returns the fields of a line, without surrounding blanks and quotes.
+///
+/// A separator between quotes belongs to the field. An unclosed quote ends with the line.
 pub fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
     let mut is_quoted = false;
     let parts = line.split(move |&byte| {
@@ -16,26 +18,29 @@ pub fn fields(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
     })
 }
 
-/// A decimal number of units of which a nanosecond is the decimal number `digits`, in ns, rounded half away from zero; one with an
-/// exponent goes through `f64`. `None` of what is no number, or not within ±9e9 s.
+/// Parses a decimal time into nanoseconds, rounded half away from zero.
+///
+/// `digits` is the number of decimal places with which the unit has nanosecond resolution: 9 for
+/// seconds. A number with an exponent is parsed as `f64`. Returns `None` if the text is not a
+/// number or the time is not within ±9e9 s.
 pub fn time_ns(text: &str, digits: usize) -> Option<i64> {
-    let end_ns = TIME_END_S * 1_000_000_000;
-    let (is_negative, plain) = match text.strip_prefix('-') {
+    let limit_ns = TIME_LIMIT_S * 1_000_000_000;
+    let (is_negative, unsigned) = match text.strip_prefix('-') {
         Some(plain) => (true, plain),
         None => (false, text.strip_prefix('+').unwrap_or(text)),
     };
-    let (whole, fraction) = plain.split_once('.').unwrap_or((plain, ""));
+    let (whole, fraction) = unsigned.split_once('.').unwrap_or((unsigned, ""));
     if whole.len() + fraction.len() == 0 || !whole.bytes().chain(fraction.bytes()).all(|byte| byte.is_ascii_digit()) {
         let t_ns = (text.parse::<f64>().ok()? * 10f64.powi(i32::try_from(digits).ok()?)).round();
-        return (t_ns.abs() < end_ns as f64).then_some(t_ns as i64);
+        return (t_ns.abs() < limit_ns as f64).then_some(t_ns as i64);
     }
     let decimals = fraction.bytes().chain(std::iter::repeat(b'0')).take(digits);
     let sum = whole.bytes().chain(decimals).fold(0i128, |sum, byte| {
-        // Far beyond the end already: no further.
-        if sum > end_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
+        // The limit is already exceeded; more digits could overflow.
+        if sum > limit_ns { sum } else { sum * 10 + i128::from(byte - b'0') }
     });
     let rounded = sum + i128::from(fraction.as_bytes().get(digits).is_some_and(|byte| *byte >= b'5'));
-    let t_ns = i64::try_from(rounded).ok().filter(|t_ns| i128::from(*t_ns) < end_ns)?;
+    let t_ns = i64::try_from(rounded).ok().filter(|t_ns| i128::from(*t_ns) < limit_ns)?;
     Some(if is_negative { -t_ns } else { t_ns })
 }
 
@@ -44,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_keep_every_nanosecond_in_every_unit() {
+    fn times_are_exact_in_every_unit() {
         for (text, digits, t_ns) in [
             ("1700000000123456789", 0, 1_700_000_000_123_456_789),
             ("1700000000123456.789", 3, 1_700_000_000_123_456_789),

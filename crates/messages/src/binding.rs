@@ -1,32 +1,34 @@
-//! What the table says of the payloads: which topic carries which, which of them begin with a header, and the way from a topic to a type.
+//! Binds each payload type to its topic in the table of [`graph`] and dispatches from topic to
+//! type.
 
-/// Ties payloads to their lines of the table `$table`. Those of topics with ticks begin with a field `header`.
-macro_rules! carry {
+/// Implements [`Message`](crate::Message) for each payload of `$table`. Payloads of topics with
+/// ticks start with a `header` field and also implement [`Ticked`](crate::Ticked).
+macro_rules! bind_payloads {
     ({ $table:path } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
         $publisher:ident => [$($reader:ident),*];)*
     ) => {
-        $($crate::binding::carry_one! { <$table>::$topic.entry(), $payload, $presence $(($flag))? })*
+        $($crate::binding::bind_payload! { <$table>::$topic.entry(), $payload, $presence $(($flag))? })*
     };
 }
 
-/// Ties one payload to its line.
-macro_rules! carry_one {
+/// Implements the traits for one payload.
+macro_rules! bind_payload {
     ($entry:expr, $payload:ident, no_tick) => {
         impl $crate::Message for $payload {
             const TOPIC: &'static graph::Entry = $entry;
             const TYPE: &'static str = Self::TYPE_NAME;
 
             fn layout() -> $crate::Layout {
-                Self::own_layout().on($entry.name)
+                Self::struct_layout().with_topic($entry.name)
             }
 
             fn source_time_ns(&self, rate_hz: f64) -> Option<i64> {
-                Self::OWN_TIME_NS(self, rate_hz)
+                Self::SOURCE_TIME_NS(self, rate_hz)
             }
         }
     };
     ($entry:expr, $payload:ident, every_tick) => {
-        $crate::binding::carry_one! { $entry, $payload, flagged(NONE) }
+        $crate::binding::bind_payload! { $entry, $payload, flagged(NONE) }
     };
     ($entry:expr, $payload:ident, flagged($flag:ident)) => {
         impl $crate::Message for $payload {
@@ -34,11 +36,11 @@ macro_rules! carry_one {
             const TYPE: &'static str = Self::TYPE_NAME;
 
             fn layout() -> $crate::Layout {
-                Self::own_layout().on($entry.name).with_header($crate::Header::layout())
+                Self::struct_layout().with_topic($entry.name).with_header($crate::Header::layout())
             }
 
             fn source_time_ns(&self, rate_hz: f64) -> Option<i64> {
-                Self::OWN_TIME_NS(self, rate_hz).or(Some(self.header.t_end_ns))
+                Self::SOURCE_TIME_NS(self, rate_hz).or(Some(self.header.t_end_ns))
             }
         }
 
@@ -56,10 +58,11 @@ macro_rules! carry_one {
     };
 }
 
-/// The value of an expression in which `M` is the type of a topic's payload: `dispatch!(topic, M => expression)`.
+/// Evaluates an expression in which `M` is the payload type of a topic.
 ///
-/// Where it needs to know whether messages of the topic have a tick, it has an expression for each:
-/// `dispatch!(topic, ticked M => expression, other M => expression)`; in the first `M` is [`Ticked`](crate::Ticked).
+/// The usage is `dispatch!(topic, M => expression)`. If the expression depends on whether messages
+/// of the topic have a tick, the usage is `dispatch!(topic, ticked M => expression, other M =>
+/// expression)`. In the first expression `M` implements [`Ticked`](crate::Ticked).
 #[macro_export]
 macro_rules! dispatch {
     ($topic:expr, $M:ident => $body:expr) => {
@@ -70,7 +73,7 @@ macro_rules! dispatch {
     };
 }
 
-/// A match with an arm for each line of the table; `$in` has both the topics and the payloads.
+/// A match with an arm per line of the table. `$in` is the crate with the topics and the payloads.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! dispatch_arms {
@@ -84,31 +87,30 @@ macro_rules! dispatch_arms {
     };
 }
 
-/// What an arm does.
+/// Body of one match arm.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! dispatch_arm {
     (no_tick $in:tt $payload:ident $T:ident ($ticked:expr) $M:ident ($other:expr)) => {{
-        #[allow(dead_code, reason = "an expression may do without it")]
+        #[allow(dead_code, reason = "the expression may not use the type")]
         type $M = $in::$payload;
         $other
     }};
     ($presence:ident $in:tt $payload:ident $T:ident ($ticked:expr) $M:ident ($other:expr)) => {{
-        #[allow(dead_code, reason = "an expression may do without it")]
+        #[allow(dead_code, reason = "the expression may not use the type")]
         type $T = $in::$payload;
         $ticked
     }};
 }
 
-pub(crate) use {carry, carry_one};
+pub(crate) use {bind_payload, bind_payloads};
 
 #[cfg(test)]
 mod tests {
-    //! A topic more is a line more and its payload: what is made of the table is made for it.
+    //! An additional table line with its payload receives everything derived from the table.
     use crate::{Flags, Message, Ticked};
 
-    /// The lines that are added.
-    macro_rules! lines {
+    macro_rules! added_lines {
         ($($callback:ident)::+ { $($argument:tt)* }) => {
             $($callback)::+! { { $($argument)* }
                 Pressure = "pressure": PressureSample, flagged(GAP), Path, ingest => [fuser];
@@ -117,24 +119,24 @@ mod tests {
         };
     }
 
-    /// The system's table with them.
-    macro_rules! longer {
+    /// The system's table with the added lines.
+    macro_rules! extended_table {
         ({ $($callback:ident)::+ { $($argument:tt)* } } $($line:tt)*) => {
             graph::topics! { $($callback)::+ { $($argument)* } $($line)* }
         };
     }
 
-    #[expect(unreachable_pub, reason = "payloads are public")]
-    mod more {
+    #[expect(unreachable_pub, reason = "`payload!` declares public types")]
+    mod extended {
         pub(super) mod graph {
             use ::graph;
-            lines!(longer { graph::define_topics {} });
+            added_lines!(extended_table { graph::define_topics {} });
         }
 
         pub(super) use crate::*;
 
         crate::layout::payload! {
-            /// The pressure of the air.
+            /// Air pressure.
             PressureSample = "plumbline.PressureSample.1" {
                 /// Tick, interval, flags.
                 header: Header,
@@ -144,42 +146,42 @@ mod tests {
         }
 
         crate::layout::payload! {
-            /// What the brakes do.
+            /// State of the brakes.
             BrakeState = "plumbline.BrakeState.1" at (|state, _| Some(state.t_ns)) {
-                /// When, ns.
+                /// Time of the state, ns.
                 t_ns: i64,
             }
         }
     }
 
-    use more::{BrakeState, PressureSample, graph::Topic};
+    use extended::{BrakeState, PressureSample, graph::Topic};
 
-    lines!(crate::binding::carry { Topic });
+    added_lines!(crate::binding::bind_payloads { Topic });
 
-    fn described(topic: Topic) -> (&'static str, usize, Option<Flags>) {
-        lines!(longer { crate::dispatch_arms { more (topic) T ((T::TYPE, size_of::<T>(), Some(T::FLAG))) M ((M::TYPE, size_of::<M>(), None)) } })
+    fn type_summary(topic: Topic) -> (&'static str, usize, Option<Flags>) {
+        added_lines!(extended_table { crate::dispatch_arms { extended (topic) T ((T::TYPE, size_of::<T>(), Some(T::FLAG))) M ((M::TYPE, size_of::<M>(), None)) } })
     }
 
     #[test]
-    fn its_payload_has_the_traits_that_its_line_says() {
+    fn added_payload_implements_the_traits_of_its_line() {
         assert_eq!((PressureSample::TOPIC.name, PressureSample::FLAG), ("pressure", Flags::GAP));
-        assert_eq!(BrakeState::TOPIC.place, crate::graph::Topic::ALL.len() + 1);
+        assert_eq!(BrakeState::TOPIC.index, crate::graph::Topic::ALL.len() + 1);
         let mut sample: PressureSample = bytemuck::Zeroable::zeroed();
         sample.header_mut().t_end_ns = 5;
         assert_eq!((sample.source_time_ns(1000.0), BrakeState { t_ns: 7 }.source_time_ns(1000.0)), (Some(5), Some(7)));
     }
 
     #[test]
-    fn its_layout_has_its_topic_and_the_fields_of_the_header() {
+    fn added_payload_layout_includes_topic_and_header() {
         let layout = PressureSample::layout();
         assert_eq!((layout.topic, layout.size, layout.header_fields), (Some("pressure"), 72, 9));
         assert_eq!(layout.fields.last().map(|field| (field.name, field.offset)), Some(("pressure_pa", 64)));
     }
 
     #[test]
-    fn dispatch_hands_out_its_type() {
-        assert_eq!(described(Topic::Pressure), ("plumbline.PressureSample.1", 72, Some(Flags::GAP)));
-        assert_eq!(described(Topic::Brake), ("plumbline.BrakeState.1", 8, None));
-        assert_eq!(described(Topic::Imu), ("plumbline.ImuSample.1", 112, Some(Flags::NONE)));
+    fn dispatch_covers_added_topics() {
+        assert_eq!(type_summary(Topic::Pressure), ("plumbline.PressureSample.1", 72, Some(Flags::GAP)));
+        assert_eq!(type_summary(Topic::Brake), ("plumbline.BrakeState.1", 8, None));
+        assert_eq!(type_summary(Topic::Imu), ("plumbline.ImuSample.1", 112, Some(Flags::NONE)));
     }
 }

@@ -1,8 +1,8 @@
-//! Fault is data: what a message says about how far it can be trusted.
+//! Per-tick flags: faults, events and limits of validity, carried as data.
 
 use core::{fmt, ops};
 
-/// A set of flags; they go with a tick from ingest to the end.
+/// Set of flags of a tick, passed on from ingest to the last service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Flags(pub u64);
@@ -11,68 +11,69 @@ macro_rules! flags {
     ($($(#[doc = $meaning:literal])+ $name:ident = $bit:literal $text:literal,)*) => {
         impl Flags {
             $($(#[doc = $meaning])+ pub const $name: Self = Self(1 << $bit);)*
-            /// Every flag with its name.
+            /// All flags with their names.
             pub const NAMES: &'static [(Self, &'static str)] = &[$((Self::$name, $text)),*];
-            /// What each of them means, in the same order.
+            /// Meanings of the flags, in the order of [`NAMES`](Self::NAMES).
             pub const MEANINGS: &'static [&'static str] = &[$(concat!($($meaning),+).trim_ascii_start()),*];
         }
     };
 }
 
 flags! {
-    /// The rate was not finite; the last good one stands in for it.
+    /// The rate is not finite and was replaced by the last valid one.
     RATE_INVALID = 0 "rate-invalid",
-    /// The specific force was not finite; the last good one stands in for it and is not used.
+    /// The specific force is not finite; the last valid one is forwarded but not used.
     FORCE_INVALID = 1 "force-invalid",
-    /// A component of the rate is at the end of its range.
+    /// A component of the rate is at the limit of the sensor's range.
     RATE_CLIPPED = 2 "rate-clipped",
-    /// A component of the specific force is at the end of its range.
+    /// A component of the specific force is at the limit of the sensor's range.
     FORCE_CLIPPED = 3 "force-clipped",
-    /// The gyro has repeated itself for too long to be alive.
+    /// The gyro has repeated the same value for too long and is considered stuck.
     RATE_STUCK = 4 "rate-stuck",
-    /// The accelerometer has repeated itself for too long to be alive; it is not used.
+    /// The accelerometer has repeated the same value for too long; it is considered stuck and not
+    /// used.
     FORCE_STUCK = 5 "force-stuck",
-    /// |f| is near zero: it has no direction and is not used.
+    /// |f| is near zero, so that its direction is undefined; the specific force is not used.
     FORCE_SMALL = 6 "force-small",
-    /// The interval before this sample is longer than a gap's limit.
+    /// The interval before this sample exceeds the gap limit.
     GAP = 7 "gap",
-    /// The sensor's clock leapt or ran backward; time was continued by the usual interval.
+    /// The sensor's clock jumped or ran backwards; time was continued with the usual interval.
     CLOCK_LEAP = 8 "clock-leap",
-    /// Readings before this one came again, or belonged to the past, and were refused.
+    /// Readings before this one were duplicated or out of order and were rejected.
     REFUSED_BEFORE = 9 "refused-before",
-    /// The rate is a value at the interval's end, not the interval's mean.
+    /// The rate is the value at the end of the interval, not its mean.
     RATE_INSTANT = 10 "rate-instant",
-    /// The gyro's motion did not arrive; the attitude was held.
+    /// The motion from the gyro service did not arrive; the attitude was held.
     GYRO_MISSING = 11 "gyro-missing",
-    /// The accelerometer's point did not arrive; the attitude followed the gyro.
+    /// The point from the accel service did not arrive; the attitude followed the gyro.
     ACCEL_MISSING = 12 "accel-missing",
-    /// Ticks before this one were lost on the way.
+    /// Ticks before this one were lost in transit.
     LOST_BEFORE = 13 "lost-before",
-    /// The attitude was set anew at this tick.
+    /// The attitude was re-initialised at this tick.
     ALIGNED = 14 "aligned",
-    /// The estimate left the finite numbers and was set anew.
+    /// The estimate was not finite and was reset.
     RESET = 15 "reset",
-    /// The body was found to be at rest.
+    /// The body was detected to be at rest.
     AT_REST = 16 "at-rest",
-    /// Near the vertical: yaw and roll are not told apart.
+    /// The nose is near the vertical, where yaw and roll cannot be distinguished.
     NEAR_GIMBAL = 17 "near-gimbal",
-    /// No accelerometer has yet been heard: the attitude is only a start.
+    /// No accelerometer sample has arrived yet; the attitude is only an initial value.
     UNALIGNED = 18 "unaligned",
-    /// A sample of the magnetic field goes with this tick, on the topic `mag`.
+    /// The topic `mag` has a magnetic field sample for this tick.
     FIELD = 19 "field",
-    /// A fix goes with this tick, on the topic `gnss`.
+    /// The topic `gnss` has a fix for this tick.
     FIX = 20 "fix",
-    /// The magnetic field was beyond its range or not finite, and was left out.
+    /// The magnetic field was out of range or not finite and was discarded.
     FIELD_INVALID = 21 "field-invalid",
-    /// The fix was not one, and was left out.
+    /// The fix was invalid and was discarded.
     FIX_INVALID = 22 "fix-invalid",
-    /// The magnetic field is not that of the place; heading follows the gyro.
+    /// The magnetic field differs from that of the location; the heading follows the gyro.
     FIELD_DISTURBED = 23 "field-disturbed",
-    /// A sample of the magnetic field, or a fix, did not arrive.
+    /// A magnetic field sample or a fix did not arrive.
     AIDING_MISSING = 24 "aiding-missing",
-    /// The launch file's script of faults was at work on this tick or on a reading before it that is gone.
+    /// The fault script of the launch file altered this tick, or dropped a reading before it.
     FAULT_INJECTED = 25 "fault-injected",
-    /// Another stage fills a slot from this tick on.
+    /// Another stage runs in a slot from this tick on.
     SWAPPED = 26 "swapped",
 }
 
@@ -80,27 +81,27 @@ impl Flags {
     /// No flag.
     pub const NONE: Self = Self(0);
 
-    /// Flags that say nothing bad.
-    pub const USUAL: Self =
+    /// Flags that do not indicate a problem.
+    pub const INFORMATIONAL: Self =
         Self(Self::RATE_INSTANT.0 | Self::ALIGNED.0 | Self::AT_REST.0 | Self::FIELD.0 | Self::FIX.0);
 
-    /// Any flag of `other` is set.
+    /// Returns `true` if any flag of `other` is set.
     pub fn any(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
 
-    /// `self` when `condition` holds, else none.
+    /// Returns `self` if `condition` is true, else [`NONE`](Self::NONE).
     pub fn when(self, condition: bool) -> Self {
         if condition { self } else { Self::NONE }
     }
 
-    /// The names of the flags set, each with what it means.
+    /// Returns the name and meaning of each flag that is set.
     pub fn meanings(self) -> impl Iterator<Item = (&'static str, &'static str)> {
         let all = Self::NAMES.iter().zip(Self::MEANINGS);
         all.filter(move |((flag, _), _)| self.any(*flag)).map(|((_, name), meaning)| (*name, *meaning))
     }
 
-    /// The names of the flags set.
+    /// Returns the names of the flags that are set.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES.iter().filter(move |(flag, _)| self.any(*flag)).map(|(_, name)| *name)
     }

@@ -1,21 +1,21 @@
-//! The layout of a payload as text and as a fingerprint: what two programs compare before they share memory.
+//! Payload layouts as text and fingerprint, compared before two programs share memory.
 
 use core::fmt;
 
-/// One field of a payload.
+/// Field of a payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
-    /// Its name, unit last.
+    /// Field name, ending in the unit.
     pub name: &'static str,
-    /// Its type as written.
+    /// Type as written in the source.
     pub kind: &'static str,
-    /// Bytes from the start of the payload.
+    /// Offset from the start of the payload, bytes.
     pub offset: usize,
-    /// What it means, with its unit; no part of the layout's text.
-    pub about: &'static str,
+    /// Meaning and unit. It is not part of the layout text.
+    pub description: &'static str,
 }
 
-/// How names end, and the units that they mean; a longer ending comes before a shorter one.
+/// Name endings and the units they stand for. A longer ending comes before a shorter one.
 const UNITS: [(&str, &str); 8] = [
     ("_rad_s", "rad/s"),
     ("_m_s2", "m/s²"),
@@ -28,42 +28,42 @@ const UNITS: [(&str, &str); 8] = [
 ];
 
 impl Field {
-    /// The unit that its name ends with.
+    /// Returns the unit that the name ends in, if any.
     pub fn unit(&self) -> Option<&'static str> {
         UNITS.iter().find(|(ending, _)| self.name.ends_with(ending)).map(|(_, unit)| *unit)
     }
 }
 
-/// The layout of a payload.
+/// Layout of a payload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
-    /// The payload's type name with its version.
+    /// Type name of the payload, including its version.
     pub name: &'static str,
-    /// Its size in bytes.
+    /// Size of the payload, bytes.
     pub size: usize,
-    /// Its fields in order of their place; those of the header first.
+    /// Fields in order of their offset. Those of the header come first.
     pub fields: Vec<Field>,
-    /// The topic that carries it; none for what is only a part of payloads.
+    /// Topic that carries the payload; `None` for a struct that is only a part of payloads.
     pub topic: Option<&'static str>,
-    /// What it is.
-    pub about: &'static str,
-    /// How many of its fields, from the first on, are those of [`Header`](crate::Header).
+    /// Description of the payload.
+    pub description: &'static str,
+    /// Number of leading fields that belong to [`Header`](crate::Header).
     pub header_fields: usize,
 }
 
 impl Layout {
-    /// A number that differs when any name, type or place differs.
+    /// Returns a hash that differs if any name, type or offset differs.
     pub fn fingerprint(&self) -> u64 {
         crate::hash(crate::HASH_START, self.to_string().as_bytes())
     }
 
-    /// This layout, of what a topic of this name carries.
-    pub(crate) fn on(mut self, topic: &'static str) -> Self {
+    /// Sets the topic that carries the payload.
+    pub(crate) fn with_topic(mut self, topic: &'static str) -> Self {
         self.topic = Some(topic);
         self
     }
 
-    /// This layout with that of its first field, a header, put in the header's place.
+    /// Replaces the first field, a header, by the header's own fields.
     pub(crate) fn with_header(mut self, header: Layout) -> Self {
         self.header_fields = header.fields.len();
         self.fields.splice(0..1, header.fields);
@@ -78,19 +78,19 @@ impl fmt::Display for Layout {
     }
 }
 
-/// Defines a struct of a payload: `repr(C)`, no padding, no invalid bit pattern, with its layout.
-macro_rules! laid_out {
-    ($(#[doc = $about:literal])* $name:ident = $type_name:literal {
-        $($(#[doc = $field_about:literal])* $field:ident: $kind:ty,)*
+/// Defines a `repr(C)` struct with its layout. It has no padding and no invalid bit patterns.
+macro_rules! layout_struct {
+    ($(#[doc = $description:literal])* $name:ident = $type_name:literal {
+        $($(#[doc = $field_description:literal])* $field:ident: $kind:ty,)*
     }) => {
-        $(#[doc = $about])*
+        $(#[doc = $description])*
         #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
         #[repr(C)]
-        pub struct $name { $($(#[doc = $field_about])* pub $field: $kind,)* }
+        pub struct $name { $($(#[doc = $field_description])* pub $field: $kind,)* }
 
         impl $name {
-            /// Its layout, the header as one field.
-            pub(crate) fn own_layout() -> $crate::Layout {
+            /// Returns the layout, with the header as a single field.
+            pub(crate) fn struct_layout() -> $crate::Layout {
                 $crate::Layout {
                     name: $type_name,
                     size: size_of::<$name>(),
@@ -98,10 +98,10 @@ macro_rules! laid_out {
                         name: stringify!($field),
                         kind: stringify!($kind),
                         offset: core::mem::offset_of!($name, $field),
-                        about: concat!($($field_about),*).trim_ascii_start(),
+                        description: concat!($($field_description),*).trim_ascii_start(),
                     }),*],
                     topic: None,
-                    about: concat!($($about),*).trim_ascii_start(),
+                    description: concat!($($description),*).trim_ascii_start(),
                     header_fields: 0,
                 }
             }
@@ -109,19 +109,20 @@ macro_rules! laid_out {
     };
 }
 
-/// Defines a payload. What does not descend from a sample may say of when on the source's clock it is: `at (|message, rate_hz| …)`, ns.
+/// Defines a payload. One that is not derived from a sample may define its time on the source's
+/// clock by `at (|message, rate_hz| …)`, ns.
 macro_rules! payload {
-    ($(#[doc = $about:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
-        $crate::layout::laid_out! { $(#[doc = $about])* $name = $type_name $fields }
+    ($(#[doc = $description:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
+        $crate::layout::layout_struct! { $(#[doc = $description])* $name = $type_name $fields }
 
         impl $name {
             pub(crate) const TYPE_NAME: &'static str = $type_name;
-            pub(crate) const OWN_TIME_NS: fn(&Self, f64) -> Option<i64> = $time_ns;
+            pub(crate) const SOURCE_TIME_NS: fn(&Self, f64) -> Option<i64> = $time_ns;
         }
     };
-    ($(#[doc = $about:literal])* $name:ident = $type_name:literal $fields:tt) => {
-        $crate::layout::payload! { $(#[doc = $about])* $name = $type_name at (|_, _| None) $fields }
+    ($(#[doc = $description:literal])* $name:ident = $type_name:literal $fields:tt) => {
+        $crate::layout::payload! { $(#[doc = $description])* $name = $type_name at (|_, _| None) $fields }
     };
 }
 
-pub(crate) use {laid_out, payload};
+pub(crate) use {layout_struct, payload};

@@ -1,9 +1,14 @@
-//! What the services say to each other: fixed payloads, their names, units and layout fingerprints.
+//! Messages of the bus: fixed-size payloads with their names, units and layout fingerprints.
 //!
-//! Input, output: plain values without pointers, padding or invalid bit patterns, so that any bytes of the right length are a
-//! message. Time: a message carries it, nothing here reads it. Failure: none; who reads a message checks what it means.
+//! Input, output: plain values without pointers, padding or invalid bit patterns. Any bytes of the
+//! right length are a valid message.
 //!
-//! Which topic carries which payload, and from whom to whom, is the table of [`graph`]; [`dispatch!`] goes from a topic to its payload's type.
+//! Time: carried in messages, not read here.
+//!
+//! Failure: none; the subscriber validates the contents.
+//!
+//! The table of [`graph`] defines the payload, publisher and subscribers of each topic.
+//! [`dispatch!`] maps a topic to its payload type.
 #![forbid(unsafe_code)]
 
 mod binding;
@@ -24,49 +29,53 @@ pub use payloads::{
     SensorReading, State, SystemEvent, TakenReading,
 };
 
-/// The layout of every topic's payload, in the order of the table.
+/// Returns the payload layouts of all topics, in the order of the table.
 pub fn layouts() -> Vec<Layout> {
     Topic::ALL.iter().map(|topic| layout(*topic)).collect()
 }
 
-/// The layout of a topic's payload.
+/// Returns the payload layout of a topic.
 pub fn layout(topic: Topic) -> Layout {
     dispatch!(topic, M => M::layout())
 }
 
-/// The length of a topic's payload, bytes.
+/// Returns the payload size of a topic, bytes.
 pub fn size(topic: Topic) -> usize {
     dispatch!(topic, M => size_of::<M>())
 }
 
-/// A payload of a topic.
+/// Payload of a topic.
 pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
-    /// What the table says of the topic that carries it.
+    /// Table entry of the topic that carries the payload.
     const TOPIC: &'static Entry;
-    /// The type's name with its version; a change of meaning changes it.
+    /// Type name with a version, which is raised when the meaning changes.
     const TYPE: &'static str;
 
-    /// Names, types and places of the fields.
+    /// Returns the names, types and offsets of the fields.
     fn layout() -> Layout;
 
-    /// Of when it is on the source's clock, ns, where it says so; ticks come `rate_hz` times a second.
+    /// Returns the time of the message on the source's clock, ns, or `None` if it has none.
+    ///
+    /// `rate_hz` is the tick rate, used by messages that carry only a tick.
     fn source_time_ns(&self, _rate_hz: f64) -> Option<i64> {
         None
     }
 }
 
-/// A message that descends from one IMU sample.
+/// Message derived from one IMU sample.
 pub trait Ticked: Message {
-    /// The flag of the ticks that have one; none where every tick has.
+    /// Flag of the ticks that have a message; [`Flags::NONE`] if every tick has one.
     const FLAG: Flags;
 
-    /// Where it comes from.
+    /// Returns the header with the tick, interval and flags.
     fn header(&self) -> &Header;
-    /// Where it comes from.
+    /// Returns the header for modification.
     fn header_mut(&mut self) -> &mut Header;
 
-    /// The bytes that are the same in every run on the same input: those of the message without its stamps of this run's clock,
-    /// decisions and processes.
+    /// Returns the message without its run-specific fields.
+    ///
+    /// Monotonic timestamps, epoch and incarnation are zeroed. The remaining bytes are equal in
+    /// every run on the same input.
     fn canonical(mut self) -> Self {
         let header = self.header_mut();
         (header.t_born_ns, header.t_sent_ns) = (0, 0);
@@ -75,7 +84,7 @@ pub trait Ticked: Message {
     }
 }
 
-/// FNV-1a, 64 bits, continued from `hash`; start with [`HASH_START`].
+/// Continues a 64-bit FNV-1a hash over `bytes`. A new hash starts with [`HASH_START`].
 pub fn hash(mut hash: u64, bytes: &[u8]) -> u64 {
     for byte in bytes {
         hash = (hash ^ u64::from(*byte)).wrapping_mul(HASH_PRIME);
@@ -83,6 +92,6 @@ pub fn hash(mut hash: u64, bytes: &[u8]) -> u64 {
     hash
 }
 
-/// The hash of nothing.
+/// Initial value of [`hash()`].
 pub const HASH_START: u64 = 0xcbf2_9ce4_8422_2325;
 const HASH_PRIME: u64 = 0x0000_0100_0000_01b3;

@@ -1,61 +1,62 @@
-//! The payloads, topic by topic.
+//! Payload types, in the order of the data flow.
 
 use graph::Topic;
 
 use crate::{
     Flags, Layout,
-    binding::carry,
-    layout::{laid_out, payload},
+    binding::bind_payloads,
+    layout::{layout_struct, payload},
 };
 
-laid_out! {
-    /// Where a message comes from: the tick, unchanged from ingest to the end, and what happened to it on the way.
+layout_struct! {
+    /// Origin of a message: its tick, unchanged from ingest to the last service, with time and
+    /// flags.
     Header = "plumbline.Header.1" {
-        /// The number ingest gave to the IMU sample, from 0, without a gap.
+        /// Number assigned to the IMU sample by ingest, from 0, without gaps.
         tick: u64,
         /// Start of the sample's interval on the source's clock, ns.
         t_start_ns: i64,
         /// End of the sample's interval on the source's clock, ns; grows with every tick.
         t_end_ns: i64,
-        /// When ingest took the sample, CLOCK_MONOTONIC, ns.
+        /// Time at which ingest received the sample, CLOCK_MONOTONIC, ns.
         t_born_ns: u64,
-        /// When this message was published, CLOCK_MONOTONIC, ns.
+        /// Time at which this message was published, CLOCK_MONOTONIC, ns.
         t_sent_ns: u64,
-        /// Ticks before this one that its stream does not have.
+        /// Number of ticks missing from the stream before this one.
         lost_upstream: u64,
-        /// What is to be said about the sample and what was made of it.
+        /// Faults and events of the sample and of its processing.
         flags: Flags,
-        /// The supervisor's decision under which the sender owns its slot.
+        /// Epoch of the decision under which the publisher owns its slot.
         epoch: u32,
-        /// The incarnation of the sender.
+        /// Incarnation of the publisher.
         incarnation: u32,
     }
 }
 
 impl Header {
-    /// Length of the sample's interval, s.
+    /// Returns the length of the sample's interval, s.
     pub fn dt_s(&self) -> f64 {
         (self.t_end_ns - self.t_start_ns) as f64 * 1e-9
     }
 
-    /// Names, types and places of the fields.
+    /// Returns the names, types and offsets of the fields.
     pub fn layout() -> Layout {
-        Self::own_layout()
+        Self::struct_layout()
     }
 }
 
-/// The chart of a point (w): numbers, so that a message has no invalid bit pattern.
+/// Chart of a point w. It is a number, so that every bit pattern is valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Chart(pub u64);
 
 impl Chart {
-    /// Projected from −ζ: w = 0 is level.
+    /// Projection from −ζ: w = 0 is level.
     pub const UPRIGHT: Self = Self(0);
-    /// Projected from +ζ: w = 0 is upside down.
+    /// Projection from +ζ: w = 0 is upside down.
     pub const INVERTED: Self = Self(1);
 
-    /// The word for it.
+    /// Returns the name of the chart, or `unknown` for other values.
     pub fn name(self) -> &'static str {
         match self {
             Self::UPRIGHT => "upright",
@@ -65,20 +66,20 @@ impl Chart {
     }
 }
 
-/// From which direction a course is counted.
+/// Zero direction of a course or heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct CourseReference(pub u64);
 
 impl CourseReference {
-    /// From wherever the attitude began: gyro and accelerometer alone cannot know north.
+    /// Heading at the start. Gyro and accelerometer alone cannot observe north.
     pub const ARBITRARY: Self = Self(0);
-    /// From magnetic north.
+    /// Magnetic north.
     pub const MAGNETIC: Self = Self(1);
-    /// From true north.
+    /// True north.
     pub const TRUE: Self = Self(2);
 
-    /// The word for it.
+    /// Returns the name of the reference; other values count as `arbitrary`.
     pub fn name(self) -> &'static str {
         match self {
             Self::MAGNETIC => "magnetic",
@@ -88,20 +89,20 @@ impl CourseReference {
     }
 }
 
-/// What a service does.
+/// Operating state of a service. Other values mean that it is starting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct State(pub u32);
 
 impl State {
-    /// All its topics are open; it waits for work.
+    /// All topics are open and the service waits for input.
     pub const READY: Self = Self(1);
-    /// It works.
+    /// The service processes input.
     pub const RUNNING: Self = Self(2);
-    /// Its source is at its end.
+    /// The source is exhausted.
     pub const FINISHED: Self = Self(3);
 
-    /// The word for it.
+    /// Returns the name of the state.
     pub fn name(self) -> &'static str {
         match self {
             Self::READY => "ready",
@@ -113,51 +114,51 @@ impl State {
 }
 
 payload! {
-    /// A reading as it comes from a sensor, before anything was checked: any value may be NaN.
+    /// Unchecked reading of the sensors. Any value may be NaN.
     SensorReading = "plumbline.SensorReading.1" at (|reading, _| Some(reading.t_sensor_ns)) {
-        /// The sensor's own time stamp, ns.
+        /// Time stamp of the sensor, ns.
         t_sensor_ns: i64,
         /// Body rate, rad/s.
         rate_rad_s: [f64; 3],
         /// Specific force, m/s².
         force_m_s2: [f64; 3],
-        /// Magnetic field, µT; NaN where this reading brings none.
+        /// Magnetic field, µT; NaN if the reading has none.
         field_ut: [f64; 3],
     }
 }
 
 payload! {
-    /// A fix as it comes from a satellite receiver, before anything was checked; it belongs to the next sensor reading.
+    /// Unchecked fix of a satellite receiver. It belongs to the next sensor reading.
     ReceiverReading = "plumbline.ReceiverReading.2" {
         /// Velocity over ground, m/s, east, north, up.
         velocity_m_s: [f64; 3],
-        /// Standard deviation of each component, m/s; NaN where unknown.
+        /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// How old the velocity is on arrival, s; NaN where unknown.
+        /// Age of the velocity on arrival, s; NaN if unknown.
         age_s: f64,
-        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
-        /// Longitude, rad, east positive; NaN where unknown.
+        /// Longitude, rad, east positive; NaN if unknown.
         longitude_rad: f64,
-        /// Altitude as the receiver gives it, m; NaN where unknown.
+        /// Altitude as given by the receiver, m; NaN if unknown.
         altitude_m: f64,
     }
 }
 
 payload! {
-    /// One checked IMU sample: finite, its time grows, what is wrong with it is in the flags.
+    /// Checked IMU sample. Values are finite, time increases, and faults are in the flags.
     ImuSample = "plumbline.ImuSample.1" {
         /// Tick, interval, flags.
         header: Header,
         /// Body rate, rad/s, body axes.
         rate_rad_s: [f64; 3],
-        /// Specific force, m/s², body axes; up at rest.
+        /// Specific force, m/s², body axes; points up at rest.
         force_m_s2: [f64; 3],
     }
 }
 
 payload! {
-    /// The magnetic field at a tick; the sample of that tick is flagged `field`.
+    /// Magnetic field sample of a tick that has the flag `field`.
     MagSample = "plumbline.MagSample.1" {
         /// Tick, interval, flags.
         header: Header,
@@ -167,104 +168,110 @@ payload! {
 }
 
 payload! {
-    /// What a satellite receiver said, at the tick at which it arrived; the sample of that tick is flagged `fix`.
+    /// Fix of a satellite receiver, assigned to the tick at which it arrived. That tick has the
+    /// flag `fix`.
     GnssFix = "plumbline.GnssFix.2" {
         /// Tick, interval, flags.
         header: Header,
         /// Velocity over ground, m/s, east, north, up.
         velocity_m_s: [f64; 3],
-        /// Standard deviation of each component, m/s; NaN where unknown.
+        /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// How old the velocity was on arrival, s; NaN where unknown.
+        /// Age of the velocity on arrival, s; NaN if unknown.
         age_s: f64,
-        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
-        /// Longitude, rad, east positive; NaN where unknown.
+        /// Longitude, rad, east positive; NaN if unknown.
         longitude_rad: f64,
-        /// Altitude as the receiver gives it, m; NaN where unknown.
+        /// Altitude as given by the receiver, m; NaN if unknown.
         altitude_m: f64,
     }
 }
 
 payload! {
-    /// The true attitude at a tick, as far as the source knows it.
+    /// True attitude at a tick, if the source provides it.
     Reference = "plumbline.Reference.1" at (|reference, rate_hz| Some((reference.tick as f64 * 1e9 / rate_hz) as i64)) {
-        /// The IMU sample's tick.
+        /// Tick of the IMU sample.
         tick: u64,
-        /// 1 where an estimate is to be judged by it, else 0.
+        /// 1 if estimates are scored against this attitude, else 0.
         scored: u64,
-        /// Body → reference, w x y z, unit.
+        /// Rotation from body to reference, w x y z, unit quaternion.
         quaternion: [f64; 4],
     }
 }
 
 payload! {
-    /// A reading as ingest took it, in the order in which it did, before faults of the launch file, checks, calibration and mounting: from these a
-    /// flight is replayed. Published while somebody asked for it.
+    /// Reading as received by ingest, from which a flight can be replayed.
     ///
-    /// A simulation or a recording is read again by each incarnation of ingest, so that a number may come again, with the same reading. Of sensors on
-    /// the bus each incarnation counts anew, and goes on at `tick` with `offset_ns`.
+    /// Readings are published in order of arrival, before injected faults, checks, calibration and
+    /// mounting, while a subscriber requests them.
+    ///
+    /// Each incarnation of ingest reads a simulation or recording again, so that a number may
+    /// repeat with the same reading. For sensors on the bus each incarnation counts from 0 and
+    /// resumes at `tick` with `offset_ns`.
     TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
-        /// Readings that this incarnation had taken before it, those included that were refused.
+        /// Number of readings that this incarnation received before this one, including rejected
+        /// ones.
         number: u64,
-        /// The tick that it becomes, unless it is refused.
+        /// Tick that the reading becomes unless it is rejected.
         tick: u64,
-        /// The source's own time stamp, ns.
+        /// Time stamp of the source, ns.
         t_sensor_ns: i64,
-        /// Time of the samples less the source's before this reading, ns.
+        /// Sample time minus source time before this reading, ns.
         offset_ns: i64,
         /// Body rate, rad/s, sensor axes.
         rate_rad_s: [f64; 3],
         /// Specific force, m/s², sensor axes.
         force_m_s2: [f64; 3],
-        /// Magnetic field, µT, sensor axes; NaN where there is none.
+        /// Magnetic field, µT, sensor axes; NaN if absent.
         field_ut: [f64; 3],
-        /// Velocity of the fix that belongs to it, m/s, east, north, up; NaN where there is none.
+        /// Velocity of the reading's fix, m/s, east, north, up; NaN if absent.
         velocity_m_s: [f64; 3],
-        /// Standard deviation of each component, m/s; NaN where unknown.
+        /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// How old the velocity was on arrival, s; NaN where unknown.
+        /// Age of the velocity on arrival, s; NaN if unknown.
         age_s: f64,
-        /// Geodetic latitude, rad, north positive; NaN where unknown.
+        /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
-        /// Longitude, rad, east positive; NaN where unknown.
+        /// Longitude, rad, east positive; NaN if unknown.
         longitude_rad: f64,
-        /// Altitude as the receiver gives it, m; NaN where unknown.
+        /// Altitude as given by the receiver, m; NaN if unknown.
         altitude_m: f64,
-        /// The true attitude, body → reference, w x y z; NaN where the source does not know it.
+        /// True attitude, body to reference, w x y z; NaN if unknown.
         quaternion: [f64; 4],
-        /// What it brings: 1 a field, 2 a fix, 4 the true attitude, 8 that an estimate is to be judged by that; their sum.
+        /// Contents, a sum of 1 (field), 2 (fix), 4 (true attitude) and 8 (true attitude is
+        /// scored).
         brings: u32,
-        /// The incarnation of ingest.
+        /// Incarnation of ingest.
         incarnation: u32,
     }
 }
 
 impl TakenReading {
-    /// It has a magnetic field.
+    /// Bit of `brings`: the reading has a magnetic field.
     pub const FIELD: u32 = 1;
-    /// It has a fix.
+    /// Bit of `brings`: the reading has a fix.
     pub const FIX: u32 = 2;
-    /// It has the true attitude.
+    /// Bit of `brings`: the reading has the true attitude.
     pub const REFERENCE: u32 = 4;
-    /// An estimate is to be judged by the true attitude.
+    /// Bit of `brings`: estimates are scored against the true attitude.
     pub const SCORED: u32 = 8;
 }
 
 payload! {
-    /// The motion over one tick's interval.
+    /// Motion of the body over the interval of one tick.
     GyroStep = "plumbline.GyroStep.1" {
         /// Tick, interval, flags.
         header: Header,
-        /// Open-loop point u, v at the interval's end.
+        /// Open-loop point (u, v) at the end of the interval.
         w: [f64; 2],
-        /// Open-loop turn about the vertical, rad.
+        /// Open-loop rotation about the vertical, rad.
         z_rad: f64,
-        /// The chart of `w` and `z_rad`.
+        /// Chart of `w` and `z_rad`.
         chart: Chart,
-        /// The body's turn over the interval, p = d0 + j d3.
+        /// Rotation of the body over the interval, p = d0 + j d3.
         p: [f64; 2],
-        /// The body's turn over the interval, s = d1 + j d2.
+        /// Rotation of the body over the interval, s = d1 + j d2.
         s: [f64; 2],
         /// Mean rate over the interval, rad/s, body axes.
         rate_rad_s: [f64; 3],
@@ -272,17 +279,17 @@ payload! {
 }
 
 payload! {
-    /// Where the accelerometer sees up.
+    /// Up direction derived from the specific force.
     AccelPoint = "plumbline.AccelPoint.1" {
         /// Tick, interval, flags.
         header: Header,
-        /// u, v.
+        /// Point (u, v) of the up direction.
         w: [f64; 2],
-        /// The chart of `w`.
+        /// Chart of `w`.
         chart: Chart,
         /// |f|, m/s².
         norm_m_s2: f64,
-        /// 1 at |f| = g, 0 where the point is not from this sample.
+        /// Confidence: 1 at |f| = g, 0 if the point is not from this sample.
         trust: f64,
         /// Specific force, m/s², body axes.
         force_m_s2: [f64; 3],
@@ -290,39 +297,39 @@ payload! {
 }
 
 payload! {
-    /// The fused attitude.
+    /// Fused attitude.
     FusedState = "plumbline.FusedState.1" {
         /// Tick, interval, flags.
         header: Header,
-        /// u, v.
+        /// Point (u, v) of the attitude.
         w: [f64; 2],
-        /// Turn about the vertical, rad.
+        /// Rotation about the vertical, rad.
         z_rad: f64,
-        /// The chart of `w` and `z_rad`.
+        /// Chart of `w` and `z_rad`.
         chart: Chart,
-        /// Body rate less the bias, rad/s, body axes.
+        /// Body rate minus bias, rad/s, body axes.
         rate_rad_s: [f64; 3],
-        /// Gyro bias, rad/s, body axes; zero where the stage does not estimate it.
+        /// Gyro bias, rad/s, body axes; zero if the stage does not estimate it.
         bias_rad_s: [f64; 3],
-        /// Angle between the accelerometer's up and the attitude's, rad.
+        /// Angle between the up directions of accelerometer and attitude, rad.
         innovation_rad: f64,
         /// Standard deviation of the inclination, rad.
         inclination_sd_rad: f64,
-        /// Standard deviation of the heading, rad; π where nothing is known.
+        /// Standard deviation of the heading, rad; π if unknown.
         heading_sd_rad: f64,
-        /// What the heading is counted from.
+        /// Zero direction of the heading.
         course_reference: CourseReference,
-        /// Times the attitude was set anew.
+        /// Number of times the attitude was re-initialised.
         reset_counter: u64,
     }
 }
 
 payload! {
-    /// The attitude as people and autopilots read it.
+    /// Attitude as angles and quaternion, for display and autopilots.
     AttitudeOutput = "plumbline.AttitudeOutput.1" {
         /// Tick, interval, flags.
         header: Header,
-        /// Body → reference, w x y z, unit: v_ref = q v_body q*.
+        /// Rotation from body to reference, w x y z, unit: v_ref = q v_body q*.
         quaternion: [f64; 4],
         /// ψ, rad, counter-clockwise from above, (−π, π].
         yaw_rad: f64,
@@ -332,177 +339,184 @@ payload! {
         roll_rad: f64,
         /// Course, rad, clockwise from above, [0, 2π).
         course_rad: f64,
-        /// What the course is counted from.
+        /// Zero direction of the course.
         course_reference: CourseReference,
-        /// Standard deviation of the course, rad; π where nothing is known.
+        /// Standard deviation of the course, rad; π if unknown.
         course_sd_rad: f64,
-        /// Magnetic declination by which a magnetic course was made true, rad, east positive; 0 where none was.
+        /// Magnetic declination added to a magnetic course, rad, east positive; 0 if none was
+        /// added.
         declination_rad: f64,
-        /// Body rate less the bias, rad/s, body axes.
+        /// Body rate minus bias, rad/s, body axes.
         rate_rad_s: [f64; 3],
         /// Standard deviation of the inclination, rad.
         inclination_sd_rad: f64,
-        /// Times the attitude or the course was set anew.
+        /// Number of times the attitude or the course was re-initialised.
         reset_counter: u64,
-        /// The jump of the last time: the turn from the attitude expected to the attitude set, w x y z.
+        /// Rotation of the last re-initialisation, from the expected to the new attitude, w x y z.
         jump: [f64; 4],
     }
 }
 
 payload! {
-    /// Leave to publish: in live operation without end, in lockstep as far as the slowest reader allows.
+    /// Permission to publish: unlimited in live operation, limited by the slowest subscriber in
+    /// lockstep.
     Credit = "plumbline.Credit.2" {
-        /// Ingest may publish the ticks below this one.
+        /// Ingest may publish ticks below this one.
         ticks: u64,
-        /// 1 once the system is to end: nothing new is published, and the source stays for readers that are started again.
+        /// 1 once the system is to end: no new ticks are published, but the source stays available
+        /// to restarted subscribers.
         ends: u64,
     }
 }
 
 payload! {
-    /// The state of a slot between two ticks: from it the next incarnation of the service goes on, or another stage.
+    /// State of a slot between two ticks, from which another incarnation or stage resumes.
     Checkpoint = "plumbline.Checkpoint.3" {
-        /// The tick that the slot takes next.
+        /// Next tick that the slot processes.
         next_tick: u64,
-        /// [`Checkpoint::sum`].
+        /// Value of [`Checkpoint::compute_checksum`].
         checksum: u64,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
+        /// Index of the service: ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
-        /// The incarnation of the sender.
+        /// Incarnation of the publisher.
         incarnation: u32,
-        /// The stage's name, filled up with zeros.
+        /// Name of the stage, padded with zeros.
         stage: [u8; 32],
-        /// How many words are the slot's own.
+        /// Number of words with the state of the slot itself.
         slot_words: u32,
-        /// How many words after them are numbers that every stage of the slot can go on with.
+        /// Number of following words that every stage of the slot can adopt.
         common_words: u32,
-        /// How many words after those are the numbers of this stage.
+        /// Number of following words that belong to this stage only.
         stage_words: u32,
-        /// 1 while the first output of a stage that fills the slot in the place of another, which says so, is to come.
+        /// 1 until a stage that has replaced another publishes its first output, which is flagged
+        /// `swapped`; else 0.
         swapped: u32,
-        /// Numbers, each as its bits.
+        /// State words, each the bits of a number.
         words: [u64; CHECKPOINT_WORDS],
     }
 }
 
-/// Words of a checkpoint at most: the state of the largest stage and what a slot keeps beside it.
+/// Maximum number of words of a checkpoint: the state of the largest stage and of its slot.
 pub const CHECKPOINT_WORDS: usize = 1600;
 
 impl Checkpoint {
-    /// A number of all but the checksum itself, by words of eight bytes: a checkpoint is long, and is summed often.
-    pub fn sum(&self) -> u64 {
+    /// Returns the checksum of everything but the checksum itself.
+    ///
+    /// It hashes words of eight bytes, because a checkpoint is long and is summed often.
+    pub fn compute_checksum(&self) -> u64 {
         let Self { checksum, .. } = self;
         let words: &[u64] = bytemuck::cast_slice(std::slice::from_ref(self));
-        let own = std::mem::offset_of!(Self, checksum) / size_of_val(checksum);
-        let (before, after) = (&words[..own], &words[own + 1..]);
+        let checksum_index = std::mem::offset_of!(Self, checksum) / size_of_val(checksum);
+        let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..]);
         before.iter().chain(after).fold(crate::HASH_START, |sum, word| {
             let sum = (sum ^ word).wrapping_mul(crate::HASH_PRIME);
-            // Without this the highest bits of two words could cancel each other.
+            // Without this shift, changes in the highest bits of two words could cancel.
             sum ^ (sum >> 32)
         })
     }
 
-    /// The stage's name; empty when it is none.
+    /// Returns the name of the stage; empty if it is missing or not valid UTF-8.
     pub fn stage(&self) -> &str {
-        text(&self.stage)
+        padded_text(&self.stage)
     }
 }
 
 payload! {
-    /// How far a candidate is from the stage that owns its slot: angle, inclination, heading.
+    /// Difference between a candidate and the owner of its slot: angle, inclination, heading.
     Difference = "plumbline.Difference.2" {
-        /// The newest tick compared.
+        /// Newest tick compared.
         tick: u64,
-        /// Ticks compared.
+        /// Number of ticks compared.
         ticks: u64,
-        /// At that tick, rad.
+        /// Difference at `tick`, rad.
         now_rad: [f64; 3],
-        /// Mean, rad.
+        /// Mean difference, rad.
         mean_rad: [f64; 3],
-        /// Root of the mean square, rad.
+        /// Root mean square difference, rad.
         rms_rad: [f64; 3],
-        /// Largest, rad.
+        /// Largest difference, rad.
         max_rad: [f64; 3],
-        /// At that tick: the turn from the owner's attitude to the candidate's, w x y z, body axes; NaN where unknown.
+        /// Rotation from the owner's to the candidate's attitude at `tick`, w x y z, body axes; NaN
+        /// if unknown.
         turn: [f64; 4],
-        /// The slot's place in the order ingest, gyro, accel, fuser, course, gateway.
+        /// Index of the slot's service: ingest, gyro, accel, fuser, course, gateway.
         service: u32,
-        /// The candidate's incarnation.
+        /// Incarnation of the candidate.
         incarnation: u32,
     }
 }
 
 payload! {
-    /// Who owns a slot from a tick on: the supervisor's decision.
+    /// Decision of the supervisor: the owner of a slot from a tick on.
     Control = "plumbline.Control.1" {
-        /// The first tick of the decision.
+        /// First tick of the decision.
         from_tick: u64,
-        /// The decision's number; it grows with every decision about the slot.
+        /// Number of the decision, which increases with every decision about the slot.
         epoch: u32,
-        /// The slot's place in the order ingest, gyro, accel, fuser, course, gateway.
+        /// Index of the slot's service: ingest, gyro, accel, fuser, course, gateway.
         service: u32,
-        /// The incarnation that owns it.
+        /// Incarnation of the owner.
         owner: u32,
-        /// Zero.
+        /// Always zero.
         reserved: u32,
     }
 }
 
 payload! {
-    /// What a service says of itself.
+    /// Status report of a service.
     Health = "plumbline.Health.2" {
-        /// Ticks published since the start.
+        /// Number of ticks published since the start.
         ticks: u64,
-        /// Ticks that never came.
+        /// Number of ticks that never arrived.
         lost: u64,
-        /// Messages that came twice or too late, and were left out.
+        /// Number of messages discarded because they were duplicates or too late.
         duplicated: u64,
-        /// Messages that a restarted service sent again, and that were left out.
+        /// Number of messages discarded because a restarted service published them again.
         repeated: u64,
-        /// The tick that the service takes next.
+        /// Next tick that the service processes.
         next_tick: u64,
-        /// Readings refused at the source.
+        /// Number of readings rejected at the source.
         refused: u64,
-        /// Waits that ended by their limit although there was work: lost wake-ups.
+        /// Number of waits that timed out although there was work: lost wake-ups.
         late_wakes: u64,
-        /// Every flag seen since the start.
+        /// Union of all flags since the start.
         flags: Flags,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
+        /// Index of the service: ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
-        /// What it does.
+        /// Operating state.
         state: State,
-        /// Its incarnation.
+        /// Incarnation of the service.
         incarnation: u32,
-        /// Its process.
+        /// Process identifier.
         pid: u32,
-        /// The decision about its slot that it follows.
+        /// Epoch of the decision that the service follows.
         epoch: u32,
-        /// 1 when that decision came too late for it to follow, else 0.
+        /// 1 if that decision arrived too late to be followed, else 0.
         missed: u32,
-        /// The first tick that it has published under that decision; u64::MAX for none.
+        /// First tick published under that decision; u64::MAX if none.
         published_from: u64,
-        /// Outputs that were not finite.
+        /// Number of outputs that were not finite.
         flawed: u64,
-        /// Of the drivers, where they fit the device's clock: CLOCK_MONOTONIC less the device's, ns.
+        /// CLOCK_MONOTONIC minus the device's clock, ns, if the drivers fit that clock.
         clock_offset_ns: i64,
-        /// Likewise: standard deviation of the times of arrival about the fit, ns.
+        /// Standard deviation of arrival times about the clock fit, ns.
         clock_jitter_ns: u64,
-        /// Likewise: times the device's clock began again, was set, or did not go forward.
+        /// Number of times the device's clock restarted, was set or did not advance.
         clock_steps: u64,
     }
 }
 
-/// What an event of the system is.
+/// Kind of a system event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct EventKind(pub u32);
 
 macro_rules! event_kinds {
-    ($($(#[doc = $about:literal])+ $name:ident = $number:literal $word:literal,)*) => {
+    ($($(#[doc = $description:literal])+ $name:ident = $number:literal $word:literal,)*) => {
         impl EventKind {
-            $($(#[doc = $about])+ pub const $name: Self = Self($number);)*
+            $($(#[doc = $description])+ pub const $name: Self = Self($number);)*
 
-            /// The word for it.
+            /// Returns the name of the kind, or `unknown` for other values.
             pub fn name(self) -> &'static str {
                 match self {
                     $(Self::$name => $word,)*
@@ -514,161 +528,166 @@ macro_rules! event_kinds {
 }
 
 event_kinds! {
-    /// A process of a service has started for the first time; `settings` are those of its stage. Of no service: the run has begun; `settings` are its
-    /// rate and its source (0 simulation, 1 recording, 2 sensors on the bus).
+    /// The first process of a service has started; `settings` are those of its stage. Without a
+    /// service, the run has started; `settings` are its rate and its source (0 simulation, 1
+    /// recording, 2 sensors on the bus).
     STARTED = 1 "started",
-    /// The run began with what an earlier one had found of the sensors: `settings`.
+    /// The run started with sensor errors estimated in an earlier run: `settings`.
     WARM = 2 "warm",
-    /// Every service runs.
+    /// Every service is running.
     READY = 3 "ready",
-    /// A process has ended; `why` tells how.
+    /// A process has ended; `why` is the reason.
     ENDED = 4 "ended",
-    /// A service was started again; it goes on at `adopted_tick`.
+    /// A service was restarted and resumes at `adopted_tick`.
     RESTARTED = 5 "restarted",
-    /// A service is not started again.
+    /// A service will not be restarted.
     GIVEN_UP = 6 "given-up",
-    /// Somebody asks for a stage in a slot, or a watch does.
-    SWAP_ASKED = 7 "swap-asked",
-    /// Somebody asks for a stage beside the owner of a slot, or a watch does.
-    SHADOW_ASKED = 8 "shadow-asked",
-    /// A stage that is to take over has started, from the slot's state before `adopted_tick`.
+    /// A client or a watch requests a stage for a slot.
+    SWAP_REQUESTED = 7 "swap-requested",
+    /// A client or a watch requests a shadow stage in parallel with the owner of a slot.
+    SHADOW_REQUESTED = 8 "shadow-requested",
+    /// A stage that is to take over has started from the slot's state before `adopted_tick`.
     CANDIDATE = 9 "candidate",
-    /// A decision: from `tick` on the slot is that of `filling`; `filling` 4294967295 is nobody.
+    /// A decision: the slot belongs to `filling` from `tick` on; 4294967295 means no owner.
     OWNER = 10 "owner",
-    /// A request has been met: the stage has the slot from `tick` on.
+    /// A request succeeded: the stage owns the slot from `tick` on.
     SWAPPED = 11 "swapped",
-    /// A request was refused, and nothing was begun; `why` tells the reason.
+    /// A request was rejected without any change; `why` is the reason.
     REFUSED = 12 "refused",
-    /// A request has failed, and the slot is as it was; `why` tells the reason.
+    /// A request failed and the slot is unchanged; `why` is the reason.
     ABORTED = 13 "aborted",
-    /// So many `ticks` before `tick` have no attitude.
+    /// The `ticks` ticks before `tick` have no attitude.
     LOST = 14 "lost",
-    /// The supervisor did not take so many attitudes before `tick` while the topic held them.
-    NOT_TAKEN = 15 "not-taken",
-    /// A new bus in the place of one whose files were removed.
+    /// The supervisor did not read `ticks` attitudes before `tick` while the topic held them.
+    NOT_RECORDED = 15 "not-recorded",
+    /// A new bus replaces one whose files were removed.
     BUS_RENEWED = 16 "bus-renewed",
-    /// The end has begun: the source publishes nothing new.
+    /// The system is shutting down and the source publishes no new ticks.
     ENDING = 17 "ending",
-    /// The system is at its end; `why` tells what ended it before its time.
+    /// The system has ended; `why` is the reason for an early end.
     FINISHED = 18 "finished",
 }
 
 payload! {
-    /// What the supervisor did or saw. A number that tells nothing is 2⁶⁴ − 1, or 2³² − 1.
+    /// Action or observation of the supervisor. A number that does not apply is 2⁶⁴ − 1 or 2³² − 1.
     SystemEvent = "plumbline.SystemEvent.1" {
-        /// Events of the run before it.
+        /// Number of earlier events of the run.
         number: u64,
-        /// When, CLOCK_MONOTONIC, ns.
+        /// Time of the event, CLOCK_MONOTONIC, ns.
         t_told_ns: u64,
-        /// The tick that it is about.
+        /// Tick of the event.
         tick: u64,
-        /// How many.
+        /// Number of ticks.
         ticks: u64,
-        /// The tick before which the state was that the process goes on from.
+        /// Tick before which the adopted state was taken.
         adopted_tick: u64,
-        /// What has happened.
+        /// Kind of the event.
         kind: EventKind,
-        /// The service's place in the order ingest, gyro, accel, fuser, course, gateway, drivers.
+        /// Index of the service: ingest, gyro, accel, fuser, course, gateway, drivers.
         service: u32,
-        /// The process's incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
-        /// The decision's number.
+        /// Epoch of the decision.
         epoch: u32,
-        /// Which stage of those that a slot has had: 0 is the launch file's, each candidate counts one on, and a restart changes nothing.
+        /// Number of the stage instance in its slot: 0 is the launch file's, each candidate adds
+        /// one, a restart keeps the number.
         filling: u32,
-        /// Of which one the state was that it goes on from.
+        /// Number of the stage instance whose state was adopted.
         adopted_filling: u32,
-        /// 1 where it began in the place of one that had ended, else 0.
+        /// 1 if the process replaces one that had ended, else 0.
         alone: u32,
-        /// 1 where a text did not fit and was cut, else 0.
+        /// 1 if a text was truncated, else 0.
         cut: u32,
-        /// The stage's name, filled up with zeros.
+        /// Name of the stage, padded with zeros.
         stage: [u8; 32],
-        /// Names and numbers, `name=1.5 other=2`, filled up with zeros.
+        /// Settings, `name=1.5 other=2`, padded with zeros.
         settings: [u8; 512],
-        /// The reason, for people, filled up with zeros.
+        /// Reason, for display, padded with zeros.
         why: [u8; 256],
     }
 }
 
 impl SystemEvent {
-    /// What a number says that tells nothing.
+    /// Value of a 64-bit number that does not apply.
     pub const NONE: u64 = u64::MAX;
-    /// The same of a short one.
-    pub const NOBODY: u32 = u32::MAX;
+    /// Value of a 32-bit number that does not apply.
+    pub const NONE_U32: u32 = u32::MAX;
 
-    /// An event that tells nothing but what it is.
+    /// Creates an event of `kind` without further information.
     pub fn new(kind: EventKind) -> Self {
         Self {
             kind,
             tick: Self::NONE,
             adopted_tick: Self::NONE,
-            service: Self::NOBODY,
-            filling: Self::NOBODY,
-            adopted_filling: Self::NOBODY,
+            service: Self::NONE_U32,
+            filling: Self::NONE_U32,
+            adopted_filling: Self::NONE_U32,
             ..bytemuck::Zeroable::zeroed()
         }
     }
 
-    /// Of the stage with this number, which began with the state of another before a tick, or anew; `alone` where that had ended.
-    pub fn begun(self, filling: u32, adopted_tick: Option<u64>, adopted_filling: u32, alone: bool) -> Self {
+    /// Sets the number of the stage instance and the origin of its state.
+    ///
+    /// `adopted_tick` and `adopted_filling` identify the checkpoint; `adopted_tick` is `None` for a
+    /// fresh start. `alone` is `true` if the instance replaces one that had ended.
+    pub fn with_instance(self, filling: u32, adopted_tick: Option<u64>, adopted_filling: u32, alone: bool) -> Self {
         let adopted_tick = adopted_tick.unwrap_or(Self::NONE);
         Self { filling, adopted_tick, adopted_filling, alone: alone.into(), ..self }
     }
 
-    /// With the name and the settings of a stage.
+    /// Sets the name and the settings of a stage. Truncation is recorded in `cut`.
     pub fn with_stage<'a>(mut self, stage: &str, settings: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
-        self.cut |= u32::from(!put_text(&mut self.stage, stage));
-        // The shortest digits that are read as the same number.
+        self.cut |= u32::from(!write_text(&mut self.stage, stage));
+        // `{:?}` prints the shortest digits that parse to the same number.
         let settings = settings.into_iter().map(|(name, value)| format!("{name}={value:?}"));
-        self.cut |= u32::from(!put_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
+        self.cut |= u32::from(!write_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
         self
     }
 
-    /// With a reason.
-    pub fn with_why(mut self, why: &str) -> Self {
-        self.cut |= u32::from(!put_text(&mut self.why, why));
+    /// Sets the reason. Truncation is recorded in `cut`.
+    pub fn with_reason(mut self, reason: &str) -> Self {
+        self.cut |= u32::from(!write_text(&mut self.why, reason));
         self
     }
 
-    /// The stage's name; empty when it is none.
+    /// Returns the name of the stage; empty if there is none.
     pub fn stage(&self) -> &str {
-        text(&self.stage)
+        padded_text(&self.stage)
     }
 
-    /// Names and numbers as they are written.
+    /// Returns the settings as text.
     pub fn settings_text(&self) -> &str {
-        text(&self.settings)
+        padded_text(&self.settings)
     }
 
-    /// Names and numbers; `None` where they are none, or not all of them.
+    /// Returns the settings, or `None` if the text is malformed or truncated.
     pub fn settings(&self) -> Option<Vec<(&str, f64)>> {
         let parts = self.settings_text().split_whitespace();
         let pairs = parts.map(|part| part.split_once('=').and_then(|(name, value)| Some((name, value.parse().ok()?))));
         pairs.collect::<Option<_>>().filter(|_| self.cut == 0)
     }
 
-    /// The reason.
-    pub fn why(&self) -> &str {
-        text(&self.why)
+    /// Returns the reason.
+    pub fn reason(&self) -> &str {
+        padded_text(&self.why)
     }
 }
 
-/// Puts a text where it is filled up with zeros; what does not fit is left out. Whether all of it fits.
-fn put_text(place: &mut [u8], text: &str) -> bool {
-    let len = text.floor_char_boundary(place.len());
-    place.fill(0);
-    place.iter_mut().zip(text[..len].bytes()).for_each(|(place, byte)| *place = byte);
+/// Writes a text padded with zeros and returns whether it fits completely.
+fn write_text(target: &mut [u8], text: &str) -> bool {
+    let len = text.floor_char_boundary(target.len());
+    target.fill(0);
+    target.iter_mut().zip(text[..len].bytes()).for_each(|(place, byte)| *place = byte);
     len == text.len()
 }
 
-/// A text that is filled up with zeros; empty when it is none.
-fn text(bytes: &[u8]) -> &str {
+/// Returns a zero-padded text; empty if it is not valid UTF-8.
+fn padded_text(bytes: &[u8]) -> &str {
     let len = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     std::str::from_utf8(&bytes[..len]).unwrap_or_default()
 }
 
-graph::topics!(carry { Topic });
+graph::topics!(bind_payloads { Topic });
 
 const _: () = {
     assert!(size_of::<Header>() == 64);
@@ -686,14 +705,14 @@ mod tests {
     use crate::{HASH_START, Message, Ticked, hash, layouts};
 
     #[test]
-    fn layouts_are_those_of_the_golden_file() {
+    fn layouts_match_the_golden_file() {
         let now: String = layouts().iter().map(|l| format!("{:016x} {l}\n", l.fingerprint())).collect();
         let golden = include_str!("../golden/layouts.txt");
-        assert_eq!(now, golden, "a layout changed: raise the version in its name, then copy the left side to the file");
+        assert_eq!(now, golden, "a layout changed: raise the version in its name, then copy the left side to the golden file");
     }
 
     #[test]
-    fn every_quantity_says_its_unit() {
+    fn field_names_end_in_a_unit() {
         let plain = [
             "tick",
             "ticks",
@@ -760,7 +779,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_field_changes_the_fingerprint() {
+    fn moved_field_changes_the_fingerprint() {
         let mut layout = ImuSample::layout();
         let before = layout.fingerprint();
         let last = layout.fields.len() - 1;
@@ -769,7 +788,7 @@ mod tests {
     }
 
     #[test]
-    fn stamps_of_the_run_are_not_canonical() {
+    fn canonical_form_ignores_run_specific_fields() {
         let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
         sample.header.tick = 7;
         let mut later = sample;

@@ -13,10 +13,10 @@ use runtime::Sequence;
 use crate::{columns::OutFile, lines::Lines};
 
 /// References kept for attitudes that are still on the way: twice what a topic holds.
-const PENDING_MAX: usize = 2 * launch::TOPIC_MESSAGES_MAX;
+const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
 /// What is later than this is counted as this late, ns.
-const LATENCY_MAX_NS: u64 = 3_600_000_000_000;
+const MAX_LATENCY_NS: u64 = 3_600_000_000_000;
 
 /// Why attitudes are not collected, or their file is not whole.
 #[derive(Debug, thiserror::Error)]
@@ -71,7 +71,7 @@ impl Collector {
         Ok(Self {
             sequence: Sequence::default(),
             pending: VecDeque::new(),
-            latency_ns: Histogram::new_with_max(LATENCY_MAX_NS, 3)?,
+            latency_ns: Histogram::new_with_max(MAX_LATENCY_NS, 3)?,
             accuracy: Accuracy::default(),
             digest: HASH_START,
             flags: Flags::NONE,
@@ -87,7 +87,7 @@ impl Collector {
 
     /// Takes the truth at a tick; before the attitude of that tick.
     pub fn reference(&mut self, reference: Reference) {
-        if self.pending.len() < PENDING_MAX {
+        if self.pending.len() < MAX_PENDING {
             self.pending.push_back(reference);
         }
     }
@@ -229,11 +229,11 @@ mod tests {
     fn references_wait_for_their_attitudes_up_to_a_limit() {
         let mut collector = Collector::new(None).unwrap();
         assert!(collector.lacks_reference(0));
-        for tick in 0..PENDING_MAX as u64 + 10 {
+        for tick in 0..MAX_PENDING as u64 + 10 {
             collector.reference(Reference { tick, ..Reference::zeroed() });
         }
-        assert_eq!(collector.pending.len(), PENDING_MAX);
-        let newest = PENDING_MAX as u64 - 1;
+        assert_eq!(collector.pending.len(), MAX_PENDING);
+        let newest = MAX_PENDING as u64 - 1;
         assert_eq!([newest, newest + 1].map(|tick| collector.lacks_reference(tick)), [false, true]);
     }
 }

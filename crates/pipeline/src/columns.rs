@@ -7,7 +7,7 @@ use std::{fmt::Write as _, path::PathBuf};
 
 use launch::Output;
 use messages::{AttitudeOutput, FusedState};
-use runtime::frames::{attitude_in, fused_in};
+use runtime::frames::{attitude_to_frame, fused_to_frame};
 
 /// The file of attitudes that is asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,7 +85,7 @@ impl OutFile {
     /// Adds the line of a tick.
     pub fn line(&self, output: &AttitudeOutput, fused: Option<&FusedState>, lines: &mut String) {
         let Output { frame, quaternion } = self.output;
-        let (output, fused) = (attitude_in(frame, *output), fused.map(|state| fused_in(frame, *state)));
+        let (output, fused) = (attitude_to_frame(frame, *output), fused.map(|state| fused_to_frame(frame, *state)));
         let t_ns = output.header.t_end_ns;
         let sign = if t_ns < 0 { "-" } else { "" };
         let (s, ns) = (t_ns.unsigned_abs() / 1_000_000_000, t_ns.unsigned_abs() % 1_000_000_000);

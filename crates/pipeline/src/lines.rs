@@ -10,7 +10,7 @@ use messages::{AttitudeOutput, FusedState};
 use crate::{CollectorError, columns::OutFile, out::Out};
 
 /// Attitudes, and fused states, that wait for each other: twice what a topic holds.
-const WAITING_MAX: usize = 2 * launch::TOPIC_MESSAGES_MAX;
+const MAX_WAITING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
 pub(crate) struct Lines {
     file: OutFile,
@@ -42,7 +42,7 @@ impl Lines {
 
     /// Takes the fused state of a tick.
     pub(crate) fn fused(&mut self, state: &FusedState) -> Result<(), CollectorError> {
-        if self.fused.len() >= WAITING_MAX {
+        if self.fused.len() >= MAX_WAITING {
             self.fused.pop_front();
         }
         self.fused.push_back(*state);
@@ -72,7 +72,7 @@ impl Lines {
             }
             let fused = self.fused.pop_front_if(|state| state.header.tick == tick);
             // Fused states come in the order of ticks.
-            let is_late = self.fused.is_empty() && self.attitudes.len() < WAITING_MAX;
+            let is_late = self.fused.is_empty() && self.attitudes.len() < MAX_WAITING;
             if fused.is_none() && is_late {
                 return Ok(());
             }

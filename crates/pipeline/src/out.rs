@@ -22,7 +22,7 @@ use crate::CollectorError;
 /// Lines are handed over when there are so many bytes of them.
 const BATCH_BYTES: usize = 8192;
 /// Batches that wait for the disk: 32 MiB, some minutes at 1 kHz.
-const BATCHES_MAX: usize = 4096;
+const MAX_BATCHES: usize = 4096;
 /// How long a disk may take nothing while the run waits for it: where that many batches wait already, and at the end.
 const STILL_LIMIT: Duration = Duration::from_secs(5);
 const POLL: Duration = Duration::from_millis(1);
@@ -51,7 +51,7 @@ impl Out {
     }
 
     fn new(path: &Path, file: File, lines: String, still_limit: Duration) -> io::Result<Self> {
-        let (batches, taken) = mpsc::sync_channel(BATCHES_MAX);
+        let (batches, taken) = mpsc::sync_channel(MAX_BATCHES);
         let written_bytes = Arc::new(AtomicU64::new(0));
         let written = written_bytes.clone();
         let writer = thread::Builder::new().name("out".into()).spawn(move || write_all(file, &taken, &written))?;

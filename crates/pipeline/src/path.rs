@@ -9,8 +9,8 @@ use crate::{schedule::Schedule, seat::Seat};
 
 /// The path from a sample to an attitude.
 pub struct Path {
-    gyro: Seat<runtime::EachTick<gyro::GyroWork>>,
-    accel: Seat<runtime::EachTick<accel::AccelWork>>,
+    gyro: Seat<runtime::SingleInputSlot<gyro::GyroProcessor>>,
+    accel: Seat<runtime::SingleInputSlot<accel::AccelProcessor>>,
     fuser: Seat<fuser::FuserSlot>,
     course: Seat<course::CourseSlot>,
 }
@@ -70,7 +70,7 @@ impl Path {
             (Service::Fuser, fuser.failure()),
             (Service::Course, course.failure()),
         ];
-        let failed = failures.into_iter().find_map(|(slot, why)| Some(RuntimeError::Failed { slot, why: why? }));
+        let failed = failures.into_iter().find_map(|(slot, why)| Some(RuntimeError::StageFailed { slot, cause: why? }));
         failed.map_or(Ok(()), Err)
     }
 }

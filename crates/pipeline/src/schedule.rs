@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use launch::{Service, Stage};
+use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 
 /// The swaps of a flight.
@@ -28,7 +28,7 @@ pub(crate) struct SlotSchedule {
 /// A stage, and where it begins.
 #[derive(Debug, Clone)]
 pub(crate) struct Filling {
-    pub(crate) stage: Stage,
+    pub(crate) stage: StageConfig,
     /// It goes on with the state before this tick; anew where there is none.
     pub(crate) adopted_tick: Option<u64>,
     /// Of the stage with this number.
@@ -88,12 +88,12 @@ impl Schedule {
     }
 
     fn take(&mut self, event: &SystemEvent) {
-        let slot = Service::at(event.service);
+        let slot = Service::from_index(event.service);
         match (event.kind, slot) {
             (EventKind::OWNER, Some(slot)) => self.on_owner(slot, event),
             (EventKind::RESTARTED, Some(slot)) if slot.is_slot() => self.on_restarted(slot, event),
             (EventKind::LOST, _) => self.doubt(event.tick.saturating_sub(event.ticks), "ticks were lost"),
-            (EventKind::NOT_TAKEN, _) => {
+            (EventKind::NOT_RECORDED, _) => {
                 self.doubt(event.tick.saturating_sub(event.ticks), "the supervisor did not take some of the attitudes");
             }
             (EventKind::FINISHED, _) => self.end_tick = Some(event.tick),
@@ -103,7 +103,7 @@ impl Schedule {
 
     /// A decision counts in the place of all that are about its ticks.
     fn on_owner(&mut self, slot: Service, event: &SystemEvent) {
-        if event.filling == SystemEvent::NOBODY {
+        if event.filling == SystemEvent::NONE_U32 {
             return self.doubt(event.tick, &format!("nobody had the slot `{slot}`"));
         }
         let last_tick = self.of(slot).and_then(|own| own.turns.last()).map(|turn| turn.from_tick);
@@ -123,7 +123,7 @@ impl Schedule {
         let set = set.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         let adopted_tick = Some(event.adopted_tick).filter(|tick| *tick != SystemEvent::NONE);
         let filling = Filling {
-            stage: Stage { stage: event.stage().into(), set },
+            stage: StageConfig { stage: event.stage().into(), set },
             adopted_tick,
             adopted_filling: event.adopted_filling,
             alone: event.alone != 0,
@@ -169,7 +169,7 @@ mod tests {
 
     fn owner(tick: u64, filling: u32, adopted: (u64, u32)) -> SystemEvent {
         let event = SystemEvent { tick, service: Service::Fuser as u32, ..SystemEvent::new(EventKind::OWNER) };
-        event.begun(filling, Some(adopted.0), adopted.1, false).with_stage("vqf", [("gain", 0.1), ("fade_s", 1e-9)])
+        event.with_instance(filling, Some(adopted.0), adopted.1, false).with_stage("vqf", [("gain", 0.1), ("fade_s", 1e-9)])
     }
 
     #[test]

@@ -87,7 +87,7 @@ impl<S: Slot<Input: Clone>> Seat<S> {
             Self::Alone(slot) => slot.failure(),
             // One that waits for its turn, or has had it, is nobody's loss.
             Self::Scheduled(scheduled) => {
-                let owner = scheduled.services.iter().find(|(_, service)| service.publishes());
+                let owner = scheduled.services.iter().find(|(_, service)| service.owns_next_tick());
                 owner.and_then(|(_, service)| service.failure())
             }
         }
@@ -106,7 +106,7 @@ impl<S: Slot<Input: Clone>> Scheduled<S> {
             let (from_tick, epoch, owner) = (turn.from_tick, self.epoch, turn.filling);
             let control = Control { from_tick, epoch, service: self.slot as u32, owner, reserved: 0 };
             for (_, service) in &mut self.services {
-                service.decide(&control, publish);
+                service.apply_decision(&control, publish);
             }
         }
         let Self { services, schedule, .. } = self;
@@ -117,7 +117,7 @@ impl<S: Slot<Input: Clone>> Scheduled<S> {
     /// A stage begins as its service did on the bus: from the state of another, or anew.
     fn begin(&mut self, number: u32, filling: &Filling) -> Result<(), RuntimeError> {
         let Self { slot, services, config, .. } = self;
-        let failed = |why: String| RuntimeError::Failed { slot: *slot, why };
+        let failed = |why: String| RuntimeError::StageFailed { slot: *slot, cause: why };
         let resume = match filling.adopted_tick {
             Some(tick) => {
                 let former = services.iter_mut().find(|(number, _)| *number == filling.adopted_filling);
@@ -132,7 +132,7 @@ impl<S: Slot<Input: Clone>> Scheduled<S> {
         let role = if filling.alone { Role::Owner { from_tick: turn } } else { Role::Candidate };
         let mut config =
             ServiceConfig { incarnation: number, role, epoch: self.epoch, resume: Some(resume), ..config.clone() };
-        if let Some(stage) = config.launch.slot_mut(*slot) {
+        if let Some(stage) = config.launch.stage_mut(*slot) {
             stage.clone_from(&filling.stage);
         }
         let (service, refused) = SlotService::new((self.make)(&config)?, *slot, &config, 0, turn);

@@ -1,7 +1,7 @@
-//! Which field of a row is what.
+//! Maps the column names of a header to field indices.
 
 use crate::{
-    error::{Fault, Position, excerpt},
+    error::{ParseError, Position, excerpt},
     input::unquoted,
 };
 use csv::ByteRecord;
@@ -11,10 +11,10 @@ const REQUIRED: [&str; 7] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const FIELD: [&str; 3] = ["mx", "my", "mz"];
 const SCORED: &str = "mov";
-/// What some spreadsheets put before the text, in UTF-8.
+/// UTF-8 byte order mark, which some spreadsheets write before the text.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// The header of a recording: indices of fields, from 0.
+/// Columns of a recording, as field indices from 0.
 pub(crate) struct Columns {
     pub(crate) time: usize,
     pub(crate) rate: [usize; 3],
@@ -28,62 +28,62 @@ impl Columns {
     pub(crate) const KNOWN: [&str; 15] =
         ["t_s", "gx", "gy", "gz", "ax", "ay", "az", "qw", "qx", "qy", "qz", SCORED, "mx", "my", "mz"];
 
-    pub(crate) fn of(names: &[&'static str]) -> Result<Self, Fault> {
-        let [time, gx, gy, gz, ax, ay, az] = indices(names, &REQUIRED)?;
+    pub(crate) fn from_names(names: &[&'static str]) -> Result<Self, ParseError> {
+        let [time, gx, gy, gz, ax, ay, az] = group_indices(names, &REQUIRED)?;
         Ok(Self {
             time,
             rate: [gx, gy, gz],
             force: [ax, ay, az],
-            field: all_or_none(names, &FIELD)?,
-            quaternion: all_or_none(names, &QUATERNION)?,
+            field: optional_group(names, &FIELD)?,
+            quaternion: optional_group(names, &QUATERNION)?,
             scored: names.iter().position(|&name| name == SCORED),
         })
     }
 }
 
-/// The names in a header, each of them `known` and there once.
-pub(crate) fn names(
+/// Parses a header into column names. Each name must be in `known` and occur only once.
+pub(crate) fn parse_header(
     header: &ByteRecord,
     line: u64,
     known: &'static [&'static str],
-) -> Result<Vec<&'static str>, (Position, Fault)> {
+) -> Result<Vec<&'static str>, (Position, ParseError)> {
     let mut names = Vec::with_capacity(header.len());
     for (index, field) in header.iter().enumerate() {
         let field = if index == 0 { field.strip_prefix(BYTE_ORDER_MARK).unwrap_or(field) } else { field };
-        let name = name(unquoted(field), known).map_err(|fault| (Position::field(line, index, None), fault))?;
+        let name = known_name(unquoted(field), known).map_err(|fault| (Position::field(line, index, None), fault))?;
         if let Some(first) = names.iter().position(|&earlier| earlier == name) {
-            return Err((Position::field(line, index, Some(name)), Fault::RepeatedColumn { first: first + 1 }));
+            return Err((Position::field(line, index, Some(name)), ParseError::DuplicateColumn { first: first + 1 }));
         }
         names.push(name);
     }
     Ok(names)
 }
 
-fn name(field: &[u8], all: &'static [&'static str]) -> Result<&'static str, Fault> {
-    let name = str::from_utf8(field).map_err(|_| Fault::value(field, "UTF-8 text"))?;
-    if let Some(known) = all.iter().copied().find(|&known| known == name) {
+fn known_name(field: &[u8], known: &'static [&'static str]) -> Result<&'static str, ParseError> {
+    let name = str::from_utf8(field).map_err(|_| ParseError::invalid_value(field, "UTF-8 text"))?;
+    if let Some(known) = known.iter().copied().find(|&known| known == name) {
         return Ok(known);
     }
-    let near = nearest(name, all.iter().copied());
-    Err(Fault::UnknownColumn { found: excerpt(field), near, known: all })
+    let near = nearest(name, known.iter().copied());
+    Err(ParseError::UnknownColumn { found: excerpt(field), suggestion: near, known })
 }
 
-fn all_or_none<const N: usize>(
+fn optional_group<const N: usize>(
     names: &[&'static str],
-    wanted: &'static [&'static str; N],
-) -> Result<Option<[usize; N]>, Fault> {
-    let any = names.iter().any(|name| wanted.contains(name));
-    any.then(|| indices(names, wanted)).transpose()
+    group: &'static [&'static str; N],
+) -> Result<Option<[usize; N]>, ParseError> {
+    let any = names.iter().any(|name| group.contains(name));
+    any.then(|| group_indices(names, group)).transpose()
 }
 
-/// Where the names of a group are, all of which must be there.
-pub(crate) fn indices<const N: usize>(
+/// Returns the field indices of a group of columns, all of which are required.
+pub(crate) fn group_indices<const N: usize>(
     names: &[&'static str],
-    wanted: &'static [&'static str; N],
-) -> Result<[usize; N], Fault> {
-    let missing: Vec<_> = wanted.iter().copied().filter(|name| !names.contains(name)).collect();
+    group: &'static [&'static str; N],
+) -> Result<[usize; N], ParseError> {
+    let missing: Vec<_> = group.iter().copied().filter(|name| !names.contains(name)).collect();
     if !missing.is_empty() {
-        return Err(Fault::MissingColumns { missing, expected: wanted });
+        return Err(ParseError::MissingColumns { missing, expected: group });
     }
-    Ok(wanted.map(|name| names.iter().take_while(|&&other| other != name).count()))
+    Ok(group.map(|name| names.iter().take_while(|&&other| other != name).count()))
 }

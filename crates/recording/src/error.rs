@@ -1,71 +1,71 @@
-//! What can be wrong with a recording, and where.
+//! Errors of reading and writing recordings, with the position in the file.
 
 use std::{fmt, io, path::PathBuf};
 
-/// A recording that cannot be used.
+/// Error of reading or writing a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file could not be opened or its first bytes not read.
+    /// The file could not be opened, or its first bytes could not be read.
     #[error("opening the recording {}: {cause}; {remedy}", path.display())]
     Open {
-        /// The file.
+        /// Path of the recording.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
-        /// What to do about it.
+        /// Suggested remedy.
         remedy: &'static str,
     },
-    /// The contents are not a recording's.
-    #[error("reading the recording {}: {place}: {fault}", path.display())]
+    /// The contents are not a valid recording.
+    #[error("reading the recording {}: {position}: {error}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the recording.
         path: PathBuf,
-        /// Where in it.
-        place: Position,
-        /// What was found there and what was expected.
-        fault: Fault,
+        /// Position of the error.
+        position: Position,
+        /// Cause of the error.
+        error: ParseError,
     },
-    /// Time never increases, so there is no sampling rate.
+    /// No row is later than its predecessor, so the sampling rate is undefined.
     #[error(
-        "surveying the recording {}: found no interval in {rows} row(s), expected rows at increasing times (t_s)",
+        "reading the recording {}: found no time interval in {rows} row(s), expected increasing times (t_s)",
         path.display()
     )]
     NoInterval {
-        /// The file.
+        /// Path of the recording.
         path: PathBuf,
-        /// The rows it has.
+        /// Number of rows.
         rows: u64,
     },
-    /// The file cannot be made or written.
-    #[error("writing {}: {cause}; make room, or name another place", path.display())]
+    /// The file could not be created or written.
+    #[error("writing {}: {cause}; free disk space or choose another path", path.display())]
     Write {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// A row that would not be read as it is.
+    /// The row has a value that the file cannot represent.
     #[error("writing {}: row {row}: found {found}, expected {expected}", path.display())]
-    Unwritable {
-        /// The file.
+    InvalidRow {
+        /// Path of the file.
         path: PathBuf,
-        /// The row, from 1.
+        /// Row number, from 1.
         row: u64,
-        /// What it has.
+        /// Value that cannot be written.
         found: String,
-        /// What can be written.
+        /// Values that can be written.
         expected: &'static str,
     },
 }
 
-/// A place in a recording.
+/// Position in a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Position {
-    /// Line, from 1.
+    /// Line number, from 1.
     pub line: u64,
-    /// Field, from 1; `None` for the line as a whole.
+    /// Column number, from 1. `None` for the entire line.
     pub column: Option<usize>,
-    /// The field's name; `None` where the header gives no known one.
+    /// Column name. `None` if the header has no known name for it.
     pub name: Option<&'static str>,
 }
 
@@ -74,7 +74,7 @@ impl Position {
         Self { line, column: None, name: None }
     }
 
-    /// The place of the field with this index, from 0.
+    /// Returns the position of the field with `index`, from 0.
     pub(crate) fn field(line: u64, index: usize, name: Option<&'static str>) -> Self {
         Self { line, column: Some(index + 1), name }
     }
@@ -93,8 +93,8 @@ impl fmt::Display for Position {
     }
 }
 
-/// Readings have columns of many names, and there is a way to read them.
-fn hint(known: &[&str]) -> &'static str {
+/// Returns a hint to `--map` for recordings. Fixes and references have no such option.
+fn mapping_hint(known: &[&str]) -> &'static str {
     if known.contains(&"gx") {
         "; name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…"
     } else {
@@ -102,73 +102,73 @@ fn hint(known: &[&str]) -> &'static str {
     }
 }
 
-/// What is wrong at a place.
+/// Cause of a parse error.
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
-    /// Nothing in the file.
+pub enum ParseError {
+    /// The file is empty.
     #[error("found the end of the file, expected the header line")]
     Empty,
-    /// A header and nothing else.
+    /// The file has a header but no rows.
     #[error("found the end of the file, expected a row")]
     NoRows,
-    /// The gzip stream lacks its end.
+    /// The gzip stream is incomplete.
     #[error("found the end of the file inside the gzip stream, expected the rest of it; copy the file again")]
     Truncated,
-    /// A bad disk, a damaged gzip stream, an endless line.
-    #[error("found {0}, expected a readable line")]
+    /// The line could not be read: I/O error, corrupt gzip stream or excessive length.
+    #[error("cannot read the line: {0}")]
     Unreadable(io::Error),
-    /// A column nobody reads.
-    #[error("found {found:?}, expected {}", match near {
-        Some(near) => format!("a known column; did you mean {near:?}?"),
-        None => format!("one of {}{}", known.join(", "), hint(known)),
+    /// The header has an unknown column name.
+    #[error("found {found:?}, expected {}", match suggestion {
+        Some(suggestion) => format!("a known column; did you mean {suggestion:?}?"),
+        None => format!("one of {}{}", known.join(", "), mapping_hint(known)),
     })]
     UnknownColumn {
-        /// Its name.
+        /// Unknown name.
         found: String,
-        /// The known column of nearly that name.
-        near: Option<&'static str>,
-        /// All known columns.
+        /// Known name that is most similar. `None` if there is no similar name.
+        suggestion: Option<&'static str>,
+        /// All known names.
         known: &'static [&'static str],
     },
-    /// A column twice.
-    #[error("found the name again, expected it in column {first} only")]
-    RepeatedColumn {
-        /// Where it was first, from 1.
+    /// The header has the same column name twice.
+    #[error("found a duplicate name, expected it in column {first} only")]
+    DuplicateColumn {
+        /// First column with this name, from 1.
         first: usize,
     },
-    /// Columns that must be there.
+    /// The header lacks required columns.
     #[error("found no column {}, expected all of {}", missing.join(", "), expected.join(", "))]
     MissingColumns {
-        /// Those not there.
+        /// Missing columns.
         missing: Vec<&'static str>,
-        /// The group they belong to.
+        /// Group of columns that are required together.
         expected: &'static [&'static str],
     },
-    /// A row longer or shorter than the header.
+    /// The number of fields in the row differs from that in the header.
     #[error("found {found} fields, expected {expected} as in the header")]
     RowLength {
-        /// Fields in the row.
+        /// Number of fields in the row.
         found: usize,
-        /// Fields in the header.
+        /// Number of fields in the header.
         expected: usize,
     },
-    /// A value that is none.
+    /// The value is malformed or out of range.
     #[error("found {found:?}, expected {expected}")]
-    Value {
-        /// Its text, shortened.
+    InvalidValue {
+        /// Text of the value, at most 40 characters.
         found: String,
-        /// What the column holds.
+        /// Accepted values.
         expected: &'static str,
     },
 }
 
-impl Fault {
-    pub(crate) fn value(found: &[u8], expected: &'static str) -> Self {
-        Self::Value { found: excerpt(found), expected }
+impl ParseError {
+    pub(crate) fn invalid_value(found: &[u8], expected: &'static str) -> Self {
+        Self::InvalidValue { found: excerpt(found), expected }
     }
 }
 
-/// The first 40 characters.
+/// Returns at most the first 40 characters.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).chars().take(40).collect()
 }

@@ -1,15 +1,20 @@
-//! What a satellite receiver said, beside a recording.
+//! Reads and writes the satellite fixes that belong to a recording.
 //!
-//! Input: a file with one header line; columns `t_s,ve,vn,vu` in s and m/s, optionally `lat_deg`, `lon_deg` and
-//! `alt_m`. Output: the fixes, each for the first row of the recording that is not before it. Time: that of a fix is when it
-//! arrived, on the recording's clock. Failure: the first malformed line ends the reading, with its place.
+//! Input: a file with one header line. Columns `t_s,ve,vn,vu` in s and m/s, optionally `lat_deg`,
+//! `lon_deg` and `alt_m`.
+//!
+//! Output: fixes, each assigned to the first row of the recording that is not earlier.
+//!
+//! Time: the time of arrival of a fix, on the recording's clock.
+//!
+//! Failure: reading ends at the first malformed line, with its position.
 
 use std::path::{Path, PathBuf};
 
 use crate::{
-    columns::indices,
+    columns::group_indices,
     error::RecordingError,
-    output::{Output, number},
+    atomic_file::{AtomicFile, decimal},
     table::Table,
     time,
 };
@@ -18,135 +23,162 @@ const REQUIRED: [&str; 4] = ["t_s", "ve", "vn", "vu"];
 const POSITION: [&str; 3] = ["lat_deg", "lon_deg", "alt_m"];
 const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", POSITION[0], POSITION[1], POSITION[2]];
 
-/// What the file of a recording ends with, and that of its fixes instead.
-const IMU_ENDS: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
-const GNSS_ENDS: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
+/// Suffixes of a recording's file name and of its file of fixes.
+const IMU_SUFFIXES: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
+const GNSS_SUFFIXES: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
 
-/// One fix.
+/// Satellite fix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fix {
-    /// When it arrived, on the recording's clock, ns.
+    /// Time of arrival on the recording's clock, ns.
     pub t_ns: i64,
-    /// Velocity over ground, m/s, east, north, up; as recorded, so it may be nan or infinite.
+    /// Velocity over ground, m/s, east, north, up. Recorded NaN and infinite values are kept.
     pub velocity_m_s: [f64; 3],
-    /// Geodetic latitude, degrees, north positive; `None` where the file has none or it is nan.
+    /// Geodetic latitude, degrees, north positive. `None` if the column is missing or the value is
+    /// NaN.
     pub latitude_deg: Option<f64>,
-    /// Longitude, degrees, east positive; `None` as for the latitude.
+    /// Longitude, degrees, east positive. `None` as for the latitude.
     pub longitude_deg: Option<f64>,
-    /// Altitude as the receiver gave it, m; `None` as for the latitude.
+    /// Altitude as reported by the receiver, m. `None` as for the latitude.
     pub altitude_m: Option<f64>,
 }
 
-/// Where the columns of a fix are.
+/// Columns of a fix, as field indices from 0.
 struct Columns {
     time: usize,
     velocity: [usize; 3],
     position: [Option<usize>; 3],
 }
 
-/// The fixes of a recording, to be taken as its rows go on.
-pub struct Fixes {
+/// Reader of a recording's fixes, to be advanced along with the rows.
+pub struct FixReader {
     table: Table<Columns>,
     next: Option<Fix>,
 }
 
-impl Fixes {
+impl FixReader {
     /// Opens a file and reads its first fix.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be opened, or its header or first row is malformed.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut table = Table::open(path, &KNOWN, |names| {
-            let [time, east, north, up] = indices(names, &REQUIRED)?;
+            let [time, east, north, up] = group_indices(names, &REQUIRED)?;
             let position = POSITION.map(|wanted| names.iter().position(|&name| name == wanted));
             Ok(Columns { time, velocity: [east, north, up], position })
         })?;
-        let next = read(&mut table)?;
+        let next = read_fix(&mut table)?;
         Ok(Self { table, next })
     }
 
-    /// The newest fix that has arrived by `t_ns` and was not taken before.
-    pub fn until(&mut self, t_ns: i64) -> Result<Option<Fix>, RecordingError> {
+    /// Returns the newest fix that arrived by `t_ns` and was not returned before.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a row up to the first one after `t_ns` is malformed.
+    pub fn latest_until(&mut self, t_ns: i64) -> Result<Option<Fix>, RecordingError> {
         let mut newest = None;
         while let Some(fix) = self.next.take_if(|fix| fix.t_ns <= t_ns) {
             newest = Some(fix);
-            self.next = read(&mut self.table)?;
+            self.next = read_fix(&mut self.table)?;
         }
         Ok(newest)
     }
 }
 
-fn read(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
+fn read_fix(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
     let fix = table.next(|fields, columns| {
         let mut position = [None; 3];
-        for (told, column) in position.iter_mut().zip(columns.position) {
+        for (coordinate, column) in position.iter_mut().zip(columns.position) {
             let number = column.map(|index| fields.numbers([index])).transpose()?;
-            *told = number.map(|[number]| number).filter(|number| !number.is_nan());
+            *coordinate = number.map(|[number]| number).filter(|number| !number.is_nan());
         }
         let [latitude_deg, longitude_deg, altitude_m] = position;
-        let t_ns = fields.parsed(columns.time, time::EXPECTED, time::parse_ns)?;
+        let t_ns = fields.parse(columns.time, time::EXPECTED, time::parse_ns)?;
         Ok(Fix { t_ns, velocity_m_s: fields.numbers(columns.velocity)?, latitude_deg, longitude_deg, altitude_m })
     });
     fix.transpose()
 }
 
-/// The file of fixes that lies beside a recording: `NAME_gnss.csv` for `NAME_imu.csv.gz`.
-pub fn beside(recording: &Path) -> Option<PathBuf> {
+/// Returns the existing file of fixes next to a recording: `NAME_gnss.csv` for `NAME_imu.csv.gz`.
+pub fn find_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
-    let stem = IMU_ENDS.iter().find_map(|end| name.strip_suffix(end))?;
-    GNSS_ENDS.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
+    let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;
+    GNSS_SUFFIXES.iter().map(|end| recording.with_file_name(format!("{stem}{end}"))).find(|path| path.exists())
 }
 
-/// Where the fixes of a recording are to be written so that [`beside`] finds them; `None` for a recording whose name does not end in
-/// `_imu.csv` or `_imu.csv.gz`.
-pub fn place(recording: &Path) -> Option<PathBuf> {
+/// Returns the path at which [`find_for`] looks for the fixes of a recording.
+///
+/// `None` if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
+pub fn path_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
-    let stem = IMU_ENDS.iter().find_map(|end| name.strip_suffix(end))?;
-    Some(recording.with_file_name(format!("{stem}{}", GNSS_ENDS[0])))
+    let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;
+    Some(recording.with_file_name(format!("{stem}{}", GNSS_SUFFIXES[0])))
 }
 
-/// Writes fixes that [`Fixes`] gives back one for one: for this user's eyes only, in place once they are whole. Without
-/// [`Writer::finish`] there is no file.
+/// Writer of fixes that [`FixReader`] reads back unchanged.
+///
+/// Only the owner may read the file. The file appears at its path when [`Writer::finish`] succeeds.
 pub struct Writer {
-    output: Output,
+    output: AtomicFile,
     rows: u64,
 }
 
 impl Writer {
-    /// Begins a file in place of the one that may be there.
+    /// Starts a file, which replaces an existing one when it is finished.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RecordingError::Write`] if the temporary file cannot be created or written.
     pub fn create(path: &Path) -> Result<Self, RecordingError> {
-        let mut output = Output::create(path)?;
+        let mut output = AtomicFile::create(path)?;
         output.write(&KNOWN.join(","))?;
         output.write("\n")?;
         Ok(Self { output, rows: 0 })
     }
 
     /// Writes the next fix.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the time is out of range or the file cannot be written.
     pub fn write(&mut self, fix: &Fix) -> Result<(), RecordingError> {
         self.rows += 1;
-        if !time::is_readable(fix.t_ns) {
-            return Err(RecordingError::Unwritable {
+        if !time::is_in_range(fix.t_ns) {
+            return Err(RecordingError::InvalidRow {
                 path: self.output.path().to_owned(),
                 row: self.rows,
                 found: format!("the time {} ns", fix.t_ns),
                 expected: time::EXPECTED,
             });
         }
-        let [east, north, up] = fix.velocity_m_s.map(number);
-        let place = [fix.latitude_deg, fix.longitude_deg, fix.altitude_m];
-        let [latitude, longitude, altitude] = place.map(|told| number(told.unwrap_or(f64::NAN)));
+        let [east, north, up] = fix.velocity_m_s.map(decimal);
+        let position = [fix.latitude_deg, fix.longitude_deg, fix.altitude_m];
+        let [latitude, longitude, altitude] = position.map(|coordinate| decimal(coordinate.unwrap_or(f64::NAN)));
         let t_s = time::Seconds(fix.t_ns);
         self.output.write(&format!("{t_s},{east},{north},{up},{latitude},{longitude},{altitude}\n"))
     }
 
-    /// Puts the file in its place.
+    /// Flushes the file and renames it to its final path.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RecordingError::Write`] if the file cannot be flushed or renamed.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.output.finish()
     }
 }
 
-/// Reads a file from end to end, so that whatever is malformed in it is found now.
-pub fn check(path: &Path) -> Result<(), RecordingError> {
-    let mut fixes = Fixes::open(path)?;
+/// Reads the complete file to detect malformed lines early.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be opened or any line is malformed.
+pub fn validate(path: &Path) -> Result<(), RecordingError> {
+    let mut fixes = FixReader::open(path)?;
     while fixes.next.is_some() {
-        fixes.next = read(&mut fixes.table)?;
+        fixes.next = read_fix(&mut fixes.table)?;
     }
     Ok(())
 }
@@ -162,39 +194,39 @@ mod tests {
     }
 
     #[test]
-    fn a_fix_belongs_to_the_first_row_that_is_not_before_it() {
+    fn latest_until_returns_each_newest_fix_once() {
         let file = file(
             "t_s,ve,vn,vu,lat_deg,lon_deg,alt_m\n0.1,1,2,3,-37.8,145,80\n0.2,4,5,6,nan,145,80\n0.25,7,8,9,0,0,0\n",
         );
-        let mut fixes = Fixes::open(file.path()).unwrap();
-        let mut until = |t_ms: i64| fixes.until(t_ms.saturating_mul(1_000_000)).unwrap();
-        assert_eq!(until(99), None);
-        let place = |latitude_deg, longitude_deg, altitude_m| Fix {
+        let mut fixes = FixReader::open(file.path()).unwrap();
+        let mut latest = |t_ms: i64| fixes.latest_until(t_ms.saturating_mul(1_000_000)).unwrap();
+        assert_eq!(latest(99), None);
+        let position = |latitude_deg, longitude_deg, altitude_m| Fix {
             t_ns: 0,
             velocity_m_s: [0.0; 3],
             latitude_deg: Some(latitude_deg),
             longitude_deg: Some(longitude_deg),
             altitude_m: Some(altitude_m),
         };
-        let first = Fix { t_ns: 100_000_000, velocity_m_s: [1.0, 2.0, 3.0], ..place(-37.8, 145.0, 80.0) };
-        assert_eq!(until(100), Some(first));
-        assert_eq!(until(101), None, "a fix is taken once");
-        let third = Fix { t_ns: 250_000_000, velocity_m_s: [7.0, 8.0, 9.0], ..place(0.0, 0.0, 0.0) };
-        assert_eq!(until(400), Some(third), "of two the newer one");
-        assert_eq!(until(i64::MAX), None);
+        let first = Fix { t_ns: 100_000_000, velocity_m_s: [1.0, 2.0, 3.0], ..position(-37.8, 145.0, 80.0) };
+        assert_eq!(latest(100), Some(first));
+        assert_eq!(latest(101), None, "a fix is returned once");
+        let third = Fix { t_ns: 250_000_000, velocity_m_s: [7.0, 8.0, 9.0], ..position(0.0, 0.0, 0.0) };
+        assert_eq!(latest(400), Some(third), "the newer of two fixes");
+        assert_eq!(latest(i64::MAX), None);
     }
 
     #[test]
-    fn what_is_malformed_is_shown_with_its_place() {
-        for (text, said) in [
+    fn malformed_fixes_are_reported_with_position() {
+        for (text, expected) in [
             ("t_s,ve,vn\n", "line 1: found no column vu, expected all of t_s, ve, vn, vu"),
             ("t_s,ve,vn,vup\n", "line 1, column 4: found \"vup\", expected a known column; did you mean \"vu\"?"),
             ("t_s,ve,vn,vu\n0,0,0,0\n1,0,x,0\n", "line 3, column 3 (vn): found \"x\", expected a number"),
             ("t_s,ve,vn,vu\n", "line 2: found the end of the file, expected a row"),
         ] {
             let file = file(text);
-            let error = check(file.path()).unwrap_err().to_string();
-            assert_eq!(error, format!("reading the recording {}: {said}", file.path().display()));
+            let error = validate(file.path()).unwrap_err().to_string();
+            assert_eq!(error, format!("reading the recording {}: {expected}", file.path().display()));
         }
     }
 }

@@ -1,9 +1,12 @@
-//! The text of a recording: its records, by line.
+//! Splits the text of a recording into records, one per line.
 //!
-//! Input: bytes, gzip if they begin with its magic number. Output: the fields of every line that is not blank, with the
-//! line's number. Failure: a damaged stream, or a line that would not fit into [`LINE_MAX_BYTES`].
+//! Input: bytes, decompressed if they begin with the gzip magic number.
+//!
+//! Output: the fields of each line that is not blank, with the line number.
+//!
+//! Failure: a corrupt stream, or a line longer than [`MAX_LINE_BYTES`].
 
-use crate::error::{Fault, Position};
+use crate::error::{ParseError, Position};
 use csv::{ByteRecord, ErrorKind, ReaderBuilder, Terminator};
 use flate2::read::MultiGzDecoder;
 use std::{
@@ -12,10 +15,10 @@ use std::{
     path::Path,
 };
 
-/// RFC 1952, 2.3.1.
+/// Magic number of gzip (RFC 1952, 2.3.1).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 const BUFFER_BYTES: usize = 1 << 16;
-const LINE_MAX_BYTES: usize = 1 << 16;
+const MAX_LINE_BYTES: usize = 1 << 16;
 
 pub(crate) struct Lines {
     records: csv::Reader<BoundedLines<Box<dyn Read + Send>>>,
@@ -24,22 +27,24 @@ pub(crate) struct Lines {
 impl Lines {
     pub(crate) fn open(path: &Path) -> io::Result<Self> {
         let mut file = File::open(path)?;
-        let kind = file.metadata()?.file_type();
-        if !kind.is_file() && !kind.is_dir() {
-            return Err(io::Error::new(io::ErrorKind::NotSeekable, "it is a pipe or a device, and is read twice"));
+        let file_type = file.metadata()?.file_type();
+        if !file_type.is_file() && !file_type.is_dir() {
+            return Err(io::Error::new(io::ErrorKind::NotSeekable, "not a regular file (recordings are read twice)"));
         }
-        let mut start = Vec::new();
-        file.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut start)?;
-        let gzip = start == GZIP_MAGIC;
-        let bytes = io::Cursor::new(start).chain(file);
-        // The last line ends like the others: `next` counts on it.
-        let end = &b"\n"[..];
+        let mut magic = Vec::new();
+        file.by_ref().take(GZIP_MAGIC.len() as u64).read_to_end(&mut magic)?;
+        let is_gzip = magic == GZIP_MAGIC;
+        let bytes = io::Cursor::new(magic).chain(file);
+        // `next` subtracts one from the line number, which requires a newline after the last line,
+        // too.
+        let final_newline = &b"\n"[..];
         let inner: Box<dyn Read + Send> =
-            if gzip { Box::new(MultiGzDecoder::new(bytes).chain(end)) } else { Box::new(bytes.chain(end)) };
+            if is_gzip { Box::new(MultiGzDecoder::new(bytes).chain(final_newline)) } else { Box::new(bytes.chain(final_newline)) };
         let records = ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
-            // A stray quote must not swallow the lines after it; `unquoted` takes off those around a field.
+            // A stray quote must not swallow the following lines. `unquoted` removes the quotes
+            // around a field.
             .quoting(false)
             .terminator(Terminator::Any(b'\n'))
             .buffer_capacity(BUFFER_BYTES)
@@ -47,33 +52,33 @@ impl Lines {
         Ok(Self { records })
     }
 
-    /// The line now being read, from 1.
+    /// Returns the line number of the read position, from 1.
     pub(crate) fn line(&self) -> u64 {
         self.records.position().line()
     }
 
-    /// The next line that is not blank and its number; `None` at the end.
-    pub(crate) fn next(&mut self, record: &mut ByteRecord) -> Result<Option<u64>, (Position, Fault)> {
+    /// Reads the next line that is not blank and returns its number, or `None` at the end.
+    pub(crate) fn next(&mut self, record: &mut ByteRecord) -> Result<Option<u64>, (Position, ParseError)> {
         loop {
             match self.records.read_byte_record(record) {
                 Ok(false) => return Ok(None),
                 Ok(true) if record.len() == 1 && record[0].trim_ascii().is_empty() => {}
                 Ok(true) => return Ok(Some(self.line() - 1)),
-                Err(error) => return Err((Position::line(self.line()), fault(error))),
+                Err(error) => return Err((Position::line(self.line()), parse_error(error))),
             }
         }
     }
 }
 
-fn fault(error: csv::Error) -> Fault {
+fn parse_error(error: csv::Error) -> ParseError {
     match error.into_kind() {
-        ErrorKind::Io(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => Fault::Truncated,
-        ErrorKind::Io(cause) => Fault::Unreadable(cause),
-        other => Fault::Unreadable(io::Error::other(format!("{other:?}"))),
+        ErrorKind::Io(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => ParseError::Truncated,
+        ErrorKind::Io(cause) => ParseError::Unreadable(cause),
+        other => ParseError::Unreadable(io::Error::other(format!("{other:?}"))),
     }
 }
 
-/// A field without the blanks and the quotes around it.
+/// Returns the field without surrounding blanks and quotes.
 pub(crate) fn unquoted(field: &[u8]) -> &[u8] {
     let field = field.trim_ascii();
     match field {
@@ -82,7 +87,7 @@ pub(crate) fn unquoted(field: &[u8]) -> &[u8] {
     }
 }
 
-/// Refuses a line that never ends, before a record grows to hold it.
+/// Reader that rejects overlong lines before a record buffer grows to hold them.
 struct BoundedLines<R> {
     inner: R,
     line_bytes: usize,
@@ -96,8 +101,8 @@ impl<R: Read> Read for BoundedLines<R> {
             Some(end) => count - end - 1,
             None => self.line_bytes + count,
         };
-        if self.line_bytes > LINE_MAX_BYTES {
-            return Err(io::Error::other(format!("a line of more than {LINE_MAX_BYTES} bytes")));
+        if self.line_bytes > MAX_LINE_BYTES {
+            return Err(io::Error::other(format!("longer than {MAX_LINE_BYTES} bytes")));
         }
         Ok(count)
     }

@@ -1,23 +1,28 @@
-//! A recording as a whole.
+//! Summarises a complete recording.
 
 use crate::{Reader, RecordingError};
 use std::path::Path;
 
-/// As many intervals as the median is taken from.
-const INTERVALS_MAX: usize = 100_000;
+/// Maximum number of intervals used for the median, to bound the memory.
+const MAX_INTERVALS: usize = 100_000;
 
-/// What a recording holds.
+/// Summary of a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Survey {
-    /// Samples.
+    /// Number of rows.
     pub rows: u64,
-    /// Sampling rate, Hz: the inverse of the median of the first 100,000 intervals above zero.
+    /// Sampling rate, Hz: the inverse of the median of the first 100,000 positive intervals.
     pub rate_hz: f64,
     /// Whether any row has a reference attitude.
     pub has_reference: bool,
 }
 
-/// Reads a recording from end to end, so that whatever is malformed in it is found now.
+/// Reads a complete recording and summarises it, which also detects malformed lines early.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be opened, any line is malformed, or the time never
+/// increases.
 pub fn survey(path: &Path) -> Result<Survey, RecordingError> {
     let (mut rows, mut has_reference) = (0, false);
     let mut intervals_ns = Vec::new();
@@ -28,7 +33,7 @@ pub fn survey(path: &Path) -> Result<Survey, RecordingError> {
         has_reference |= row.reference.is_some();
         if let Some(previous_ns) = previous_ns.replace(row.t_ns)
             && row.t_ns > previous_ns
-            && intervals_ns.len() < INTERVALS_MAX
+            && intervals_ns.len() < MAX_INTERVALS
         {
             intervals_ns.push(row.t_ns.abs_diff(previous_ns));
         }

@@ -1,17 +1,18 @@
-//! Times as recordings write them.
+//! Parses and formats the times of a recording.
 
 use std::fmt;
 
-/// Whole seconds from here on leave no room in 64 bits of nanoseconds.
-const END_S: i64 = 9_000_000_000;
+/// Exclusive limit of |t|, s. Nanoseconds within this limit fit into an `i64`.
+const TIME_LIMIT_S: i64 = 9_000_000_000;
 const NS_PER_S: i64 = 1_000_000_000;
 
-/// What [`parse_ns`] accepts.
+/// Description of the text that [`parse_ns`] accepts.
 pub(crate) const EXPECTED: &str = "a finite time in seconds within ±9e9";
 
-/// Seconds in decimal, rounded to the nanosecond, half away from zero; `None` unless |t| < 9e9 s.
+/// Parses decimal seconds into nanoseconds, rounded half away from zero.
 ///
-/// Plain decimals are exact; those with an exponent go through `f64`.
+/// Returns `None` unless |t| < 9e9 s. Plain decimals are exact; those with an exponent are parsed
+/// as `f64`.
 pub(crate) fn parse_ns(text: &str) -> Option<i64> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(digits) => (-1, digits),
@@ -21,11 +22,11 @@ pub(crate) fn parse_ns(text: &str) -> Option<i64> {
     let digits_only = whole.bytes().chain(fraction.bytes()).all(|byte| byte.is_ascii_digit());
     if !digits_only || whole.len() + fraction.len() == 0 {
         let t_s: f64 = text.parse().ok()?;
-        return (t_s.abs() < END_S as f64).then(|| (t_s * NS_PER_S as f64).round() as i64);
+        return (t_s.abs() < TIME_LIMIT_S as f64).then(|| (t_s * NS_PER_S as f64).round() as i64);
     }
     let digit = |byte: u8| i64::from(byte - b'0');
     let whole_s = whole.bytes().fold(0i64, |sum, byte| sum.saturating_mul(10).saturating_add(digit(byte)));
-    if whole_s >= END_S {
+    if whole_s >= TIME_LIMIT_S {
         return None;
     }
     let mut fraction = fraction.bytes().map(digit).chain(std::iter::repeat(0));
@@ -34,12 +35,12 @@ pub(crate) fn parse_ns(text: &str) -> Option<i64> {
     Some(sign * (whole_s * NS_PER_S + fraction_ns + carry_ns))
 }
 
-/// [`parse_ns`] takes the seconds of this time.
-pub(crate) fn is_readable(t_ns: i64) -> bool {
-    t_ns.unsigned_abs() / NS_PER_S.unsigned_abs() < END_S.unsigned_abs()
+/// Returns `true` if [`parse_ns`] accepts the time once it is formatted as [`Seconds`].
+pub(crate) fn is_in_range(t_ns: i64) -> bool {
+    t_ns.unsigned_abs() / NS_PER_S.unsigned_abs() < TIME_LIMIT_S.unsigned_abs()
 }
 
-/// A time in ns, as [`parse_ns`] reads it: seconds with as many digits as it needs.
+/// Time in ns, formatted as seconds without trailing zeros. [`parse_ns`] reads it back exactly.
 pub(crate) struct Seconds(pub(crate) i64);
 
 impl fmt::Display for Seconds {
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_time_is_written_with_the_digits_it_needs() {
+    fn seconds_are_written_without_trailing_zeros() {
         for (t_ns, text) in [
             (0, "0"),
             (3_500_000, "0.0035"),
@@ -75,10 +76,10 @@ mod tests {
             assert_eq!(Seconds(t_ns).to_string(), text);
             assert_eq!(parse_ns(text), Some(t_ns));
         }
-        let end_ns = END_S * NS_PER_S;
-        for (t_ns, readable) in [(end_ns - 1, true), (end_ns, false), (-end_ns, false), (i64::MIN, false)] {
-            assert_eq!(is_readable(t_ns), readable);
-            assert_eq!(parse_ns(&Seconds(t_ns).to_string()), readable.then_some(t_ns));
+        let end_ns = TIME_LIMIT_S * NS_PER_S;
+        for (t_ns, in_range) in [(end_ns - 1, true), (end_ns, false), (-end_ns, false), (i64::MIN, false)] {
+            assert_eq!(is_in_range(t_ns), in_range);
+            assert_eq!(parse_ns(&Seconds(t_ns).to_string()), in_range.then_some(t_ns));
         }
     }
 
@@ -100,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn finer_digits_are_rounded_half_away_from_zero() {
+    fn sub_nanosecond_digits_round_half_away_from_zero() {
         for (text, t_ns) in [
             ("0.0000000004999", 0),
             ("0.0000000005", 1),
@@ -113,14 +114,14 @@ mod tests {
     }
 
     #[test]
-    fn exponents_are_read() {
+    fn exponents_are_parsed() {
         for (text, t_ns) in [("3.5e-3", 3_500_000), ("1.5E3", 1_500_000_000_000), ("-1e-9", -1)] {
             assert_eq!(parse_ns(text), Some(t_ns), "{text}");
         }
     }
 
     #[test]
-    fn what_is_no_finite_time_is_refused() {
+    fn invalid_or_out_of_range_times_are_rejected() {
         for text in
             ["", ".", "-", "+-1", "1.2.3", "1 2", "nan", "inf", "-inf", "9e9", "-9000000000", "99999999999999999999"]
         {

@@ -1,35 +1,41 @@
-//! A recording, made of rows.
+//! Writes a recording row by row.
 
 use std::{fmt::Write as _, path::Path};
 
 use crate::{
     RecordingError, Row,
-    output::{Output, number},
+    atomic_file::{AtomicFile, decimal},
     time,
 };
 
-/// The columns of a recording beside `t_s,gx,gy,gz,ax,ay,az`.
+/// Optional columns of a recording, in addition to `t_s,gx,gy,gz,ax,ay,az`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Layout {
-    /// `mx,my,mz`.
+    /// Magnetic field: `mx,my,mz`.
     pub field: bool,
-    /// `qw,qx,qy,qz,mov`.
+    /// Reference attitude: `qw,qx,qy,qz,mov`.
     pub reference: bool,
 }
 
-/// Writes a recording that a [`Reader`](crate::Reader) gives back row for row: gzip where its name ends in `.gz`, for this user's
-/// eyes only, in place once it is whole. Without [`Writer::finish`] there is no file.
+/// Writer of a recording that [`Reader`](crate::Reader) reads back row for row.
+///
+/// The file is compressed with gzip if its name ends in `.gz`. Only the owner may read it. The file
+/// appears at its path when [`Writer::finish`] succeeds.
 pub struct Writer {
-    output: Output,
+    output: AtomicFile,
     layout: Layout,
     rows: u64,
     line: String,
 }
 
 impl Writer {
-    /// Begins a file in place of the one that may be there.
+    /// Starts a file, which replaces an existing one when it is finished.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RecordingError::Write`] if the temporary file cannot be created or written.
     pub fn create(path: &Path, layout: Layout) -> Result<Self, RecordingError> {
-        let mut output = Output::create(path)?;
+        let mut output = AtomicFile::create(path)?;
         output.write("t_s,gx,gy,gz,ax,ay,az")?;
         if layout.field {
             output.write(",mx,my,mz")?;
@@ -41,22 +47,28 @@ impl Writer {
         Ok(Self { output, layout, rows: 0, line: String::new() })
     }
 
-    /// Writes the next row. Refuses a field or a reference for which the layout has no columns, and a time that no reader takes.
+    /// Writes the next row.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RecordingError::InvalidRow`] if the row has a field or a reference for which the
+    /// layout has no columns, or a time out of range. Returns [`RecordingError::Write`] if the file
+    /// cannot be written.
     pub fn write(&mut self, row: &Row) -> Result<(), RecordingError> {
         self.rows += 1;
-        self.check(row)?;
+        self.validate(row)?;
         let Self { layout, line, .. } = self;
         line.clear();
-        // A text in memory takes whatever is written to it.
+        // Writing to a `String` does not fail.
         let _ = write!(line, "{}", time::Seconds(row.t_ns));
         let field = layout.field.then(|| row.field_ut.unwrap_or([f64::NAN; 3]));
         for value in [row.rate_rad_s, row.force_m_s2].into_iter().chain(field).flatten() {
-            let _ = write!(line, ",{}", number(value));
+            let _ = write!(line, ",{}", decimal(value));
         }
         if layout.reference {
             let quaternion = row.reference.map_or([f64::NAN; 4], |reference| reference.quaternion);
             for part in quaternion {
-                let _ = write!(line, ",{}", number(part));
+                let _ = write!(line, ",{}", decimal(part));
             }
             let scored = row.reference.is_some_and(|reference| reference.scored);
             line.push_str(if scored { ",1" } else { ",0" });
@@ -65,23 +77,27 @@ impl Writer {
         self.output.write(line)
     }
 
-    /// Puts the file in its place.
+    /// Flushes the file and renames it to its final path.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RecordingError::Write`] if the file cannot be flushed or renamed.
     pub fn finish(self) -> Result<(), RecordingError> {
         self.output.finish()
     }
 
-    fn check(&self, row: &Row) -> Result<(), RecordingError> {
-        let refused = |found: String, expected| {
-            Err(RecordingError::Unwritable { path: self.output.path().to_owned(), row: self.rows, found, expected })
+    fn validate(&self, row: &Row) -> Result<(), RecordingError> {
+        let invalid = |found: String, expected| {
+            Err(RecordingError::InvalidRow { path: self.output.path().to_owned(), row: self.rows, found, expected })
         };
-        if !time::is_readable(row.t_ns) {
-            return refused(format!("the time {} ns", row.t_ns), time::EXPECTED);
+        if !time::is_in_range(row.t_ns) {
+            return invalid(format!("the time {} ns", row.t_ns), time::EXPECTED);
         }
         if row.field_ut.is_some() && !self.layout.field {
-            return refused("a magnetic field".into(), "none, as the layout says");
+            return invalid("a magnetic field".into(), "none: the layout has no columns for it");
         }
         if row.reference.is_some() && !self.layout.reference {
-            return refused("a reference".into(), "none, as the layout says");
+            return invalid("a reference".into(), "none: the layout has no columns for it");
         }
         Ok(())
     }

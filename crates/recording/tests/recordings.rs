@@ -1,4 +1,4 @@
-//! Recordings as users have them: good, odd, broken, real.
+//! Reads valid, unusual, malformed and real recordings.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 use flate2::{Compression, write::GzEncoder};
@@ -33,14 +33,14 @@ fn rows(contents: &[u8]) -> Vec<Row> {
     Reader::open(&path).unwrap().map(Result::unwrap).collect()
 }
 
-/// The survey's error, with the folder taken out of the path.
+/// Returns the error of [`survey`], with the folder removed from the path.
 fn error(contents: &[u8]) -> String {
     let (folder, path) = file("flight.csv", contents);
     let message = survey(&path).unwrap_err().to_string();
     message.replace(&format!("{}/", folder.path().display()), "")
 }
 
-/// What follows "reading the recording flight.csv: ".
+/// Returns the part of the error after "reading the recording flight.csv: ".
 fn malformed(contents: &[u8]) -> String {
     error(contents).strip_prefix("reading the recording flight.csv: ").unwrap().to_owned()
 }
@@ -50,7 +50,7 @@ fn with_header(rows: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_row_is_what_the_line_says() {
+fn row_holds_values_of_its_line() {
     let rows = rows(PLAIN.as_bytes());
     assert_eq!(rows.len(), 3);
     assert_eq!((rows[0].rate_rad_s, rows[0].force_m_s2), ([0.1, 0.2, 0.3], [0.4, 0.5, 9.8]));
@@ -64,7 +64,7 @@ fn a_row_is_what_the_line_says() {
 }
 
 #[test]
-fn quaternions_that_turn_nothing_are_no_reference() {
+fn zero_or_infinite_quaternion_gives_no_reference() {
     let rows = rows(
         b"t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz\n0,0,0,0,0,0,0,0,0,0,0\n1,0,0,0,0,0,0,inf,0,0,0\n2,0,0,0,0,0,0,1,0,0,0",
     );
@@ -72,7 +72,7 @@ fn quaternions_that_turn_nothing_are_no_reference() {
 }
 
 #[test]
-fn a_field_with_a_component_that_is_nan_is_no_sample() {
+fn field_with_nan_component_is_none() {
     let rows = rows(
         b"t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n0,0,0,0,0,0,0,1,-2.5,3e1\n1,0,0,0,0,0,0,nan,nan,nan\n2,0,0,0,0,0,0,1,nan,3\n",
     );
@@ -80,8 +80,8 @@ fn a_field_with_a_component_that_is_nan_is_no_sample() {
 }
 
 #[test]
-fn blanks_quotes_crlf_a_byte_order_mark_and_any_order_of_columns_are_read() {
-    let odd =
+fn reader_accepts_blanks_quotes_crlf_bom_and_column_order() {
+    let input =
         b"\xef\xbb\xbf\"az\" , qw,ay,ax,gz,gy,gx,t_s,qx,qy,qz\r\n\r\n 9.8,0 ,5 ,\t4,\" 3 \",2,1,0.5 ,0,0,0\r\n \r\n9.8,0,5,4,3,2,1,1.5,0,0,0";
     let row = Row {
         t_ns: 500_000_000,
@@ -90,11 +90,11 @@ fn blanks_quotes_crlf_a_byte_order_mark_and_any_order_of_columns_are_read() {
         field_ut: None,
         reference: None,
     };
-    assert_eq!(rows(odd), [row, Row { t_ns: 1_500_000_000, ..row }]);
+    assert_eq!(rows(input), [row, Row { t_ns: 1_500_000_000, ..row }]);
 }
 
 #[test]
-fn gzip_is_told_by_its_bytes_and_may_have_many_members() {
+fn gzip_is_detected_by_magic_and_may_have_members() {
     let (first, second) = PLAIN.as_bytes().split_at(70);
     let members = [gzip(first), gzip(b""), gzip(second)].concat();
     let plain = format!("{:?}", rows(PLAIN.as_bytes()));
@@ -105,7 +105,7 @@ fn gzip_is_told_by_its_bytes_and_may_have_many_members() {
 }
 
 #[test]
-fn the_rate_is_that_of_the_median_interval() {
+fn survey_rate_is_inverse_of_median_interval() {
     let (_folder, path) = file(
         "flight.csv",
         format!(
@@ -118,7 +118,7 @@ fn the_rate_is_that_of_the_median_interval() {
 }
 
 #[test]
-fn the_reader_ends_after_the_first_error() {
+fn reader_ends_after_first_error() {
     let (_folder, path) =
         file("flight.csv", format!("{HEADER}0,0,0,0,0,0,0\nx,0,0,0,0,0,0\n1,0,0,0,0,0,0\n").as_bytes());
     let kinds: Vec<_> = Reader::open(&path).unwrap().map(|row| row.is_ok()).collect();
@@ -126,7 +126,7 @@ fn the_reader_ends_after_the_first_error() {
 }
 
 #[test]
-fn a_file_that_cannot_be_opened_is_named_with_the_remedy() {
+fn open_error_names_file_and_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let (absent, directory) = (folder.path().join("absent.csv"), folder.path().display());
     let message = |path: &Path| Reader::open(path).err().unwrap().to_string();
@@ -136,12 +136,12 @@ fn a_file_that_cannot_be_opened_is_named_with_the_remedy() {
     );
     assert_eq!(
         message(folder.path()),
-        format!("opening the recording {directory}: Is a directory (os error 21); name a file in it")
+        format!("opening the recording {directory}: Is a directory (os error 21); give the path of a file in it")
     );
 }
 
 #[test]
-fn an_error_says_what_was_being_done_where_what_was_found_and_what_was_expected() {
+fn parse_error_names_file_position_and_expected_value() {
     assert_eq!(
         error(&with_header("0,0,0,0,9.8o1,0,0\n")),
         "reading the recording flight.csv: line 2, column 5 (ax): found \"9.8o1\", expected a number"
@@ -149,7 +149,7 @@ fn an_error_says_what_was_being_done_where_what_was_found_and_what_was_expected(
 }
 
 #[test]
-fn malformed_values_are_shown_with_their_place() {
+fn malformed_values_are_reported_with_position() {
     for (rows, message) in [
         ("0,0,0,0,0,0,0\r\n\r\n1,,0,0,0,0,0\r\n", "line 4, column 2 (gx): found \"\", expected a number"),
         ("0,0,0,0,0,0,0\n\n1,0,0,0,0,0,\"0", "line 4, column 7 (az): found \"\\\"0\", expected a number"),
@@ -165,7 +165,7 @@ fn malformed_values_are_shown_with_their_place() {
 }
 
 #[test]
-fn rows_of_another_length_than_the_header_are_refused() {
+fn rows_of_wrong_length_are_rejected() {
     for (rows, message) in [
         ("0,0,0,0,0,0\n", "line 2, column 7 (az): found 6 fields, expected 7 as in the header"),
         ("0,0,0,0,0,0,0,0\n", "line 2, column 8: found 8 fields, expected 7 as in the header"),
@@ -175,7 +175,7 @@ fn rows_of_another_length_than_the_header_are_refused() {
 }
 
 #[test]
-fn headers_that_do_not_say_what_is_needed_are_refused() {
+fn invalid_headers_are_rejected() {
     for (header, message) in [
         (
             "t_s,gx,gy,gz,ax,ay,az,Mov",
@@ -188,7 +188,7 @@ fn headers_that_do_not_say_what_is_needed_are_refused() {
              t_s, gx, gy, gz, ax, ay, az, qw, qx, qy, qz, mov, mx, my, mz; \
              name another logger's columns with --map, as --map t=COLUMN,gx=COLUMN,…",
         ),
-        ("t_s,gx,gy,gz,ax,ay,az,gx", "line 1, column 8 (gx): found the name again, expected it in column 2 only"),
+        ("t_s,gx,gy,gz,ax,ay,az,gx", "line 1, column 8 (gx): found a duplicate name, expected it in column 2 only"),
         ("t_s,gx,gy,ax,ay", "line 1: found no column gz, az, expected all of t_s, gx, gy, gz, ax, ay, az"),
         ("t_s,gx,gy,gz,ax,ay,az,mx,mz", "line 1: found no column my, expected all of mx, my, mz"),
         ("t_s,gx,gy,gz,ax,ay,az,qw,qx", "line 1: found no column qy, qz, expected all of qw, qx, qy, qz"),
@@ -198,7 +198,7 @@ fn headers_that_do_not_say_what_is_needed_are_refused() {
 }
 
 #[test]
-fn files_without_rows_or_intervals_are_refused() {
+fn files_without_rows_or_intervals_are_rejected() {
     for contents in [&b""[..], b"\n\r\n", &gzip(b"")] {
         let message = "line 1: found the end of the file, expected the header line";
         assert_eq!(malformed(contents), message);
@@ -206,35 +206,35 @@ fn files_without_rows_or_intervals_are_refused() {
     assert_eq!(malformed(HEADER.as_bytes()), "line 2: found the end of the file, expected a row");
     for (rows, count) in [("1,0,0,0,0,0,0\n", 1), ("1,0,0,0,0,0,0\n1.0,0,0,0,0,0,0\n", 2)] {
         let message = format!(
-            "surveying the recording flight.csv: found no interval in {count} row(s), \
-             expected rows at increasing times (t_s)"
+            "reading the recording flight.csv: found no time interval in {count} row(s), \
+             expected increasing times (t_s)"
         );
         assert_eq!(error(&with_header(rows)), message);
     }
 }
 
 #[test]
-fn a_gzip_stream_cut_anywhere_or_damaged_is_refused() {
-    let whole = gzip(PLAIN.as_bytes());
-    for length in 2..whole.len() {
-        let message = error(&whole[..length]);
+fn truncated_or_corrupt_gzip_is_rejected() {
+    let complete = gzip(PLAIN.as_bytes());
+    for length in 2..complete.len() {
+        let message = error(&complete[..length]);
         assert!(message.contains("found the end of the file inside the gzip stream"), "{length}: {message}");
     }
     assert_eq!(
-        malformed(&whole[..whole.len() - 1]),
+        malformed(&complete[..complete.len() - 1]),
         "line 5: found the end of the file inside the gzip stream, expected the rest of it; copy the file again"
     );
-    let mut damaged = whole;
+    let mut damaged = complete;
     let checksum = damaged.len() - 8;
     damaged[checksum] ^= 1;
     assert_eq!(
         malformed(&damaged),
-        "line 5: found corrupt gzip stream does not have a matching checksum, expected a readable line"
+        "line 5: cannot read the line: corrupt gzip stream does not have a matching checksum"
     );
 }
 
 #[test]
-fn bytes_that_are_no_text_are_refused_even_where_nobody_reads_them() {
+fn invalid_utf8_is_rejected_in_every_column() {
     for (contents, message) in [
         (&b"t_s,g\xff\n"[..], "line 1, column 2: found \"g\u{fffd}\", expected UTF-8 text"),
         (
@@ -251,10 +251,10 @@ fn bytes_that_are_no_text_are_refused_even_where_nobody_reads_them() {
 }
 
 #[test]
-fn an_endless_line_is_refused_before_it_fills_the_memory() {
+fn endless_line_is_rejected_at_length_limit() {
     assert_eq!(
         malformed(&[HEADER.as_bytes(), &vec![b'0'; 1 << 20]].concat()),
-        "line 2: found a line of more than 65536 bytes, expected a readable line"
+        "line 2: cannot read the line: longer than 65536 bytes"
     );
 }
 
@@ -269,7 +269,7 @@ fn data() -> Option<PathBuf> {
 }
 
 #[test]
-fn a_broad_trial_is_read_whole() {
+fn broad_trial_is_read_completely() {
     let Some(data) = data() else { return };
     let survey = survey(&data.join("broad/02_undisturbed_slow_rotation_B.csv.gz")).unwrap();
     assert_eq!((survey.rows, survey.has_reference), (53_240, true));
@@ -277,7 +277,7 @@ fn a_broad_trial_is_read_whole() {
 }
 
 #[test]
-fn a_flight_is_read_whole() {
+fn flight_is_read_completely() {
     let Some(data) = data() else { return };
     let survey = survey(&data.join("flights/apm_plane_log2_imu.csv.gz")).unwrap();
     assert_eq!((survey.rows, survey.has_reference), (30_649, true));

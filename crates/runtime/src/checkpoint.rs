@@ -1,42 +1,46 @@
-//! The state of a slot between two ticks, and how another process goes on from it.
+//! Checkpoints: capture of a slot's state between two ticks, and resumption in another process.
 //!
-//! Input: a slot, or a checkpoint from anywhere. Output: a checkpoint, or a slot that goes on. Time: none. Failure: a checkpoint is
-//! not trusted: one that does not fit leaves the slot as it was, with the reason.
+//! - Input: a slot, or a checkpoint from any origin.
+//! - Output: a checkpoint, or a slot with the restored state.
+//! - Failure: checkpoints are not trusted. An invalid one leaves the slot unchanged and returns the
+//!   cause.
 
-use attitude::stage::{RestoreError, STATE_LIMIT, Snapshot, Stage};
+use attitude::stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage};
 use launch::Service;
 use messages::{CHECKPOINT_WORDS, Checkpoint};
 
-use crate::{slot::Slot, state_words::Words};
+use crate::{slot::Slot, state_words::StateWords};
 
-/// How much a slot took over.
+/// Extent of a resumption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resumed {
-    /// Everything: it goes on bit for bit.
-    Whole,
-    /// What every stage of the slot can go on with: the checkpoint is of another stage.
+    /// The complete state: outputs continue bit for bit.
+    Complete,
+    /// The state common to all stages of the slot, because the checkpoint is of another stage.
     Common,
 }
 
-/// Why a slot did not go on from a checkpoint.
+/// Cause of a failed resumption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum ResumeError {
-    /// It belongs to another slot.
-    #[error("it is of another slot")]
+    /// The checkpoint belongs to another slot.
+    #[error("the checkpoint belongs to another slot")]
     OtherSlot,
-    /// Its words are not those that were recorded, or too many, or too few.
-    #[error("its words are damaged or of another version")]
+    /// The checksum or the number of words is wrong.
+    #[error("the checkpoint is damaged or of another version")]
     Damaged,
-    /// What the slot keeps beside its stage cannot be.
-    #[error("it holds {0}")]
-    Flaw(&'static str),
-    /// The stage refuses the numbers.
+    /// The slot's own state is invalid.
+    #[error("the checkpoint holds {0}")]
+    Invalid(&'static str),
+    /// The stage rejected its state.
     #[error(transparent)]
     Stage(#[from] RestoreError),
 }
 
-/// The checkpoint of a slot; `swapped` while its first output is to come that says that another stage than before has made it.
-pub fn checkpoint<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swapped: bool) -> Checkpoint {
+/// Captures the state of a slot.
+///
+/// `swapped` is set until the first output that carries the flag `SWAPPED`.
+pub fn capture<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swapped: bool) -> Checkpoint {
     let mut record = Checkpoint {
         next_tick: slot.sequence().next_tick,
         service: service as u32,
@@ -44,71 +48,82 @@ pub fn checkpoint<S: Slot>(slot: &mut S, service: Service, incarnation: u32, swa
         swapped: swapped.into(),
         ..bytemuck::Zeroable::zeroed()
     };
-    for (place, byte) in record.stage.iter_mut().zip(slot.stage().name().bytes()) {
-        *place = byte;
+    for (character, byte) in record.stage.iter_mut().zip(slot.stage().name().bytes()) {
+        *character = byte;
     }
-    let mut words = Writer { words: &mut record.words, len: 0 };
-    slot.visit_own(&mut |word| words.push(*word));
+    let mut words = WordWriter { words: &mut record.words, len: 0 };
+    slot.visit_own_state(&mut |word| words.push(*word));
     record.slot_words = words.len as u32;
     slot.stage().common().visit(&mut |word| words.push(*word));
     record.common_words = words.len as u32 - record.slot_words;
     let Snapshot { values, len, .. } = slot.stage().snapshot();
     values[..len].iter().for_each(|value| words.push(value.to_bits()));
     record.stage_words = len as u32;
-    record.checksum = record.sum();
+    record.checksum = record.compute_checksum();
     record
 }
 
-/// Goes on from a checkpoint: bit for bit if it is of the same stage, else with what every stage can take over.
+/// Resumes from a checkpoint: bit for bit if it is of the same stage, else with the common state.
+///
+/// # Errors
+///
+/// Fails if the checkpoint is damaged, of another slot, or rejected by slot or stage. The slot is
+/// then unchanged.
 pub fn resume<S: Slot>(slot: &mut S, service: Service, record: &Checkpoint) -> Result<Resumed, ResumeError> {
     if record.service != service as u32 {
         return Err(ResumeError::OtherSlot);
     }
     let mut before = Vec::new();
-    slot.visit_own(&mut |word| before.push(*word));
-    let resumed = take_over(slot, record);
+    slot.visit_own_state(&mut |word| before.push(*word));
+    let resumed = restore_checkpoint(slot, record);
     if resumed.is_err() {
-        // They are as many as were read.
-        fill(&before, |visit| slot.visit_own(visit))?;
+        // The number of words is the one just read, so that this cannot fail.
+        write_words(&before, |visit| slot.visit_own_state(visit))?;
     }
     resumed
 }
 
-/// The same, but for the slot's own words, which stay where the stage or they themselves refuse. The stage comes last: a stage that refuses is as
-/// it was.
-fn take_over<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
-    let [own, common, numbers] = parts(record)?;
-    fill(own, |visit| slot.visit_own(visit))?;
+/// Restores the slot's own state and that of the stage.
+///
+/// After an error the slot's own state may be changed. The stage is restored last, and a stage that
+/// rejects a state is unchanged.
+fn restore_checkpoint<S: Slot>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
+    let [own, common, numbers] = sections(record)?;
+    write_words(own, |visit| slot.visit_own_state(visit))?;
     if slot.sequence().next_tick != record.next_tick {
         return Err(ResumeError::Damaged);
     }
-    if let Some(flaw) = slot.own_flaw() {
-        return Err(ResumeError::Flaw(flaw));
+    if let Some(fault) = slot.validation_error() {
+        return Err(ResumeError::Invalid(fault));
     }
     if record.stage() == slot.stage().name() {
         let record = snapshot(slot.stage().name(), numbers)?;
         slot.stage_mut().restore(&record)?;
-        return Ok(Resumed::Whole);
+        return Ok(Resumed::Complete);
     }
     let mut shared = slot.stage().common();
-    fill(common, |visit| shared.visit(visit))?;
-    if slot.has_begun() {
+    write_words(common, |visit| shared.visit(visit))?;
+    if slot.is_initialised() {
         slot.stage_mut().adopt(&shared)?;
     }
     Ok(Resumed::Common)
 }
 
-/// What every stage of the slot can go on with, in the place of what `common` holds.
-pub fn common<C: Words>(record: &Checkpoint, mut common: C) -> Result<C, ResumeError> {
-    let [_, words, _] = parts(record)?;
-    fill(words, |visit| common.visit(visit))?;
+/// Returns the state common to all stages of the slot, by replacing the words of `common`.
+///
+/// # Errors
+///
+/// Fails if the checkpoint is damaged.
+pub fn common<C: StateWords>(record: &Checkpoint, mut common: C) -> Result<C, ResumeError> {
+    let [_, words, _] = sections(record)?;
+    write_words(words, |visit| common.visit(visit))?;
     Ok(common)
 }
 
-/// The words of the slot's own, those that are common to its stages, and those of the stage.
-fn parts(record: &Checkpoint) -> Result<[&[u64]; 3], ResumeError> {
+/// Splits a checkpoint into the words of the slot, of the common state and of the stage.
+fn sections(record: &Checkpoint) -> Result<[&[u64]; 3], ResumeError> {
     let lens = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize);
-    if record.checksum != record.sum() || lens.iter().any(|len| *len > CHECKPOINT_WORDS) {
+    if record.checksum != record.compute_checksum() || lens.iter().any(|len| *len > CHECKPOINT_WORDS) {
         return Err(ResumeError::Damaged);
     }
     let (own, rest) = record.words.split_at_checked(lens[0]).ok_or(ResumeError::Damaged)?;
@@ -117,15 +132,15 @@ fn parts(record: &Checkpoint) -> Result<[&[u64]; 3], ResumeError> {
 }
 
 fn snapshot(stage: &'static str, numbers: &[u64]) -> Result<Snapshot, ResumeError> {
-    let mut record = Snapshot { stage, values: [0.0; STATE_LIMIT], len: numbers.len(), checksum: 0 };
+    let mut record = Snapshot { stage, values: [0.0; MAX_STATE_VALUES], len: numbers.len(), checksum: 0 };
     let values = record.values.get_mut(..numbers.len()).ok_or(ResumeError::Damaged)?;
     values.iter_mut().zip(numbers).for_each(|(value, word)| *value = f64::from_bits(*word));
-    record.checksum = record.sum();
+    record.checksum = record.compute_checksum();
     Ok(record)
 }
 
-/// Puts words into what `visit` visits; they must be as many.
-fn fill(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
+/// Replaces the words that `visit` passes on; their number must match.
+fn write_words(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(), ResumeError> {
     let mut next = 0;
     visit(&mut |word| {
         *word = words.get(next).copied().unwrap_or(*word);
@@ -134,16 +149,16 @@ fn fill(words: &[u64], visit: impl FnOnce(&mut dyn FnMut(&mut u64))) -> Result<(
     if next == words.len() { Ok(()) } else { Err(ResumeError::Damaged) }
 }
 
-/// Writes words as far as there is room.
-struct Writer<'a> {
+/// Writer that counts words beyond its capacity and drops them.
+struct WordWriter<'a> {
     words: &'a mut [u64; CHECKPOINT_WORDS],
     len: usize,
 }
 
-impl Writer<'_> {
+impl WordWriter<'_> {
     fn push(&mut self, word: u64) {
-        if let Some(place) = self.words.get_mut(self.len) {
-            *place = word;
+        if let Some(target) = self.words.get_mut(self.len) {
+            *target = word;
         }
         self.len += 1;
     }

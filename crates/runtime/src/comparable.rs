@@ -1,38 +1,38 @@
-//! What of two outputs can be compared, whichever slot they are of: their attitudes.
+//! Attitude of an output, for the comparison of two stages of any slot.
 
 use attitude::{Quaternion, state::Attitude};
 use messages::{AccelPoint, AttitudeOutput, FusedState, GyroStep};
 
-use crate::quantities;
+use crate::convert;
 
-/// An output with an attitude in it.
+/// An output that contains an attitude.
 pub trait Comparable {
-    /// The attitude, body → reference; `None` when a number is not finite.
+    /// Returns the attitude, body to reference, or `None` if a value is not finite.
     fn attitude(&self) -> Option<Quaternion<f64>>;
 }
 
 impl Comparable for GyroStep {
     fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(quantities::motion(self, 0.0)?.attitude.quaternion())
+        Some(convert::motion(self, 0.0)?.attitude.quaternion())
     }
 }
 
 impl Comparable for AccelPoint {
     fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(Attitude::levelled(quantities::up(self)?).quaternion())
+        Some(Attitude::from_up(convert::up(self)?).quaternion())
     }
 }
 
 impl Comparable for FusedState {
     fn attitude(&self) -> Option<Quaternion<f64>> {
-        Some(quantities::attitude(self)?.quaternion())
+        Some(convert::attitude(self)?.quaternion())
     }
 }
 
 impl Comparable for AttitudeOutput {
     fn attitude(&self) -> Option<Quaternion<f64>> {
         let [w, x, y, z] = self.quaternion;
-        let sound = [w, x, y, z, self.course_rad].iter().all(|number| number.is_finite());
-        sound.then(|| Quaternion::new(w, x, y, z))
+        let is_finite = [w, x, y, z, self.course_rad].iter().all(|number| number.is_finite());
+        is_finite.then(|| Quaternion::new(w, x, y, z))
     }
 }

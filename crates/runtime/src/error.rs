@@ -1,4 +1,4 @@
-//! Why a service ended.
+//! Errors that end a service.
 
 use std::io;
 
@@ -6,57 +6,57 @@ use attitude::parameters::ParameterError;
 use bus::BusError;
 use launch::Service;
 
-/// Why a service ended.
+/// Error that ends a service.
 #[derive(Debug, thiserror::Error)]
 pub enum RuntimeError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The configuration on standard input were not those of a supervisor.
-    #[error("reading the configuration of service {service}: {cause}; services are started by `plumb up`")]
+    /// The configuration on standard input is invalid.
+    #[error("invalid configuration of service {service} on standard input: {cause}; start services with `plumb up`")]
     ServiceConfig {
-        /// Who was to read them.
+        /// Service that was started.
         service: Service,
-        /// What is wrong with them.
+        /// Fault of the configuration.
         cause: String,
     },
-    /// The system could not be asked for something.
+    /// A system call failed.
     #[error("{doing}: {cause}")]
     System {
-        /// What was being done.
+        /// Operation that failed.
         doing: &'static str,
-        /// What the system answered.
+        /// Error of the system call.
         cause: io::Error,
     },
-    /// A stage that is not there.
-    #[error("filling the slot `{slot}`: there is no stage `{stage}`")]
-    Stage {
-        /// The slot.
+    /// The stage does not exist.
+    #[error("slot `{slot}`: unknown stage `{stage}`; `plumb stage list` lists the stages")]
+    UnknownStage {
+        /// Slot of the stage.
         slot: Service,
-        /// The name asked for.
+        /// Name of the stage.
         stage: String,
     },
-    /// A stage that is a program of its own does not start.
+    /// An external stage does not start.
     #[error(transparent)]
-    Program(#[from] host::HostError),
-    /// A stage cannot go on.
-    #[error("filling the slot `{slot}`: {why}")]
-    Failed {
-        /// The slot.
+    ExternalStage(#[from] host::HostError),
+    /// A stage failed permanently, or the service cannot use its settings.
+    #[error("slot `{slot}` failed: {cause}")]
+    StageFailed {
+        /// Slot of the stage.
         slot: Service,
-        /// Why not.
-        why: String,
+        /// Cause of the failure.
+        cause: String,
     },
-    /// A parameter that the stage does not take.
-    #[error("setting `{name}` of the stage `{stage}` in the slot `{slot}`: {cause}")]
+    /// The stage rejected a parameter.
+    #[error("cannot set `{name}` of stage `{stage}` in slot `{slot}`: {cause}")]
     Parameter {
-        /// The slot.
+        /// Slot of the stage.
         slot: Service,
-        /// The stage.
+        /// Name of the stage.
         stage: String,
-        /// The parameter.
+        /// Name of the parameter.
         name: String,
-        /// What is wrong with it.
+        /// Cause of the rejection.
         cause: ParameterError,
     },
 }

@@ -1,13 +1,19 @@
-//! Messages in the frame of others.
+//! Conversion of messages between Plumbline's frames and other axis conventions.
 //!
-//! Input: messages as they are on the bus, in our frames. Output: the same in another one. Time: none. Failure: none. Applied where the attitude leaves
-//! the system and nowhere before: what is on the bus, between hosts and in a flight's topics is in ours.
+//! - Input: messages in Plumbline's frames, as on the bus.
+//! - Output: the same messages in another frame.
+//!
+//! The conversion is applied only where the attitude leaves the system. Messages on the bus,
+//! between hosts and in recorded flights stay in Plumbline's frames.
 
 use attitude::{angles::Angles, frames::Frame};
 use messages::{AttitudeOutput, FusedState};
 
-/// An attitude: quaternion, angles, rate and jump. The course is clockwise from above in every frame; deviations are of no axis.
-pub fn attitude_in(frame: Frame, output: AttitudeOutput) -> AttitudeOutput {
+/// Converts quaternion, angles, rate and jump of an attitude to `frame`.
+///
+/// The course is clockwise from above in every frame, and standard deviations have no axis: both
+/// are unchanged.
+pub fn attitude_to_frame(frame: Frame, output: AttitudeOutput) -> AttitudeOutput {
     let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, .. } = output;
     let Angles { yaw_rad, pitch_rad, roll_rad } = frame.angles(Angles { yaw_rad, pitch_rad, roll_rad });
     AttitudeOutput {
@@ -16,31 +22,31 @@ pub fn attitude_in(frame: Frame, output: AttitudeOutput) -> AttitudeOutput {
         pitch_rad,
         roll_rad,
         rate_rad_s: frame.body().vector(output.rate_rad_s),
-        jump: frame.body().turn(output.jump),
+        jump: frame.body().rotation(output.jump),
         ..output
     }
 }
 
-/// An attitude of that frame in ours.
-pub fn attitude_from(frame: Frame, theirs: AttitudeOutput) -> AttitudeOutput {
-    let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, .. } = theirs;
-    let Angles { yaw_rad, pitch_rad, roll_rad } = frame.ours_of_angles(Angles { yaw_rad, pitch_rad, roll_rad });
+/// Converts an attitude from `frame` to Plumbline's frames.
+pub fn attitude_from_frame(frame: Frame, other: AttitudeOutput) -> AttitudeOutput {
+    let AttitudeOutput { yaw_rad, pitch_rad, roll_rad, .. } = other;
+    let Angles { yaw_rad, pitch_rad, roll_rad } = frame.angles_to_native(Angles { yaw_rad, pitch_rad, roll_rad });
     let (earth, body) = (frame.earth(), frame.body());
-    let [w, x, y, z] = theirs.jump;
-    let [x, y, z] = body.ours([x, y, z]);
+    let [w, x, y, z] = other.jump;
+    let [x, y, z] = body.to_native([x, y, z]);
     AttitudeOutput {
-        quaternion: attitude::frames::ours(earth, body, theirs.quaternion),
+        quaternion: attitude::frames::quaternion_to_native(earth, body, other.quaternion),
         yaw_rad,
         pitch_rad,
         roll_rad,
-        rate_rad_s: body.ours(theirs.rate_rad_s),
+        rate_rad_s: body.to_native(other.rate_rad_s),
         jump: [w, x, y, z],
-        ..theirs
+        ..other
     }
 }
 
-/// A fused state: w and z, rate and bias.
-pub fn fused_in(frame: Frame, state: FusedState) -> FusedState {
+/// Converts w, z, rate and bias of a fused state to `frame`.
+pub fn fused_to_frame(frame: Frame, state: FusedState) -> FusedState {
     let (w, z_rad) = frame.point(state.w, state.z_rad);
     let [rate_rad_s, bias_rad_s] = [state.rate_rad_s, state.bias_rad_s].map(|vector| frame.body().vector(vector));
     FusedState { w, z_rad, rate_rad_s, bias_rad_s, ..state }
@@ -51,18 +57,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_attitude_that_goes_to_a_frame_and_back_is_the_same() {
-        let mut ours: AttitudeOutput = bytemuck::Zeroable::zeroed();
-        (ours.quaternion, ours.jump) = ([0.1, -0.5, 0.7, 0.5], [0.7, 0.5, -0.5, 0.1]);
-        (ours.yaw_rad, ours.pitch_rad, ours.roll_rad) = (2.5, -0.4, 1.1);
-        ours.rate_rad_s = [0.3, -0.2, 0.1];
+    fn attitude_frame_conversion_round_trips() {
+        let mut native: AttitudeOutput = bytemuck::Zeroable::zeroed();
+        (native.quaternion, native.jump) = ([0.1, -0.5, 0.7, 0.5], [0.7, 0.5, -0.5, 0.1]);
+        (native.yaw_rad, native.pitch_rad, native.roll_rad) = (2.5, -0.4, 1.1);
+        native.rate_rad_s = [0.3, -0.2, 0.1];
         let numbers = |one: &AttitudeOutput| {
             let angles = [one.yaw_rad, one.pitch_rad, one.roll_rad];
             [&one.quaternion[..], &one.jump, &angles, &one.rate_rad_s].concat()
         };
         for (name, frame) in Frame::NAMES {
-            let back = attitude_from(frame, attitude_in(frame, ours));
-            for (there, here) in numbers(&back).into_iter().zip(numbers(&ours)) {
+            let back = attitude_from_frame(frame, attitude_to_frame(frame, native));
+            for (there, here) in numbers(&back).into_iter().zip(numbers(&native)) {
                 assert!((there - here).abs() < 1e-15, "{name}: {back:?}");
             }
         }

@@ -1,32 +1,34 @@
-//! Several inputs become one stream, by tick and never by arrival.
+//! Joins several inputs into one stream, ordered by tick and independent of the order of arrival.
 //!
-//! Input: messages of each input in the order of ticks, the inputs in whatever order they arrive. Output: the ticks in order, each with
-//! what there is of it. Time: none; how long to wait is counted in ticks, so that a replay decides alike. Failure: what stays away is left
-//! out, counted and said.
+//! - Input: the messages of each input in tick order; inputs may interleave in any way.
+//! - Output: ticks in order, each with the messages that belong to it.
+//! - Time: none. Waiting is measured in ticks, so that a replay makes the same decisions.
+//! - Failure: a missing message is skipped, counted and reported.
 //!
-//! An input has a message of every tick, or of those whose flags say so: which it is stands in the table of [`graph`]. A tick is complete
-//! when each input of every tick has brought it, has passed it, or is absent, and each other input that its flags name has, too. It goes on
-//! incomplete once the newest tick of any input is `lateness_ticks` ahead of it.
+//! A *dense* input carries a message for every tick, a *sparse* input only for ticks that have its
+//! flag (see the table of [`graph`]). A tick is complete when every dense input has delivered it,
+//! skipped it or is absent, and the same holds for every sparse input that the tick's flags name.
+//! An incomplete tick is released once any input is `lateness_ticks` ahead of it.
 
 use std::collections::VecDeque;
 
 use messages::{Flags, Ticked};
 use swap::Sequence;
 
-/// Messages of an input that wait for their tick at most: as many as a topic holds.
-pub const QUEUE_MAX: usize = launch::TOPIC_MESSAGES_MAX;
+/// Maximum number of messages queued per input: the capacity of a topic.
+pub const MAX_QUEUED: usize = launch::MAX_TOPIC_MESSAGES;
 
-/// What a join must know of a message.
-pub trait Placed {
-    /// The tick that it comes from.
+/// A message that can be joined.
+pub trait TickStamped {
+    /// Returns the tick the message belongs to.
     fn tick(&self) -> u64;
-    /// The tick's flags.
+    /// Returns the flags of that tick.
     fn flags(&self) -> Flags;
-    /// The incarnation of its publisher.
-    fn sender(&self) -> u32;
+    /// Returns the incarnation of the publisher.
+    fn publisher(&self) -> u32;
 }
 
-impl<M: Ticked> Placed for M {
+impl<M: Ticked> TickStamped for M {
     fn tick(&self) -> u64 {
         self.header().tick
     }
@@ -35,74 +37,75 @@ impl<M: Ticked> Placed for M {
         self.header().flags
     }
 
-    fn sender(&self) -> u32 {
+    fn publisher(&self) -> u32 {
         self.header().incarnation
     }
 }
 
-/// One input: its messages that wait for their tick.
+/// Input queue of a join.
 #[derive(Debug, Clone)]
-pub struct Lane<M> {
+pub struct JoinInput<M> {
     queue: VecDeque<M>,
-    /// Of the ticks that have a message; none where every tick has.
+    /// Flag of the ticks that carry a message; [`Flags::NONE`] for a dense input.
     flag: Flags,
-    /// The tick after the newest that came.
+    /// Tick after the newest one received.
     next_tick: u64,
-    /// The incarnation that sent it.
-    sender: u32,
-    /// From this tick on nobody publishes the input.
+    /// Publisher of the newest message.
+    publisher: u32,
+    /// First tick without a publisher; `u64::MAX` while there is one.
     absent_from: u64,
 }
 
-impl<M: Ticked> Default for Lane<M> {
+impl<M: Ticked> Default for JoinInput<M> {
     fn default() -> Self {
         Self::new(M::FLAG)
     }
 }
 
-impl<M> Lane<M> {
-    /// An input with a message of each tick that has `flag`; of every tick where that is none.
+impl<M> JoinInput<M> {
+    /// Creates a sparse input for ticks with `flag`, or a dense one for [`Flags::NONE`].
     pub fn new(flag: Flags) -> Self {
-        Self { queue: VecDeque::new(), flag, next_tick: 0, sender: 0, absent_from: u64::MAX }
+        Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX }
     }
 
-    /// From `tick` on nobody publishes it; `u64::MAX` where somebody does.
-    pub fn is_absent_from(&mut self, tick: u64) {
+    /// Sets the first tick without a publisher; `u64::MAX` if there is one.
+    pub fn set_absent_from(&mut self, tick: u64) {
         self.absent_from = tick;
     }
 }
 
-impl<M: Placed> Lane<M> {
-    /// How it stands.
-    pub fn look(&self) -> Look {
+impl<M: TickStamped> JoinInput<M> {
+    /// Returns a summary for the decision which tick is next.
+    pub fn status(&self) -> InputStatus {
         let Self { flag, next_tick, absent_from, .. } = *self;
         let front = self.queue.front().map(|message| (message.tick(), message.flags()));
-        Look { flag, next_tick, absent_from, front, is_full: self.queue.len() >= QUEUE_MAX }
+        InputStatus { flag, next_tick, absent_from, front, is_full: self.queue.len() >= MAX_QUEUED }
     }
 
-    /// The message of this tick, if it has come; older ones go.
+    /// Removes and returns the message of `tick`, discarding older ones.
     pub fn take(&mut self, tick: u64) -> Option<M> {
         while self.queue.pop_front_if(|message| message.tick() < tick).is_some() {}
         self.queue.pop_front_if(|message| message.tick() == tick)
     }
 
     fn offer(&mut self, message: M, sequence: &mut Sequence) {
-        let (tick, sender) = (message.tick(), message.sender());
+        let (tick, publisher) = (message.tick(), message.publisher());
         if tick < sequence.next_tick.max(self.next_tick) {
-            return sequence.refuse(sender == self.sender);
+            return sequence.reject(publisher == self.publisher);
         }
-        // Where every tick has one a full queue is overdue and empties; the others wait for no more than a topic holds.
-        if self.flag != Flags::NONE && self.queue.len() >= QUEUE_MAX {
+        // A full dense queue is overdue and drains by itself. A sparse queue keeps what a topic
+        // holds.
+        if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }
-        (self.next_tick, self.sender) = (tick.saturating_add(1), sender);
+        (self.next_tick, self.publisher) = (tick.saturating_add(1), publisher);
         self.queue.push_back(message);
     }
 }
 
-/// How an input stands.
+/// State of an input of a join.
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct InputStatus {
     flag: Flags,
     next_tick: u64,
     absent_from: u64,
@@ -110,234 +113,238 @@ pub struct Look {
     is_full: bool,
 }
 
-impl Look {
-    /// It has a message of every tick.
+impl InputStatus {
+    /// Returns `true` if the input carries a message for every tick.
     pub fn is_dense(&self) -> bool {
         self.flag == Flags::NONE
     }
 
-    /// The oldest tick that waits.
+    /// Returns the tick of the oldest queued message.
     pub fn front_tick(&self) -> Option<u64> {
         self.front.map(|(tick, _)| tick)
     }
 
-    /// The tick after the newest that came.
+    /// Returns the tick after the newest one received.
     pub fn next_tick(&self) -> u64 {
         self.next_tick
     }
 
-    /// It may still bring the tick.
-    fn brings(&self, tick: u64) -> bool {
+    /// Returns `true` if `tick` can still arrive.
+    fn may_deliver(&self, tick: u64) -> bool {
         self.next_tick <= tick && tick < self.absent_from
     }
 }
 
-/// The inputs of a join.
-pub trait Lanes {
-    /// What there is of one tick.
+/// Inputs of a join.
+pub trait JoinInputs {
+    /// Messages of one tick.
     type Tick;
-    /// Looks at each, in the order of a service's inputs.
-    fn each(&self, look: &mut impl FnMut(Look));
-    /// Takes what there is of a tick.
+    /// Calls `visit` with the status of each input, in the order of the service's inputs.
+    fn each(&self, visit: &mut impl FnMut(InputStatus));
+    /// Removes and returns the messages of `tick`, discarding older ones.
     fn take(&mut self, tick: u64) -> Self::Tick;
 }
 
-/// Defines the inputs of a slot, and what there is of one tick of them.
+/// Defines the inputs of a slot, and the messages of one tick.
 #[macro_export]
-macro_rules! lanes {
-    ($(#[$about:meta])* $lanes:ident => $tick:ident { $($lane:ident: $message:ty,)* }) => {
+macro_rules! join_inputs {
+    ($(#[$about:meta])* $inputs:ident => $tick:ident { $($input:ident: $message:ty,)* }) => {
         $(#[$about])*
         #[derive(Debug, Clone, Default)]
-        struct $lanes { $($lane: $crate::Lane<$message>,)* }
+        struct $inputs { $($input: $crate::JoinInput<$message>,)* }
 
-        /// What there is of one tick.
+        /// Messages of one tick; `None` for an input without a message.
         #[derive(Debug, Clone, Copy)]
-        struct $tick { $($lane: Option<$message>,)* }
+        struct $tick { $($input: Option<$message>,)* }
 
-        impl $lanes {
-            /// The topics, in the order in which the service reads them.
+        impl $inputs {
+            /// Names of the topics, in the order of the service's inputs.
             #[cfg(test)]
             #[allow(dead_code, reason = "for a test that compares them with the graph's")]
             const TOPICS: &'static [&'static str] = &[$(<$message as messages::Message>::TOPIC.name),*];
         }
 
-        impl $crate::Lanes for $lanes {
+        impl $crate::JoinInputs for $inputs {
             type Tick = $tick;
 
             #[inline]
-            fn each(&self, look: &mut impl FnMut($crate::join::Look)) {
-                $(look(self.$lane.look());)*
+            fn each(&self, visit: &mut impl FnMut($crate::join::InputStatus)) {
+                $(visit(self.$input.status());)*
             }
 
             fn take(&mut self, tick: u64) -> $tick {
-                $tick { $($lane: self.$lane.take(tick)),* }
+                $tick { $($input: self.$input.take(tick)),* }
             }
         }
     };
 }
 
-/// Joins inputs by tick.
+/// Join of several inputs by tick.
 #[derive(Debug, Clone)]
-pub struct Join<L> {
-    lanes: L,
+pub struct Join<I> {
+    inputs: I,
     lateness_ticks: u64,
-    /// Before this tick everything is on its way, as it was published once,
-    expected_until: u64,
-    /// and is given up when the newest tick is this.
-    given_up_at: u64,
-    fills_gaps: bool,
+    /// Ticks before this one have been published and are still being delivered.
+    backlog_end: u64,
+    /// Newest tick at which the backlog is given up.
+    backlog_deadline: u64,
+    emits_empty_ticks: bool,
     sequence: Sequence,
 }
 
-/// A tick of the joined stream.
+/// One tick of the joined stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Joined<T> {
-    /// Which one.
+    /// Number of the tick.
     pub tick: u64,
-    /// Ticks missing before it.
+    /// Number of ticks missing before this one.
     pub missing: u64,
-    /// What there is of it.
-    pub parts: T,
+    /// Messages of the tick.
+    pub messages: T,
 }
 
-impl<L: Lanes> Join<L> {
-    /// A join that waits for `lateness_ticks`.
-    pub fn new(lanes: L, lateness_ticks: u64) -> Self {
+impl<I: JoinInputs> Join<I> {
+    /// Creates a join that waits `lateness_ticks` for a missing message.
+    pub fn new(inputs: I, lateness_ticks: u64) -> Self {
         let sequence = Sequence::default();
-        Self { lanes, lateness_ticks, expected_until: 0, given_up_at: 0, fills_gaps: false, sequence }
+        Self { inputs, lateness_ticks, backlog_end: 0, backlog_deadline: 0, emits_empty_ticks: false, sequence }
     }
 
-    /// A join that gives ticks, too, of which there is nothing.
-    pub fn without_gaps(lanes: L, lateness_ticks: u64) -> Self {
-        Self { fills_gaps: true, ..Self::new(lanes, lateness_ticks) }
+    /// Creates a join that also emits ticks for which no input has a message.
+    pub fn with_empty_ticks(inputs: I, lateness_ticks: u64) -> Self {
+        Self { emits_empty_ticks: true, ..Self::new(inputs, lateness_ticks) }
     }
 
-    /// Before `tick` everything was published once: it is given up only when an input is `patience_ticks` beyond that.
-    pub fn expect_until(&mut self, tick: u64, patience_ticks: u64) {
-        (self.expected_until, self.given_up_at) = (tick, tick.saturating_add(patience_ticks));
+    /// Declares that all ticks before `tick` were published.
+    ///
+    /// They are given up only when an input is `patience_ticks` beyond `tick`.
+    pub fn expect_backlog(&mut self, tick: u64, patience_ticks: u64) {
+        (self.backlog_end, self.backlog_deadline) = (tick, tick.saturating_add(patience_ticks));
     }
 
-    /// The joined stream begins with `tick`; what came of earlier ones is left out.
-    pub fn begin_with(&mut self, tick: u64) {
+    /// Starts the joined stream at `tick`. Earlier messages are discarded.
+    pub fn start_at(&mut self, tick: u64) {
         if let Some(before) = tick.checked_sub(1) {
-            self.lanes.take(before);
+            self.inputs.take(before);
         }
         self.sequence.next_tick = tick;
     }
 
-    /// The inputs.
-    pub fn lanes(&self) -> &L {
-        &self.lanes
+    /// Returns the inputs.
+    pub fn inputs(&self) -> &I {
+        &self.inputs
     }
 
-    /// The inputs, for what is not a message.
-    pub fn lanes_mut(&mut self) -> &mut L {
-        &mut self.lanes
+    /// Returns the inputs mutably, to change which of them have a publisher.
+    pub fn inputs_mut(&mut self) -> &mut I {
+        &mut self.inputs
     }
 
-    /// Takes a message of the input that `lane` names.
-    pub fn offer<M: Placed>(&mut self, lane: impl FnOnce(&mut L) -> Option<&mut Lane<M>>, message: M) {
-        if let Some(lane) = lane(&mut self.lanes) {
-            lane.offer(message, &mut self.sequence);
+    /// Queues a message at the input that `select` returns; discards it if `select` returns `None`.
+    pub fn offer<M: TickStamped>(&mut self, select: impl FnOnce(&mut I) -> Option<&mut JoinInput<M>>, message: M) {
+        if let Some(input) = select(&mut self.inputs) {
+            input.offer(message, &mut self.sequence);
         }
-        if self.sequence.next_tick < self.expected_until {
-            self.expect_history();
+        if self.sequence.next_tick < self.backlog_end {
+            self.extend_backlog();
         }
     }
 
-    /// As long as an input has brought nothing, all that it holds for those who come late is on its way: up to the newest of the others.
-    fn expect_history(&mut self) {
+    /// Extends the backlog while an awaited input has delivered nothing: its history is then still
+    /// on its way, up to the newest tick of the other inputs.
+    fn extend_backlog(&mut self) {
         let (mut newest_next, mut flags, mut is_silent) = (0, Flags::NONE, false);
-        self.lanes.each(&mut |lane| {
-            if lane.is_dense() {
-                newest_next = newest_next.max(lane.next_tick);
-                flags |= lane.front.map_or(Flags::NONE, |(_, flags)| flags);
+        self.inputs.each(&mut |input| {
+            if input.is_dense() {
+                newest_next = newest_next.max(input.next_tick);
+                flags |= input.front.map_or(Flags::NONE, |(_, flags)| flags);
             }
         });
         let tick = self.sequence.next_tick;
-        self.lanes.each(&mut |lane| {
-            is_silent |= lane.next_tick == 0 && lane.brings(tick) && (lane.is_dense() || flags.any(lane.flag));
+        self.inputs.each(&mut |input| {
+            is_silent |= input.next_tick == 0 && input.may_deliver(tick) && (input.is_dense() || flags.any(input.flag));
         });
         if is_silent {
-            self.expected_until = self.expected_until.max(newest_next);
+            self.backlog_end = self.backlog_end.max(newest_next);
         }
     }
 
-    /// The next tick, once it is certain what there is of it.
-    pub fn take(&mut self) -> Option<Joined<L::Tick>> {
-        let tick = self.due().ok()?;
-        let missing = self.sequence.pass(tick);
-        Some(Joined { tick, missing, parts: self.lanes.take(tick) })
+    /// Returns the next tick once every input has delivered it or been given up.
+    #[allow(clippy::should_implement_trait, reason = "`None` means not yet, which an iterator would take for the end")]
+    pub fn next(&mut self) -> Option<Joined<I::Tick>> {
+        let tick = self.next_due().ok()?;
+        let missing = self.sequence.advance(tick);
+        Some(Joined { tick, missing, messages: self.inputs.take(tick) })
     }
 
-    /// Which input the next tick waits for: its place among them.
-    pub fn lacks(&self) -> usize {
-        self.due().err().unwrap_or(0)
+    /// Returns the index of the input that the next tick is waiting for.
+    pub fn awaited_input(&self) -> usize {
+        self.next_due().err().unwrap_or(0)
     }
 
-    /// The joined stream, so far.
+    /// Returns the position and counters of the joined stream.
     pub fn sequence(&self) -> &Sequence {
         &self.sequence
     }
 
-    /// The joined stream, for a state to be put in.
+    /// Returns the position and counters mutably, to restore them.
     pub fn sequence_mut(&mut self) -> &mut Sequence {
         &mut self.sequence
     }
 
-    /// The tick that has its turn, or the place of the input that is waited for.
-    fn due(&self) -> Result<u64, usize> {
+    /// Returns the tick to release next, or the index of the input it waits for.
+    fn next_due(&self) -> Result<u64, usize> {
         let (mut newest, mut first, mut is_full) = (None, None, false);
-        self.lanes.each(&mut |lane| {
-            is_full |= lane.is_full;
-            if lane.is_dense() {
-                newest = newest.max(lane.next_tick.checked_sub(1));
-                first = [first, lane.front_tick()].into_iter().flatten().min();
+        self.inputs.each(&mut |input| {
+            is_full |= input.is_full;
+            if input.is_dense() {
+                newest = newest.max(input.next_tick.checked_sub(1));
+                first = [first, input.front_tick()].into_iter().flatten().min();
             }
         });
-        let next = if self.fills_gaps { Some(self.sequence.next_tick) } else { first };
+        let next = if self.emits_empty_ticks { Some(self.sequence.next_tick) } else { first };
         let Some((tick, newest)) = next.zip(newest).filter(|(tick, newest)| tick <= newest) else {
-            return Err(self.lagging());
+            return Err(self.slowest_input());
         };
-        if is_full || self.overdue(tick, newest) {
+        if is_full || self.is_overdue(tick, newest) {
             return Ok(tick);
         }
-        let (mut flags, mut lacks_dense) = (Flags::NONE, false);
-        self.lanes.each(&mut |lane| {
-            if lane.is_dense() {
-                lacks_dense |= lane.brings(tick);
-                flags |= lane.front.filter(|(front, _)| *front == tick).map_or(Flags::NONE, |(_, flags)| flags);
+        let (mut flags, mut awaits_dense) = (Flags::NONE, false);
+        self.inputs.each(&mut |input| {
+            if input.is_dense() {
+                awaits_dense |= input.may_deliver(tick);
+                flags |= input.front.filter(|(front, _)| *front == tick).map_or(Flags::NONE, |(_, flags)| flags);
             }
         });
-        if lacks_dense {
-            return Err(self.lagging());
+        if awaits_dense {
+            return Err(self.slowest_input());
         }
-        let (mut place, mut lacking) = (0, None);
-        self.lanes.each(&mut |lane| {
-            if flags.any(lane.flag) && lane.brings(tick) {
-                lacking = lacking.or(Some(place));
+        let (mut index, mut awaited) = (0, None);
+        self.inputs.each(&mut |input| {
+            if flags.any(input.flag) && input.may_deliver(tick) {
+                awaited = awaited.or(Some(index));
             }
-            place += 1;
+            index += 1;
         });
-        lacking.map_or(Ok(tick), Err)
+        awaited.map_or(Ok(tick), Err)
     }
 
-    fn overdue(&self, tick: u64, newest: u64) -> bool {
-        let is_expected = tick < self.expected_until && newest < self.given_up_at;
-        newest - tick >= self.lateness_ticks && !is_expected
+    fn is_overdue(&self, tick: u64, newest: u64) -> bool {
+        let in_backlog = tick < self.backlog_end && newest < self.backlog_deadline;
+        newest - tick >= self.lateness_ticks && !in_backlog
     }
 
-    /// The input of every tick that is the furthest behind.
-    fn lagging(&self) -> usize {
-        let (mut place, mut lagging) = (0, None);
-        self.lanes.each(&mut |lane| {
-            let (next_tick, is_there) = (lane.next_tick, lane.next_tick < lane.absent_from);
-            if lane.is_dense() && is_there && lagging.is_none_or(|(least, _)| next_tick < least) {
-                lagging = Some((next_tick, place));
+    /// Returns the index of the published dense input that is furthest behind.
+    fn slowest_input(&self) -> usize {
+        let (mut index, mut slowest) = (0, None);
+        self.inputs.each(&mut |input| {
+            let (next_tick, is_published) = (input.next_tick, input.next_tick < input.absent_from);
+            if input.is_dense() && is_published && slowest.is_none_or(|(least, _)| next_tick < least) {
+                slowest = Some((next_tick, index));
             }
-            place += 1;
+            index += 1;
         });
-        lagging.map_or(0, |(_, place)| place)
+        slowest.map_or(0, |(_, index)| index)
     }
 }
 
@@ -347,7 +354,7 @@ mod tests {
 
     use super::*;
 
-    lanes! {
+    join_inputs! {
         Inputs => Tick { gyro: GyroStep, accel: AccelPoint, mag: MagSample, gnss: GnssFix, }
     }
 
@@ -380,7 +387,7 @@ mod tests {
             self.offer(|inputs| Some(&mut inputs.gnss), message);
         }
 
-        /// (tick, who has it, missing before)
+        /// Returns (tick, inputs with a message, ticks missing before it).
         fn drain(&mut self) -> Vec<(u64, &'static str, u64)> {
             let name = |Tick { gyro, accel, mag, gnss }: &Tick| match (gyro, accel, mag, gnss) {
                 (Some(_), Some(_), None, None) => "both",
@@ -391,29 +398,29 @@ mod tests {
                 (None, Some(_), ..) => "accel",
                 (None, None, ..) => "none",
             };
-            std::iter::from_fn(|| self.take())
-                .map(|joined| (joined.tick, name(&joined.parts), joined.missing))
+            std::iter::from_fn(|| self.next())
+                .map(|joined| (joined.tick, name(&joined.messages), joined.missing))
                 .collect()
         }
     }
 
     const NONE: Flags = Flags::NONE;
 
-    /// Which ticks have a field and a fix, in what follows.
+    /// Returns the flags of a tick: a field every 3 ticks, a fix every 5.
     fn flags(tick: u64) -> Flags {
         Flags::FIELD.when(tick.is_multiple_of(3)) | Flags::FIX.when(tick.is_multiple_of(5))
     }
 
     #[test]
-    fn order_of_arrival_does_not_matter() {
+    fn join_output_is_independent_of_arrival_order() {
         const TICKS: u64 = 60;
-        let whole = |tick| match [Flags::FIELD, Flags::FIX].map(|flag| flags(tick).any(flag)) {
+        let expected = |tick| match [Flags::FIELD, Flags::FIX].map(|flag| flags(tick).any(flag)) {
             [false, false] => (tick, "both", 0),
             [true, false] => (tick, "both, mag", 0),
             [false, true] => (tick, "both, gnss", 0),
             [true, true] => (tick, "all", 0),
         };
-        let whole: Vec<_> = (0..TICKS).map(whole).collect();
+        let expected: Vec<_> = (0..TICKS).map(expected).collect();
         for seed in 1..200_u64 {
             let (mut join, mut state, mut next, mut out) = (join(1000), seed, [0; 4], Vec::new());
             while next.iter().any(|next| *next < TICKS) {
@@ -433,25 +440,25 @@ mod tests {
                 }
                 out.extend(join.drain());
             }
-            assert_eq!(out, whole, "seed {seed}");
+            assert_eq!(out, expected, "seed {seed}");
         }
     }
 
     #[test]
-    fn a_silent_input_is_left_out_once_the_other_is_far_enough_ahead() {
+    fn join_gives_up_silent_input_after_lateness() {
         let mut join = join(10);
         (0..10).for_each(|tick| join.gyro(tick, NONE));
-        assert_eq!((join.drain(), join.lacks()), (vec![], 1));
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 1));
         join.gyro(10, NONE);
         assert_eq!(join.drain(), [(0, "gyro", 0)]);
         join.accel(0, NONE);
-        assert_eq!(join.sequence().duplicated, 1, "too late is left out");
+        assert_eq!(join.sequence().duplicated, 1, "a late message is dropped");
         join.accel(1, NONE);
         assert_eq!(join.drain(), [(1, "both", 0)]);
     }
 
     #[test]
-    fn an_input_that_has_passed_a_tick_will_not_bring_it() {
+    fn join_does_not_wait_for_skipped_tick() {
         let mut join = join(1000);
         join.gyro(0, NONE);
         join.gyro(1, NONE);
@@ -460,22 +467,22 @@ mod tests {
     }
 
     #[test]
-    fn an_input_that_nobody_publishes_is_not_waited_for() {
+    fn join_does_not_wait_for_absent_input() {
         let mut join = join(1000);
         (0..4).for_each(|tick| join.gyro(tick, NONE));
         join.accel(0, NONE);
-        join.lanes_mut().accel.is_absent_from(2);
+        join.inputs_mut().accel.set_absent_from(2);
         assert_eq!(join.drain(), [(0, "both", 0)], "1 may still come");
         join.accel(1, NONE);
         assert_eq!(join.drain(), [(1, "both", 0), (2, "gyro", 0), (3, "gyro", 0)]);
-        assert_eq!(join.lacks(), 0, "nobody sleeps for it");
-        join.lanes_mut().accel.is_absent_from(u64::MAX);
+        assert_eq!(join.awaited_input(), 0, "an absent input is not awaited");
+        join.inputs_mut().accel.set_absent_from(u64::MAX);
         join.gyro(4, NONE);
-        assert_eq!((join.drain(), join.lacks()), (vec![], 1));
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 1));
     }
 
     #[test]
-    fn what_goes_with_some_ticks_is_waited_for_only_where_the_flags_say_so_and_not_for_ever() {
+    fn join_waits_for_sparse_input_only_at_flagged_ticks() {
         let mut join = join(10);
         let both = |join: &mut Join<Inputs>, tick, flags| {
             join.gyro(tick, flags);
@@ -484,23 +491,23 @@ mod tests {
         both(&mut join, 0, NONE);
         assert_eq!(join.drain(), [(0, "both", 0)]);
         both(&mut join, 1, Flags::FIELD | Flags::FIX);
-        assert_eq!((join.drain(), join.lacks()), (vec![], 2));
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 2));
         join.mag(1);
-        assert_eq!((join.drain(), join.lacks()), (vec![], 3));
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 3));
         join.gnss(4);
-        assert_eq!(join.drain(), [(1, "both, mag", 0)], "it has been passed");
+        assert_eq!(join.drain(), [(1, "both, mag", 0)], "gnss skipped tick 1");
         (2..5).for_each(|tick| both(&mut join, tick, Flags::FIX.when(tick == 4)));
         assert_eq!(join.drain(), [(2, "both", 0), (3, "both", 0), (4, "both, gnss", 0)]);
         (5..15).for_each(|tick| both(&mut join, tick, Flags::FIELD.when(tick == 5)));
-        assert_eq!((join.drain(), join.lacks()), (vec![], 2));
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 2));
         both(&mut join, 15, NONE);
-        assert_eq!(join.drain().first(), Some(&(5, "both", 0)), "too late");
+        assert_eq!(join.drain().first(), Some(&(5, "both", 0)), "mag is given up");
     }
 
     #[test]
-    fn what_was_published_once_is_given_up_later_and_not_never() {
+    fn join_gives_up_backlog_after_patience() {
         let mut join = join(10);
-        join.expect_until(20, 50);
+        join.expect_backlog(20, 50);
         (0..70).for_each(|tick| join.gyro(tick, NONE));
         assert_eq!(join.drain(), []);
         join.gyro(70, NONE);
@@ -508,9 +515,9 @@ mod tests {
     }
 
     #[test]
-    fn an_input_that_has_brought_nothing_yet_is_waited_for_however_far_the_others_have_come_since() {
+    fn join_waits_for_history_of_silent_dense_input() {
         let mut join = join(10);
-        join.expect_until(5, 1000);
+        join.expect_backlog(5, 1000);
         (0..40).for_each(|tick| join.gyro(tick, NONE));
         assert_eq!(join.drain(), []);
         for tick in 0..40 {
@@ -518,13 +525,13 @@ mod tests {
             assert_eq!(join.drain(), [(tick, "both", 0)]);
         }
         (40..51).for_each(|tick| join.gyro(tick, NONE));
-        assert_eq!(join.drain(), [(40, "gyro", 0)], "what it has brought no longer");
+        assert_eq!(join.drain(), [(40, "gyro", 0)], "accel has delivered and is given up as usual");
     }
 
     #[test]
-    fn an_input_of_some_ticks_that_has_brought_nothing_yet_is_waited_for_once_a_tick_says_that_it_has_one() {
+    fn join_waits_for_history_of_flagged_sparse_input() {
         let mut join = join(10);
-        join.expect_until(5, 1000);
+        join.expect_backlog(5, 1000);
         for tick in 0..40 {
             join.gyro(tick, flags(tick));
             join.accel(tick, flags(tick));
@@ -537,17 +544,17 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_without_gaps_has_every_tick_from_its_beginning() {
-        let mut join = Join::without_gaps(Inputs::default(), 1000);
+    fn join_with_empty_ticks_emits_every_tick() {
+        let mut join = Join::with_empty_ticks(Inputs::default(), 1000);
         [3, 4, 7].into_iter().for_each(|tick| join.gyro(tick, flags(tick)));
         [2, 4, 7].into_iter().for_each(|tick| join.accel(tick, flags(tick)));
-        join.begin_with(4);
+        join.start_at(4);
         assert_eq!(join.drain(), [(4, "both", 0), (5, "none", 0), (6, "none", 0), (7, "both", 0)]);
         assert_eq!(join.sequence().lost, 0);
     }
 
     #[test]
-    fn ticks_missing_on_both_sides_are_counted_and_repeats_left_out() {
+    fn join_counts_lost_ticks_and_drops_repeats() {
         let mut join = join(10);
         for tick in [0, 0, 4, 3] {
             join.gyro(tick, NONE);
@@ -556,19 +563,19 @@ mod tests {
         assert_eq!(join.drain(), [(0, "both", 0), (4, "both", 3)]);
         assert_eq!(
             *join.sequence(),
-            Sequence { next_tick: 5, ticks: 2, lost: 3, duplicated: 4, repeated: 0, sender: 0 }
+            Sequence { next_tick: 5, ticks: 2, lost: 3, duplicated: 4, repeated: 0, publisher: 0 }
         );
     }
 
     #[test]
-    fn no_input_holds_more_than_a_topic() {
+    fn join_queue_is_bounded_by_topic_capacity() {
         let mut join = join(u64::MAX);
-        (0..2 * QUEUE_MAX as u64).for_each(|tick| join.mag(tick));
-        assert_eq!(join.lanes().mag.queue.len(), QUEUE_MAX);
-        (0..2 * QUEUE_MAX as u64).for_each(|tick| {
+        (0..2 * MAX_QUEUED as u64).for_each(|tick| join.mag(tick));
+        assert_eq!(join.inputs().mag.queue.len(), MAX_QUEUED);
+        (0..2 * MAX_QUEUED as u64).for_each(|tick| {
             join.gyro(tick, NONE);
-            while join.take().is_some() {}
+            while join.next().is_some() {}
         });
-        assert!(join.lanes().gyro.queue.len() <= QUEUE_MAX);
+        assert!(join.inputs().gyro.queue.len() <= MAX_QUEUED);
     }
 }

@@ -1,28 +1,30 @@
-//! The loop around a slot's work: who reads what, in which order, until when.
+//! The loop that runs a slot: joins its inputs, steps its stage and publishes one output per tick.
 //!
-//! Input: messages of the topics that a slot reads. Output: one message per tick, in order. Time: stamps and waits only; what a slot
-//! makes of its inputs never depends on a clock. Failure: a tick that never comes is counted and said; an input that stays away is
-//! left out once another is far enough ahead.
+//! - Input: messages of the topics that a slot reads.
+//! - Output: one message per tick, in order.
+//! - Time: only for timestamps and waits. Outputs never depend on a clock.
+//! - Failure: a missing tick is counted and reported. A silent input is given up once another input
+//!   is far enough ahead.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`slot`] | a slot's work without clock or bus |
-//! | [`state_words`], [`checkpoint`] | the state of a slot, and how another process goes on from it |
-//! | [`join`] | several inputs in the order of ticks |
-//! | [`prior`] | what is known of the sensors before the first sample |
-//! | [`quantities`] | what messages mean in the mathematics |
-//! | [`frames`] | messages in the frame of others |
-//! | [`service_config`] | what a service is told at its start, and what follows from it |
-//! | [`stderr_tail`] | what it says on standard error |
-//! | [`service_context`] | a service's place in a running system |
-//! | [`reader`] | a topic as a slot reads it |
-//! | [`slot_service`] | a slot's service without bus and clock: its work, who owns it, its checkpoints |
-//! | [`turns`] | which input a slot looks at next |
-//! | [`service`] | the loop over the bus |
-//! | [`comparable`] | what of two outputs can be compared |
-//! | [`shadow`] | a candidate beside the stage that owns the slot |
-//! | [`stage`] | filling a slot with what the launch file names |
-//! | [`clock`] | the monotonic clock, and the time of processors |
+//! | [`slot`] | processing of a slot, without clock or bus |
+//! | [`state_words`], [`checkpoint`] | state of a slot, and resuming from it in another process |
+//! | [`join`] | join of several inputs by tick |
+//! | [`prior`] | sensor errors known before the first sample |
+//! | [`convert`] | conversion between payloads and mathematical types |
+//! | [`frames`] | conversion of messages to other axis conventions |
+//! | [`service_config`] | start-up configuration of a service, and values derived from it |
+//! | [`stderr_tail`] | last output of a child process on standard error |
+//! | [`service_context`] | connection of a service to a running system |
+//! | [`ordered_subscriber`] | subscriber that delivers each tick once and in order |
+//! | [`slot_service`] | service of a slot without bus and clock: stage, ownership, checkpoints |
+//! | [`input_scheduling`] | choice of the input that is polled next |
+//! | [`service`] | main loop of a service on the bus |
+//! | [`comparable`] | attitude of an output, for comparison |
+//! | [`shadow`] | comparison of a candidate with the owner of its slot |
+//! | [`stage`] | creation and supervision of the stage that a launch file names |
+//! | [`clock`] | monotonic clock and processor time |
 #![forbid(unsafe_code)]
 
 pub mod checkpoint;
@@ -32,8 +34,8 @@ mod error;
 pub mod frames;
 pub mod join;
 pub mod prior;
-pub mod quantities;
-pub mod reader;
+pub mod convert;
+pub mod ordered_subscriber;
 pub mod service;
 pub mod service_config;
 pub mod service_context;
@@ -43,17 +45,18 @@ pub mod slot_service;
 pub mod stage;
 pub mod state_words;
 pub mod stderr_tail;
-pub mod turns;
+pub mod input_scheduling;
 
 pub use error::RuntimeError;
-pub use join::{Join, Joined, Lane, Lanes};
-pub use prior::{Known, Prior};
-pub use reader::{Input, Reader};
+pub use join::{Join, Joined, JoinInput, JoinInputs};
+pub use prior::{PriorEstimate, Prior};
+pub use ordered_subscriber::{SlotInput, OrderedSubscriber};
 pub use service::serve;
 pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;
-pub use slot::{EachTick, Slot, Work};
+pub use slot::{SingleInputSlot, Slot, TickProcessor};
 pub use swap::Sequence;
 
-/// Longest interval over which two rates still tell how far the body turned, s. Over a longer one the level is set anew.
-pub const BRIDGE_S: f64 = 1.0;
+/// Longest interval between two rate samples that is still integrated, s. A longer one resets the
+/// level.
+pub const MAX_BRIDGED_GAP_S: f64 = 1.0;

@@ -1,7 +1,10 @@
-//! What is known of the sensors before the first sample: of all that a run finds out, what outlives its end.
+//! Sensor errors known before the first sample: the part of an earlier run's estimates that
+//! outlives it.
 //!
-//! Input: a checkpoint of the slot `fuser`, whatever fills it. Output: bias and scale of the gyro, and hard iron, for whatever fills it
-//! next. Time: an age makes them less sure. Failure: what cannot be is left out.
+//! - Input: a checkpoint of the slot `fuser`, of any stage.
+//! - Output: gyro bias, gyro scale error and hard iron, for any stage of the slot.
+//! - Time: uncertainty grows with age.
+//! - Failure: invalid values are left out.
 
 use attitude::{
     Vector3,
@@ -13,90 +16,107 @@ use serde::{Deserialize, Serialize};
 
 use crate::checkpoint;
 
-/// What is known of the sensors.
+/// Sensor errors estimated by an earlier run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
     /// Gyro bias, rad/s, body axes.
-    pub bias_rad_s: Option<Known>,
+    pub bias_rad_s: Option<PriorEstimate>,
     /// Hard iron of the magnetometer, µT, body axes.
-    pub hard_iron_ut: Option<Known>,
-    /// Error of the gyro's scale, body axes: by which part of itself the rate is read too large.
-    pub gyro_scale: Option<Known>,
+    pub hard_iron_ut: Option<PriorEstimate>,
+    /// Gyro scale error, body axes: relative excess of the measured rate.
+    pub gyro_scale: Option<PriorEstimate>,
 }
 
-/// A constant of a sensor, in the unit of its name.
+/// Estimate of a sensor error, in the unit that its field names.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Known {
-    /// Each component.
+pub struct PriorEstimate {
+    /// Value per axis.
     pub mean: [f64; 3],
-    /// The standard deviation of each.
+    /// Standard deviation of each axis.
     pub sd: f64,
 }
 
-/// How a constant of a sensor loses its worth.
-struct Ageing {
+/// Growth of an estimate's uncertainty with time.
+struct AgeingModel {
     /// Random walk, per √s.
-    walk: f64,
-    /// What it may differ by when the sensor was without power.
-    power_sd: f64,
-    /// The deviation from which on it tells nothing.
-    unknown_sd: f64,
+    random_walk: f64,
+    /// Standard deviation of the change at a power cycle of the sensor.
+    power_cycle_sd: f64,
+    /// Standard deviation from which on the estimate is of no use.
+    uninformative_sd: f64,
 }
 
-/// A start without a prior takes a bias to be within 0.003 rad/s: a consumer MEMS gyro after its own calibration. 0.001 rad/s (0.06 °/s)
-/// for power is an allowance, for data sheets of consumer gyros do not tell.
-const BIAS: Ageing = Ageing { walk: BIAS_WALK_RAD_S, power_sd: 1e-3, unknown_sd: 0.003 };
-/// 1 µT in three days, for what is loaded and carried; 5 µT are 14° of heading where the horizontal field is 20 µT.
-const HARD_IRON: Ageing = Ageing { walk: 0.002, power_sd: 0.0, unknown_sd: 5.0 };
+/// Ageing of the gyro bias.
+///
+/// Without a prior, the bias of a consumer MEMS gyro is assumed to be within 0.003 rad/s after its
+/// own calibration. The 0.001 rad/s (0.06 °/s) for a power cycle is an allowance: data sheets of
+/// consumer gyros give no figure.
+const BIAS: AgeingModel = AgeingModel { random_walk: BIAS_WALK_RAD_S, power_cycle_sd: 1e-3, uninformative_sd: 0.003 };
+/// Ageing of the hard iron.
+///
+/// The walk is 1 µT in three days, for changes of load and cargo. An error of 5 µT is 14° of
+/// heading in a horizontal field of 20 µT.
+const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd: 0.0, uninformative_sd: 5.0 };
 
-/// A fuser that has seen no turn says 0.002, which is not worth keeping. After 72 days the sensor may be another one.
-const SCALE: Ageing = Ageing { walk: 1.2e-6, power_sd: 0.0, unknown_sd: 0.003 };
-/// How well the scale of another run is known at best. A fuser that is surer follows too slowly what a few degrees of temperature change.
-const SCALE_SD: f64 = 0.002;
+/// Ageing of the gyro scale error.
+///
+/// A fuser that has observed no rotation reports 0.002, which is not worth storing. The walk makes
+/// the estimate expire after 72 days, when the sensor may have been replaced.
+const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.0, uninformative_sd: 0.003 };
+/// Minimum standard deviation of a scale error from another run. With a smaller one the fuser
+/// follows a temperature change of a few degrees too slowly.
+const MIN_SCALE_SD: f64 = 0.002;
 
-/// The names of the numbers of each: its components, and their standard deviation.
-const NAMES: [[&str; 4]; 3] = [
+/// Names of the values of each estimate: components and standard deviation.
+const VALUE_NAMES: [[&str; 4]; 3] = [
     ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s", "bias_sd_rad_s"],
     ["hard_iron_x_ut", "hard_iron_y_ut", "hard_iron_z_ut", "hard_iron_sd_ut"],
     ["gyro_scale_x", "gyro_scale_y", "gyro_scale_z", "gyro_scale_sd"],
 ];
 
 impl Prior {
-    /// What the fuser of a checkpoint has found, if any of it is worth keeping: known twice as well as it must be to tell something.
-    pub fn of(record: &Checkpoint) -> Option<Self> {
+    /// Extracts the estimates worth storing from a fuser checkpoint.
+    ///
+    /// Their standard deviation is less than half of the one that is of no use. Returns `None` if
+    /// there are none, or if the checkpoint is invalid or of another slot.
+    pub fn from_checkpoint(record: &Checkpoint) -> Option<Self> {
         if record.service != Service::Fuser as u32 {
             return None;
         }
         let Estimate { bias_rad_s, bias_sd_rad_s, hard_iron, gyro_scale, .. } =
             checkpoint::common(record, Estimate::UNKNOWN).ok()?;
-        let worth = |mean: [f64; 3], sd: f64, ageing: Ageing| {
-            (sd > 0.0 && sd < 0.5 * ageing.unknown_sd).then_some(Known { mean, sd })
+        let informative = |mean: [f64; 3], sd: f64, ageing: AgeingModel| {
+            (sd > 0.0 && sd < 0.5 * ageing.uninformative_sd).then_some(PriorEstimate { mean, sd })
         };
         let scale = gyro_scale.error.zip_map(&gyro_scale.sd, |error, sd| if sd.is_finite() { error } else { 0.0 });
         let prior = Self {
-            bias_rad_s: worth(bias_rad_s.into(), bias_sd_rad_s, BIAS),
-            hard_iron_ut: worth(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
-            // An axis about which nothing has turned has what it began with.
-            gyro_scale: worth(scale.into(), gyro_scale.sd.min(), SCALE),
+            bias_rad_s: informative(bias_rad_s.into(), bias_sd_rad_s, BIAS),
+            hard_iron_ut: informative(hard_iron.field_ut.into(), hard_iron.sd_ut, HARD_IRON),
+            // An axis without rotation has kept its initial value.
+            gyro_scale: informative(scale.into(), gyro_scale.sd.min(), SCALE),
         };
-        (prior.tells() && prior.is_sound()).then_some(prior)
+        (prior.has_estimate() && prior.is_valid()).then_some(prior)
     }
 
-    /// The same with the scale that was known before where there is none.
+    /// Returns the prior with the scale error of `before` if it has none itself.
     #[must_use]
-    pub fn or_scale_of(self, before: Option<Self>) -> Self {
+    pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }
     }
 
-    /// What of it still tells something after `age_s`, in which the sensors may have been without power.
+    /// Returns the estimates that are still of use after `age_s`.
+    ///
+    /// Pass `power_lost` if the sensors may have been without power.
     pub fn aged(self, age_s: f64, power_lost: bool) -> Self {
-        let aged = |known: Option<Known>, ageing: Ageing| {
-            let power_sd = if power_lost { ageing.power_sd } else { 0.0 };
-            let grown =
-                |Known { mean, sd }| Known { mean, sd: sd.hypot(ageing.walk * age_s.max(0.0).sqrt()).hypot(power_sd) };
-            known.map(grown).filter(|known| known.sd < ageing.unknown_sd)
+        let aged = |estimate: Option<PriorEstimate>, ageing: AgeingModel| {
+            let power_cycle_sd = if power_lost { ageing.power_cycle_sd } else { 0.0 };
+            let grown = |PriorEstimate { mean, sd }| PriorEstimate {
+                mean,
+                sd: sd.hypot(ageing.random_walk * age_s.max(0.0).sqrt()).hypot(power_cycle_sd),
+            };
+            estimate.map(grown).filter(|estimate| estimate.sd < ageing.uninformative_sd)
         };
         Self {
             bias_rad_s: aged(self.bias_rad_s, BIAS),
@@ -105,58 +125,60 @@ impl Prior {
         }
     }
 
-    /// There is something in it.
-    pub fn tells(&self) -> bool {
-        self.parts().iter().any(Option::is_some)
+    /// Returns `true` if at least one estimate is present.
+    pub fn has_estimate(&self) -> bool {
+        self.estimates().iter().any(Option::is_some)
     }
 
-    /// It can be what it says.
-    pub fn is_sound(&self) -> bool {
-        self.parts().into_iter().flatten().all(|known| known.sd > 0.0) && self.estimate().checked().is_ok()
+    /// Returns `true` if all values are in their range.
+    pub fn is_valid(&self) -> bool {
+        self.estimates().into_iter().flatten().all(|estimate| estimate.sd > 0.0) && self.estimate().validate().is_ok()
     }
 
-    /// The numbers of it with their names.
-    pub fn numbers(&self) -> Vec<(&'static str, f64)> {
-        let known = self.parts().into_iter().zip(NAMES).filter_map(|(known, names)| Some((known?, names)));
-        known.flat_map(|(Known { mean: [x, y, z], sd }, names)| names.into_iter().zip([x, y, z, sd])).collect()
+    /// Returns the values with their names.
+    pub fn named_values(&self) -> Vec<(&'static str, f64)> {
+        let present = self.estimates().into_iter().zip(VALUE_NAMES).filter_map(|(estimate, names)| Some((estimate?, names)));
+        present.flat_map(|(PriorEstimate { mean: [x, y, z], sd }, names)| names.into_iter().zip([x, y, z, sd])).collect()
     }
 
-    /// The same of numbers with their names; `None` where they are others, or cannot be.
-    pub fn of_numbers(numbers: &[(&str, f64)]) -> Option<Self> {
-        let known = |names: [&str; 4]| {
-            let number = |name| numbers.iter().find(|(other, _)| *other == name).map(|(_, number)| *number);
-            let [x, y, z, sd] = names.map(number);
-            Some(Known { mean: [x?, y?, z?], sd: sd? })
+    /// Creates a prior from named values; returns `None` if a name is unknown or missing, or a
+    /// value invalid.
+    pub fn from_named_values(values: &[(&str, f64)]) -> Option<Self> {
+        let estimate = |names: [&str; 4]| {
+            let value = |name| values.iter().find(|(other, _)| *other == name).map(|(_, value)| *value);
+            let [x, y, z, sd] = names.map(value);
+            Some(PriorEstimate { mean: [x?, y?, z?], sd: sd? })
         };
-        let [bias_rad_s, hard_iron_ut, gyro_scale] = NAMES.map(known);
+        let [bias_rad_s, hard_iron_ut, gyro_scale] = VALUE_NAMES.map(estimate);
         let prior = Self { bias_rad_s, hard_iron_ut, gyro_scale };
-        (prior.numbers().len() == numbers.len() && prior.is_sound()).then_some(prior)
+        (prior.named_values().len() == values.len() && prior.is_valid()).then_some(prior)
     }
 
-    /// Some of it is known twice as well.
-    pub fn is_much_surer_than(&self, other: &Self) -> bool {
-        let surer = |(own, other): (Option<Known>, Option<Known>)| {
+    /// Returns `true` if at least one estimate has less than half the standard deviation of
+    /// `other`.
+    pub fn is_much_more_certain_than(&self, other: &Self) -> bool {
+        let more_certain = |(own, other): (Option<PriorEstimate>, Option<PriorEstimate>)| {
             own.is_some_and(|own| other.is_none_or(|other| own.sd < 0.5 * other.sd))
         };
-        self.parts().into_iter().zip(other.parts()).any(surer)
+        self.estimates().into_iter().zip(other.estimates()).any(more_certain)
     }
 
-    /// The same as what a fuser can begin with.
+    /// Returns the prior as an estimate from which a fuser can start.
     pub fn estimate(&self) -> Estimate {
         let mut estimate = Estimate::UNKNOWN;
-        if let Some(Known { mean, sd }) = self.bias_rad_s {
+        if let Some(PriorEstimate { mean, sd }) = self.bias_rad_s {
             (estimate.bias_rad_s, estimate.bias_sd_rad_s) = (mean.into(), sd);
         }
-        if let Some(Known { mean, sd }) = self.hard_iron_ut {
+        if let Some(PriorEstimate { mean, sd }) = self.hard_iron_ut {
             estimate.hard_iron = HardIron { field_ut: mean.into(), sd_ut: sd };
         }
-        if let Some(Known { mean, sd }) = self.gyro_scale {
-            estimate.gyro_scale = GyroScale { error: mean.into(), sd: Vector3::repeat(sd.hypot(SCALE_SD)) };
+        if let Some(PriorEstimate { mean, sd }) = self.gyro_scale {
+            estimate.gyro_scale = GyroScale { error: mean.into(), sd: Vector3::repeat(sd.hypot(MIN_SCALE_SD)) };
         }
         estimate
     }
 
-    fn parts(&self) -> [Option<Known>; 3] {
+    fn estimates(&self) -> [Option<PriorEstimate>; 3] {
         [self.bias_rad_s, self.hard_iron_ut, self.gyro_scale]
     }
 }

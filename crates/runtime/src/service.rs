@@ -1,143 +1,151 @@
-//! The loop of a service over the bus.
+//! Main loop of a slot's service on the bus.
 
 use bus::{BusError, Publisher, Subscriber};
 use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
-    Role, RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, reader::Input,
-    service_config::BUFFER_BESIDE, shadow::Shadowing, slot::Slot, slot_service::SlotService, turns::take_turns,
+    Role, RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, input_scheduling::poll_fairly,
+    ordered_subscriber::SlotInput, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::Slot,
+    slot_service::SlotService,
 };
 
-/// However much there is to do, after so long a service says how it is and looks at the decisions.
-const TURN_LIMIT_NS: u64 = 50_000_000;
+/// Longest time between two health reports and checks for decisions, however many messages are
+/// queued.
+const MAX_POLL_NS: u64 = 50_000_000;
 
-/// Runs a slot until the service is to end. `inputs` are in the slot's own order.
-pub fn serve<S: Slot>(context: ServiceContext, slot: S, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
+/// Runs a slot until the service is asked to stop.
+///
+/// `inputs` are in the order of the slot's own inputs.
+///
+/// # Errors
+///
+/// Fails if the bus fails or the stage fails permanently.
+pub fn serve<S: Slot>(context: ServiceContext, slot: S, inputs: &[&dyn SlotInput<S::Input>]) -> Result<(), RuntimeError> {
     let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
     let output: Publisher<S::Output> = context.publisher()?;
-    let (service, refused) = SlotService::new(slot, context.service, &context.config, input_tick, output.next_tick());
-    if let Some(error) = refused {
-        eprintln!("the service {} does not go on from its checkpoint: {error}; it begins anew", context.service);
+    let (service, resume_error) = SlotService::new(slot, context.service, &context.config, input_tick, output.next_tick());
+    if let Some(error) = resume_error {
+        eprintln!("service {}: cannot resume: {error}; starting without a checkpoint", context.service);
     }
-    let mut serving = Serving {
+    let mut slot_loop = SlotLoop {
         output,
-        checkpoints: context.bus.publisher(BUFFER_BESIDE)?,
+        checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
         control: context.control()?,
         shadow: match context.config.role {
             Role::Owner { .. } => None,
-            Role::Candidate => Some(Shadowing::begin(&context)?),
+            Role::Candidate => Some(ShadowComparison::new(&context)?),
         },
         service,
         context,
     };
-    serving.publish_health(inputs, State::READY)?;
-    serving.context.bus.wake_all();
-    while !serving.context.ends() {
-        serving.poll(inputs)?;
-        serving.follow_decisions()?;
-        serving.publish_checkpoint()?;
-        let state = if serving.service.ticks() > 0 { State::RUNNING } else { State::READY };
-        serving.publish_health(inputs, state)?;
-        if let Some(lacking) = inputs.get(serving.service.lacks()) {
-            serving.context.wait(*lacking);
+    slot_loop.publish_health(inputs, State::READY)?;
+    slot_loop.context.bus.wake_all();
+    while !slot_loop.context.should_stop() {
+        slot_loop.poll(inputs)?;
+        slot_loop.apply_decisions()?;
+        slot_loop.publish_checkpoint()?;
+        let state = if slot_loop.service.ticks() > 0 { State::RUNNING } else { State::READY };
+        slot_loop.publish_health(inputs, state)?;
+        if let Some(awaited) = inputs.get(slot_loop.service.awaited_input()) {
+            slot_loop.context.wait(*awaited);
         }
     }
     Ok(())
 }
 
-/// A slot's service at work on the bus.
-struct Serving<S: Slot> {
+/// State of the main loop.
+struct SlotLoop<S: Slot> {
     context: ServiceContext,
     service: SlotService<S>,
     output: Publisher<S::Output>,
     checkpoints: Publisher<Checkpoint>,
     control: Subscriber<Control>,
-    shadow: Option<Shadowing<S::Output>>,
+    shadow: Option<ShadowComparison<S::Output>>,
 }
 
-impl<S: Slot> Serving<S>
+impl<S: Slot> SlotLoop<S>
 where
     S::Output: Comparable,
 {
-    /// Takes what the inputs hold and publishes what follows from it, as far as the slot is owned.
-    fn poll(&mut self, inputs: &[&dyn Input<S::Input>]) -> Result<(), RuntimeError> {
+    /// Reads the inputs and publishes the outputs of ticks that the service owns.
+    fn poll(&mut self, inputs: &[&dyn SlotInput<S::Input>]) -> Result<(), RuntimeError> {
         self.output.deliver_history()?;
-        let (before, begun_ns) = (self.service.ticks(), monotonic_ns());
-        let published = self.service.publishes();
+        let (before, started_ns) = (self.service.ticks(), monotonic_ns());
+        let owned_before = self.service.owns_next_tick();
         let Self { context, service, output, shadow, .. } = self;
-        let turn = context.config.turn();
-        let mut looks_left = inputs.len() * (context.config.buffer_ticks() / turn + 1);
-        let goes_on = |service: &mut SlotService<S>| {
+        let batch_size = context.config.batch_size();
+        let mut polls_left = inputs.len() * (context.config.buffer_ticks() / batch_size + 1);
+        let may_continue = |service: &mut SlotService<S>| {
             if service.ticks() != before {
                 output.wake();
             }
-            looks_left = looks_left.saturating_sub(1);
-            looks_left > 0 && monotonic_ns() - begun_ns <= TURN_LIMIT_NS
+            polls_left = polls_left.saturating_sub(1);
+            polls_left > 0 && monotonic_ns() - started_ns <= MAX_POLL_NS
         };
-        take_turns(service, inputs.len(), goes_on, SlotService::lacks, |service, input| {
-            let (mut taken, mut failed) = (0, None);
-            inputs[input].drain(turn, &mut |message| {
-                taken += 1;
-                let mut computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.computed(out));
-                service.offer(message, &mut computed, &mut |out| {
+        poll_fairly(service, inputs.len(), may_continue, SlotService::awaited_input, |service, input| {
+            let (mut count, mut failed) = (0, None);
+            inputs[input].drain(batch_size, &mut |message| {
+                count += 1;
+                let mut on_computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.record(out));
+                service.offer(message, &mut on_computed, &mut |out| {
                     failed = failed.take().or(publish(output, out).err());
                 });
             })?;
             match (failed, service.failure()) {
                 (Some(error), _) => Err(RuntimeError::from(error)),
-                (None, Some(why)) => Err(RuntimeError::Failed { slot: context.service, why }),
-                (None, None) => Ok(taken),
+                (None, Some(cause)) => Err(RuntimeError::StageFailed { slot: context.service, cause }),
+                (None, None) => Ok(count),
             }
         })?;
-        // Whoever takes over is confirmed by that.
-        if published && !service.publishes() {
-            context.publish_health_at_once();
+        // The change of ownership is confirmed by this report.
+        if owned_before && !service.owns_next_tick() {
+            context.make_health_due();
         }
         Ok(())
     }
 
-    /// Follows the decisions about the slot.
-    fn follow_decisions(&mut self) -> Result<(), RuntimeError> {
+    /// Applies decisions about the slot.
+    fn apply_decisions(&mut self) -> Result<(), RuntimeError> {
         let Self { context, service, output, control, .. } = self;
         let (mut failed, mut decided) = (None, false);
-        control.drain(BUFFER_BESIDE, |control| {
-            decided |= service.decide(&control, &mut |out| failed = failed.take().or(publish(output, out).err()));
+        control.drain(CONTROL_BUFFER, |control| {
+            decided |= service.apply_decision(&control, &mut |out| failed = failed.take().or(publish(output, out).err()));
         })?;
         if decided {
             output.wake();
-            context.publish_health_at_once();
+            context.make_health_due();
         }
-        // Who owns the slot is no shadow.
-        self.shadow.take_if(|_| service.publishes());
+        // An owner is not compared with itself.
+        self.shadow.take_if(|_| service.owns_next_tick());
         if let Some(shadow) = &mut self.shadow {
             shadow.compare()?;
         }
         failed.map_or(Ok(()), |error| Err(error.into()))
     }
 
-    /// Publishes the state every so many ticks.
+    /// Publishes a checkpoint if one is due.
     fn publish_checkpoint(&mut self) -> Result<(), RuntimeError> {
         let Some(checkpoint) = self.service.checkpoint() else { return Ok(()) };
         match self.service.failure() {
-            Some(why) => Err(RuntimeError::Failed { slot: self.context.service, why }),
+            Some(cause) => Err(RuntimeError::StageFailed { slot: self.context.service, cause }),
             None => Ok(self.checkpoints.send(&checkpoint)?),
         }
     }
 
-    fn publish_health(&mut self, inputs: &[&dyn Input<S::Input>], state: State) -> Result<(), RuntimeError> {
+    fn publish_health(&mut self, inputs: &[&dyn SlotInput<S::Input>], state: State) -> Result<(), RuntimeError> {
         let service = &self.service;
         self.context.publish_health(state, |health| {
-            service.describe(health);
+            service.fill_health(health);
             for input in inputs {
-                let [again, said_again] = input.repeated();
-                health.duplicated += again;
-                health.repeated += said_again;
+                let [duplicated, repeated] = input.repeated();
+                health.duplicated += duplicated;
+                health.repeated += repeated;
             }
         })
     }
 }
 
-/// Sends an output that the service owns.
+/// Publishes an output of a tick that the service owns.
 fn publish<O: Ticked>(output: &Publisher<O>, mut out: O) -> Result<(), BusError> {
     let header = out.header_mut();
     header.t_sent_ns = monotonic_ns();

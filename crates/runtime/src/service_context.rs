@@ -1,4 +1,8 @@
-//! A service's place in a running system: its configuration, its topics, what it says of itself, and how it is asked to end.
+//! Connection of a service to a running system: configuration, topics, health reports and shutdown.
+//!
+//! - Input: the configuration on standard input, and signals.
+//! - Output: health reports, and publishers and subscribers for the service.
+//! - Failure: the process exits if it does not stop within a second of a stop request.
 
 use std::{
     io::{self, Read},
@@ -10,7 +14,7 @@ use std::{
     time::Duration,
 };
 
-use bus::{Bus, Publisher, Subscriber, SystemName, Woken};
+use bus::{Bus, Publisher, Subscriber, SystemName, WaitOutcome};
 use launch::Service;
 use messages::{Control, Header, Health, Message, State, Ticked};
 use signal_hook::{
@@ -22,72 +26,80 @@ use signal_hook::{
 use crate::{
     RuntimeError,
     clock::monotonic_ns,
-    reader::{Input, Reader},
-    service_config::{BUFFER_BESIDE, Resume, Role, ServiceConfig},
+    ordered_subscriber::{OrderedSubscriber, SlotInput},
+    service_config::{CONTROL_BUFFER, Resume, Role, ServiceConfig},
 };
 
-/// It is a launch file and a few numbers.
-const CONFIG_BYTES_MAX: u64 = 1 << 20;
-/// Longest sleep: after it a service looks for work, and whether it is to end, by itself.
-const WAIT_LIMIT: Duration = Duration::from_millis(50);
-/// From being asked to end until it has ended.
-const END_LIMIT: Duration = Duration::from_secs(1);
-/// How often a service says how it is.
+/// Maximum size of the configuration, bytes. It holds a launch file and a few numbers.
+const MAX_CONFIG_BYTES: u64 = 1 << 20;
+/// Longest sleep. After it a service looks for input and stop requests even without a wake-up.
+const MAX_WAIT: Duration = Duration::from_millis(50);
+/// Time from a stop request until the process is ended by force.
+const STOP_TIMEOUT: Duration = Duration::from_secs(1);
+/// Interval of health reports of an owner.
 const HEALTH_INTERVAL_NS: u64 = 100_000_000;
-/// The same for one that is to take over, or has.
-const CANDIDATE_INTERVAL_NS: u64 = 10_000_000;
+/// Interval of health reports of a candidate. It is shorter because a swap waits for them.
+const CANDIDATE_HEALTH_INTERVAL_NS: u64 = 10_000_000;
 
-/// A service in a running system.
+/// Connection of a service to a running system.
 #[derive(Debug)]
 pub struct ServiceContext {
-    /// Which one it is.
+    /// Role of the service.
     pub service: Service,
-    /// What it was told.
+    /// Start-up configuration.
     pub config: ServiceConfig,
-    /// Its place on the bus.
+    /// Bus that the service has joined.
     pub bus: Bus,
-    ends: Arc<AtomicBool>,
-    /// From its first word on it ends in order when it is asked to; before that a signal ends it at once, wherever it waits.
-    at_work: Option<Arc<()>>,
+    stop_flag: Arc<AtomicBool>,
+    /// Present from the first health report on. Until then a stop request ends the process
+    /// immediately, wherever it waits.
+    liveness: Option<Arc<()>>,
     health: Publisher<Health>,
-    said: Health,
-    said_at_ns: u64,
+    last_health: Health,
+    last_health_ns: u64,
 }
 
 impl ServiceContext {
-    /// Reads its configuration from standard input and joins the bus. The service ends with its supervisor.
+    /// Reads the configuration from standard input and joins the bus.
+    ///
+    /// From then on the service is stopped when its supervisor exits.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the configuration is invalid, the supervisor has already exited, or the bus cannot
+    /// be joined.
     pub fn join(service: Service) -> Result<Self, RuntimeError> {
         let system = |doing| move |cause| RuntimeError::System { doing, cause };
-        let wrong = |cause: String| RuntimeError::ServiceConfig { service, cause };
+        let invalid = |cause: String| RuntimeError::ServiceConfig { service, cause };
         let mut text = String::new();
-        io::stdin().take(CONFIG_BYTES_MAX).read_to_string(&mut text).map_err(|cause| wrong(cause.to_string()))?;
-        let config: ServiceConfig = serde_json::from_str(&text).map_err(|cause| wrong(cause.to_string()))?;
+        io::stdin().take(MAX_CONFIG_BYTES).read_to_string(&mut text).map_err(|cause| invalid(cause.to_string()))?;
+        let config: ServiceConfig = serde_json::from_str(&text).map_err(|cause| invalid(cause.to_string()))?;
         rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::HUP))
-            .map_err(|cause| system("tying the service to its supervisor")(cause.into()))?;
-        // The supervisor may have died before that took hold.
+            .map_err(|cause| system("requesting a signal at the supervisor's exit")(cause.into()))?;
+        // The supervisor may have exited before the signal was set.
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
-            return Err(wrong("the supervisor that wrote them has ended".into()));
+            return Err(invalid("the supervisor has exited".into()));
         }
         let bus = Bus::join(&SystemName::new(&config.launch.name)?, service.name())?;
-        let health = bus.publisher(BUFFER_BESIDE)?;
-        let said = Health {
+        let health = bus.publisher(CONTROL_BUFFER)?;
+        let last_health = Health {
             service: service as u32,
             incarnation: config.incarnation,
             pid: std::process::id(),
             ..bytemuck::Zeroable::zeroed()
         };
-        let ends = Arc::new(AtomicBool::new(false));
-        Ok(Self { service, config, bus, ends, at_work: None, health, said, said_at_ns: 0 })
+        let stop_flag = Arc::new(AtomicBool::new(false));
+        Ok(Self { service, config, bus, stop_flag, liveness: None, health, last_health, last_health_ns: 0 })
     }
 
-    /// A publisher.
+    /// Opens a publisher with the buffer size of its topic.
     pub fn publisher<M: Message>(&self) -> Result<Publisher<M>, RuntimeError> {
-        Ok(self.bus.publisher(self.config.buffer(M::TOPIC))?)
+        Ok(self.bus.publisher(self.config.buffer_size(M::TOPIC))?)
     }
 
-    /// A reader. In a later incarnation of the service it begins with what its topic still holds.
+    /// Opens a subscriber. A restarted service first receives what its topic still holds.
     pub fn subscriber<M: Message>(&self) -> Result<Subscriber<M>, RuntimeError> {
-        let buffer = self.config.buffer(M::TOPIC);
+        let buffer = self.config.buffer_size(M::TOPIC);
         Ok(if self.config.resume.is_some() {
             self.bus.late_subscriber(buffer)?
         } else {
@@ -95,64 +107,69 @@ impl ServiceContext {
         })
     }
 
-    /// A reader of what a slot publishes: each tick once, in order, whoever fills the slot.
-    pub fn reader<M: Ticked>(&self) -> Result<Reader<M>, RuntimeError> {
+    /// Opens a subscriber to a slot's topic that delivers each tick once and in order, across all
+    /// owners.
+    pub fn ordered_subscriber<M: Ticked>(&self) -> Result<OrderedSubscriber<M>, RuntimeError> {
         let next_tick = match &self.config.resume {
             Some(Resume::Checkpoint(record)) => record.checkpoint().map_or(0, |checkpoint| checkpoint.next_tick),
             _ => 0,
         };
-        Ok(Reader::new(self.subscriber()?, next_tick, &self.config))
+        Ok(OrderedSubscriber::new(self.subscriber()?, next_tick, &self.config))
     }
 
-    /// The decisions about slots.
+    /// Opens a subscriber to the decisions about slots.
     pub fn control(&self) -> Result<Subscriber<Control>, RuntimeError> {
-        Ok(self.bus.late_subscriber(BUFFER_BESIDE)?)
+        Ok(self.bus.late_subscriber(CONTROL_BUFFER)?)
     }
 
-    /// The service is to end.
-    pub fn ends(&self) -> bool {
-        self.ends.load(Ordering::SeqCst)
+    /// Returns `true` once the service was asked to stop.
+    pub fn should_stop(&self) -> bool {
+        self.stop_flag.load(Ordering::SeqCst)
     }
 
-    /// Says how the service is: at once when its state is another, else as often as is of use.
+    /// Publishes the health of the service, updated by `change`.
+    ///
+    /// A changed state is published immediately, an unchanged one at a fixed interval.
     pub fn publish_health(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
-        if self.at_work.is_none() {
-            let at_work = Arc::new(());
-            heed_signals(&self.ends, self.bus.owner_has_died(), Arc::downgrade(&at_work))
-                .map_err(|cause| RuntimeError::System { doing: "catching signals", cause })?;
-            self.at_work = Some(at_work);
+        if self.liveness.is_none() {
+            let liveness = Arc::new(());
+            install_signal_handlers(&self.stop_flag, self.bus.owner_exited(), Arc::downgrade(&liveness))
+                .map_err(|cause| RuntimeError::System { doing: "installing signal handlers", cause })?;
+            self.liveness = Some(liveness);
         }
         let now_ns = monotonic_ns();
-        let candidate = self.config.role == Role::Candidate;
-        let interval_ns = if candidate { CANDIDATE_INTERVAL_NS } else { HEALTH_INTERVAL_NS };
-        if self.said.state == state && now_ns.saturating_sub(self.said_at_ns) < interval_ns {
+        let is_candidate = self.config.role == Role::Candidate;
+        let interval_ns = if is_candidate { CANDIDATE_HEALTH_INTERVAL_NS } else { HEALTH_INTERVAL_NS };
+        if self.last_health.state == state && now_ns.saturating_sub(self.last_health_ns) < interval_ns {
             return Ok(());
         }
-        self.said.state = state;
-        change(&mut self.said);
-        self.said_at_ns = now_ns;
-        Ok(self.health.send(&self.said)?)
+        self.last_health.state = state;
+        change(&mut self.last_health);
+        self.last_health_ns = now_ns;
+        Ok(self.health.send(&self.last_health)?)
     }
 
-    /// The last word of a service that was asked to end. Its state stays: only a source at its own end is finished.
-    pub fn publish_last_health(&mut self, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
-        change(&mut self.said);
-        Ok(self.health.send(&self.said)?)
+    /// Publishes the health of a service that is about to stop, with its last state.
+    ///
+    /// The state is kept because only a source at the end of its data is finished.
+    pub fn publish_final_health(&mut self, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
+        change(&mut self.last_health);
+        Ok(self.health.send(&self.last_health)?)
     }
 
-    /// The next word is said at once.
-    pub(crate) fn publish_health_at_once(&mut self) {
-        self.said_at_ns = 0;
+    /// Makes the next call of [`Self::publish_health`] publish without waiting for the interval.
+    pub(crate) fn make_health_due(&mut self) {
+        self.last_health_ns = 0;
     }
 
-    /// Sleeps until something comes on a topic or the limit has passed, and keeps count of wake-ups that were lost.
-    pub fn wait<I>(&mut self, topic: &dyn Input<I>) {
-        if topic.wait(WAIT_LIMIT) == Woken::Late {
-            self.said.late_wakes += 1;
+    /// Sleeps until a message arrives or the limit has passed, and counts lost wake-ups.
+    pub fn wait<I>(&mut self, topic: &dyn SlotInput<I>) {
+        if topic.wait(MAX_WAIT) == WaitOutcome::LateWake {
+            self.last_health.late_wakes += 1;
         }
     }
 
-    /// Stamps a message as sent by this service now.
+    /// Stamps a header with the current time, the epoch and the incarnation of this service.
     pub fn stamp(&self, header: &mut Header) {
         header.t_sent_ns = monotonic_ns();
         header.epoch = self.config.epoch;
@@ -160,21 +177,27 @@ impl ServiceContext {
     }
 }
 
-/// `ends` becomes true when the service is asked to end or its supervisor has died. In a step that never does it is ended all the same: there may be
-/// nobody who would do it.
-fn heed_signals(ends: &Arc<AtomicBool>, supervisor_has_died: Arc<AtomicBool>, at_work: Weak<()>) -> io::Result<()> {
-    flag::register(SIGHUP, supervisor_has_died)?;
+/// Sets `stop_flag` on a stop signal and when the supervisor has exited.
+///
+/// A thread ends the process if it has not stopped after [`STOP_TIMEOUT`], for example because a
+/// step does not return: no supervisor may be left to kill it.
+fn install_signal_handlers(
+    stop_flag: &Arc<AtomicBool>,
+    supervisor_has_exited: Arc<AtomicBool>,
+    liveness: Weak<()>,
+) -> io::Result<()> {
+    flag::register(SIGHUP, supervisor_has_exited)?;
     for signal in [SIGTERM, SIGINT, SIGHUP] {
-        flag::register(signal, ends.clone())?;
+        flag::register(signal, stop_flag.clone())?;
     }
-    let (asked, mut heard) = UnixStream::pair()?;
-    pipe::register(SIGHUP, asked.try_clone()?)?;
-    pipe::register(SIGTERM, asked)?;
-    std::thread::Builder::new().name("end".into()).spawn(move || {
-        if heard.read_exact(&mut [0]).is_ok() {
-            std::thread::sleep(END_LIMIT);
+    let (signal_end, mut waiting_end) = UnixStream::pair()?;
+    pipe::register(SIGHUP, signal_end.try_clone()?)?;
+    pipe::register(SIGTERM, signal_end)?;
+    std::thread::Builder::new().name("stop".into()).spawn(move || {
+        if waiting_end.read_exact(&mut [0]).is_ok() {
+            std::thread::sleep(STOP_TIMEOUT);
         }
-        if at_work.upgrade().is_some() {
+        if liveness.upgrade().is_some() {
             exit(1);
         }
     })?;

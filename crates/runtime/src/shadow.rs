@@ -1,7 +1,9 @@
-//! A candidate beside the stage that owns the slot: how far apart they are.
+//! Comparison of a candidate with the owner of its slot.
 //!
-//! Input: what the candidate computes, and what the owner publishes. Output: the difference of their attitudes, a few times a second.
-//! Time: when it is said, the clock; what is compared, the same tick of both. Failure: a tick that only one of them has is left out.
+//! - Input: the outputs of the candidate and of the owner.
+//! - Output: the difference of their attitudes, a few times per second.
+//! - Time: the clock sets the reporting interval. Only outputs of the same tick are compared.
+//! - Failure: a tick that only one of them has computed is skipped.
 
 use std::collections::VecDeque;
 
@@ -9,33 +11,33 @@ use attitude::{Quaternion, metrics::AttitudeError};
 use bus::{Publisher, Subscriber};
 use messages::{Difference, Header, Ticked};
 
-use crate::{RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::BUFFER_BESIDE};
+use crate::{RuntimeError, ServiceContext, clock::monotonic_ns, comparable::Comparable, service_config::CONTROL_BUFFER};
 
-/// How often the difference is said.
+/// Interval of the reports.
 const INTERVAL_NS: u64 = 100_000_000;
-/// Ticks that wait for the other's.
-const WAITING_MAX: usize = 4096;
+/// Maximum candidate outputs queued for the owner's output of the same tick.
+const MAX_PENDING: usize = 4096;
 
-/// Compares a candidate with the owner.
-pub(crate) struct Shadowing<O: Ticked + Comparable> {
+/// Comparison of a candidate with the owner of its slot.
+pub(crate) struct ShadowComparison<O: Ticked + Comparable> {
     owner: Subscriber<O>,
-    said: Publisher<Difference>,
-    waiting: VecDeque<(u64, Quaternion<f64>)>,
-    sums: Sums,
+    publisher: Publisher<Difference>,
+    pending: VecDeque<(u64, Quaternion<f64>)>,
+    sums: ErrorSums,
     message: Difference,
-    said_at_ns: u64,
+    last_published_ns: u64,
 }
 
 #[derive(Default)]
-struct Sums {
-    /// Angle, inclination, heading, rad.
+struct ErrorSums {
+    /// Total angle, inclination and heading, rad.
     sum: [f64; 3],
     square: [f64; 3],
     max: [f64; 3],
 }
 
-impl<O: Ticked + Comparable> Shadowing<O> {
-    pub(crate) fn begin(context: &ServiceContext) -> Result<Self, RuntimeError> {
+impl<O: Ticked + Comparable> ShadowComparison<O> {
+    pub(crate) fn new(context: &ServiceContext) -> Result<Self, RuntimeError> {
         let message = Difference {
             service: context.service as u32,
             incarnation: context.config.incarnation,
@@ -43,46 +45,46 @@ impl<O: Ticked + Comparable> Shadowing<O> {
         };
         Ok(Self {
             owner: context.bus.late_subscriber(context.config.buffer_ticks())?,
-            said: context.bus.publisher(BUFFER_BESIDE)?,
-            waiting: VecDeque::new(),
-            sums: Sums::default(),
+            publisher: context.bus.publisher(CONTROL_BUFFER)?,
+            pending: VecDeque::new(),
+            sums: ErrorSums::default(),
             message,
-            said_at_ns: 0,
+            last_published_ns: 0,
         })
     }
 
-    /// The candidate has computed a tick.
-    pub(crate) fn computed(&mut self, output: &O) {
+    /// Queues an output of the candidate.
+    pub(crate) fn record(&mut self, output: &O) {
         let Some(attitude) = output.attitude() else { return };
-        if self.waiting.len() == WAITING_MAX {
-            self.waiting.pop_front();
+        if self.pending.len() == MAX_PENDING {
+            self.pending.pop_front();
         }
-        self.waiting.push_back((output.header().tick, attitude));
+        self.pending.push_back((output.header().tick, attitude));
     }
 
-    /// Compares what both have, and says it from time to time.
+    /// Compares the ticks that both have computed, and publishes the difference when it is due.
     pub(crate) fn compare(&mut self) -> Result<(), RuntimeError> {
-        let Self { owner, waiting, sums, message, .. } = self;
-        owner.drain(WAITING_MAX, |theirs| {
-            let Header { tick, incarnation, .. } = *theirs.header();
-            while waiting.pop_front_if(|(waiting, _)| *waiting < tick).is_some() {}
-            let ours = waiting.pop_front_if(|(waiting, _)| *waiting == tick);
-            if let (Some((_, ours)), Some(theirs), true) = (ours, theirs.attitude(), incarnation != message.incarnation)
+        let Self { owner, pending, sums, message, .. } = self;
+        owner.drain(MAX_PENDING, |output| {
+            let Header { tick, incarnation, .. } = *output.header();
+            while pending.pop_front_if(|(pending_tick, _)| *pending_tick < tick).is_some() {}
+            let candidate = pending.pop_front_if(|(pending_tick, _)| *pending_tick == tick);
+            if let (Some((_, candidate)), Some(owner), true) = (candidate, output.attitude(), incarnation != message.incarnation)
             {
-                sums.add(AttitudeError::between(ours, theirs), message);
-                (message.tick, message.turn) = (tick, turn(theirs, ours));
+                sums.add(AttitudeError::between(candidate, owner), message);
+                (message.tick, message.turn) = (tick, rotation_between(owner, candidate));
             }
         })?;
         let now_ns = monotonic_ns();
-        if message.ticks > 0 && now_ns.saturating_sub(self.said_at_ns) > INTERVAL_NS {
-            self.said_at_ns = now_ns;
-            self.said.send(message)?;
+        if message.ticks > 0 && now_ns.saturating_sub(self.last_published_ns) > INTERVAL_NS {
+            self.last_published_ns = now_ns;
+            self.publisher.send(message)?;
         }
         Ok(())
     }
 }
 
-impl Sums {
+impl ErrorSums {
     fn add(&mut self, error: AttitudeError, message: &mut Difference) {
         let now = [error.total_deg, error.inclination_deg, error.heading_deg].map(|deg| deg.to_radians().abs());
         message.ticks += 1;
@@ -99,10 +101,10 @@ impl Sums {
     }
 }
 
-/// The turn of the body from one attitude to another, w x y z, in its own axes.
-fn turn(from: Quaternion<f64>, to: Quaternion<f64>) -> [f64; 4] {
-    let turn = from.conjugate() * to;
-    [turn.w, turn.i, turn.j, turn.k]
+/// Returns the rotation of the body from one attitude to another, w x y z, body axes.
+fn rotation_between(from: Quaternion<f64>, to: Quaternion<f64>) -> [f64; 4] {
+    let rotation = from.conjugate() * to;
+    [rotation.w, rotation.i, rotation.j, rotation.k]
 }
 
 #[cfg(test)]
@@ -110,9 +112,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_is_turned_by_the_difference_lies_as_the_candidate() {
+    fn rotation_between_maps_owner_to_candidate() {
         let (owner, candidate) = (Quaternion::new(0.1, -0.5, 0.7, 0.5), Quaternion::new(0.7, 0.5, -0.5, 0.1));
-        let [w, x, y, z] = turn(owner, candidate);
+        let [w, x, y, z] = rotation_between(owner, candidate);
         assert!((owner * Quaternion::new(w, x, y, z) - candidate).norm() < 1e-15);
     }
 }

@@ -1,126 +1,131 @@
-//! A slot's work without clock or bus: messages in, messages out, in the order of ticks.
+//! Processing of a slot without clock or bus: messages in, messages out, in tick order.
 
-use attitude::stage::{Sound, Stage};
+use attitude::stage::{Validate, Stage};
 use messages::{Header, Ticked};
 use swap::Sequence;
 
-use crate::{comparable::Comparable, stage::Filled, state_words::Words};
+use crate::{comparable::Comparable, stage::ResettingStage, state_words::StateWords};
 
-/// The work of a slot. What it gives out depends on what it was offered, and on nothing else.
+/// Processing of a slot. Outputs depend only on the messages that were offered.
 pub trait Slot {
-    /// Any message that it reads.
+    /// Message of any of the inputs.
     type Input;
-    /// What it publishes.
+    /// Message that the slot publishes.
     type Output: Ticked + Comparable;
-    /// What fills it.
-    type Stage: Stage<Common: Words> + Clone;
+    /// Stage that runs in the slot.
+    type Stage: Stage<Common: StateWords> + Clone;
 
-    /// Takes a message; hands every output that has become certain to `publish`, as long as its stage can go on.
+    /// Processes a message and passes each output that is now complete to `publish`.
+    ///
+    /// There are no further outputs once the stage has failed.
     fn offer(&mut self, input: Self::Input, publish: &mut dyn FnMut(Self::Output));
 
-    /// The stream it gives out, so far.
+    /// Returns the position and counters of the output stream.
     fn sequence(&self) -> &Sequence;
 
-    /// Which of its inputs the next output waits for: the one to sleep for.
-    fn lacks(&self) -> usize {
+    /// Returns the index of the input that the next output is waiting for.
+    fn awaited_input(&self) -> usize {
         0
     }
 
-    /// Why nothing more comes of it: its stage cannot go on.
+    /// Returns the cause if the stage has failed permanently.
     fn failure(&self) -> Option<String>;
 
-    /// The stage.
+    /// Returns the stage.
     fn stage(&self) -> &Self::Stage;
 
-    /// The stage, to be given a state.
+    /// Returns the stage mutably, to restore its state.
     fn stage_mut(&mut self) -> &mut Self::Stage;
 
-    /// Hands every word to `visit` that the next output depends on, beside the stage and the messages that wait for their turn.
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64));
+    /// Visits the slot's own persistent state, excluding the stage and queued messages.
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));
 
-    /// What is wrong with those words.
-    fn own_flaw(&self) -> Option<&'static str> {
+    /// Returns the fault of a restored own state, or `None` if it is valid.
+    fn validation_error(&self) -> Option<&'static str> {
         None
     }
 
-    /// What the stage tells as common is more than where every stage begins.
-    fn has_begun(&self) -> bool {
+    /// Returns `true` if the stage's common state differs from the initial state of every stage.
+    fn is_initialised(&self) -> bool {
         true
     }
 
-    /// Before `tick` everything has been published once: what is missing is on its way, however far another input is ahead.
-    fn expect_until(&mut self, _tick: u64) {}
+    /// Declares that all input ticks before `tick` were published, so that missing ones are awaited
+    /// longer.
+    fn expect_backlog(&mut self, _tick: u64) {}
 }
 
-/// The work of a slot with one input: one message out for each message in.
-pub trait Work {
-    /// What it reads.
+/// Processing of a slot with one input: one output for each input message.
+pub trait TickProcessor {
+    /// Message of the input.
     type Input: Ticked;
-    /// What it publishes.
+    /// Message that the slot publishes.
     type Output: Ticked + Comparable;
-    /// What does it.
-    type Stage: Stage<Common: Words, Output: Sound> + Clone;
+    /// Stage that runs in the slot.
+    type Stage: Stage<Common: StateWords, Output: Validate> + Clone;
 
-    /// The work of one tick; `None` where the stage cannot go on. `header` is the output's, with what the input said; ticks missing before it
-    /// are flagged.
-    fn work(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
+    /// Processes one tick; returns `None` once the stage has failed.
+    ///
+    /// `header` is the header for the output: that of the input, with a flag if ticks before it are
+    /// missing.
+    fn process(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
-    /// The stage in the slot.
-    fn filled(&self) -> &Filled<Self::Stage>;
+    /// Returns the stage with its reset logic.
+    fn resetting_stage(&self) -> &ResettingStage<Self::Stage>;
 
-    /// The same, to be given a state.
-    fn filled_mut(&mut self) -> &mut Filled<Self::Stage>;
+    /// Returns the stage with its reset logic mutably, to restore its state.
+    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<Self::Stage>;
 
-    /// Hands every word to `visit` that the next output depends on, beside the stage.
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64));
+    /// Visits the persistent state, excluding the stage.
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));
 }
 
-/// A slot with one input, which it takes in the order of ticks.
+/// Slot with one input, processed in tick order.
 #[derive(Debug)]
-pub struct EachTick<W> {
-    work: W,
+pub struct SingleInputSlot<P> {
+    processor: P,
     sequence: Sequence,
 }
 
-impl<W> EachTick<W> {
-    /// The slot that does this work.
-    pub fn new(work: W) -> Self {
-        Self { work, sequence: Sequence::default() }
+impl<P> SingleInputSlot<P> {
+    /// Creates a slot that runs `processor`.
+    pub fn new(processor: P) -> Self {
+        Self { processor, sequence: Sequence::default() }
     }
 }
 
-impl<W: Work> Slot for EachTick<W> {
-    type Input = W::Input;
-    type Output = W::Output;
-    type Stage = W::Stage;
+impl<P: TickProcessor> Slot for SingleInputSlot<P> {
+    type Input = P::Input;
+    type Output = P::Output;
+    type Stage = P::Stage;
 
-    fn offer(&mut self, input: W::Input, publish: &mut dyn FnMut(W::Output)) {
+    fn offer(&mut self, input: P::Input, publish: &mut dyn FnMut(P::Output)) {
         if let Some(missing) = self.sequence.admit(input.header()) {
-            let header = self.sequence.mark(*input.header(), missing);
-            if let Some(output) = self.work.work(&input, header) {
+            let header = self.sequence.mark_header(*input.header(), missing);
+            if let Some(output) = self.processor.process(&input, header) {
                 publish(output);
             }
         }
     }
 
     fn failure(&self) -> Option<String> {
-        self.work.filled().failure()
+        self.processor.resetting_stage().failure()
     }
 
     fn sequence(&self) -> &Sequence {
         &self.sequence
     }
 
-    fn stage(&self) -> &W::Stage {
-        &self.work.filled().stage
+    fn stage(&self) -> &P::Stage {
+        &self.processor.resetting_stage().stage
     }
 
-    fn stage_mut(&mut self) -> &mut W::Stage {
-        &mut self.work.filled_mut().stage
+    fn stage_mut(&mut self) -> &mut P::Stage {
+        &mut self.processor.resetting_stage_mut().stage
     }
 
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.sequence.visit(visit);
-        self.work.visit_own(visit);
+        self.processor.visit_own_state(visit);
     }
 }

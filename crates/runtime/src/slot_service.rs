@@ -1,7 +1,9 @@
-//! A slot's service without bus and clock: its work, who owns it, its checkpoints, and what it says of itself.
+//! Service of a slot without bus and clock: its stage, ownership, checkpoints and health.
 //!
-//! Input: messages and decisions in the order in which they are taken. Output: what is to be published, checkpoints, health. Time: none.
-//! Failure: a checkpoint that cannot be taken over is told; the service then begins with what its inputs hold.
+//! - Input: messages and decisions, in the order in which they are handled.
+//! - Output: messages to publish, checkpoints and health.
+//! - Failure: an invalid checkpoint is reported. The service then starts with what its inputs still
+//!   hold.
 
 use launch::Service;
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
@@ -15,7 +17,7 @@ use crate::{
     slot::Slot,
 };
 
-/// A slot at work.
+/// Service of a slot.
 #[derive(Debug)]
 pub struct SlotService<S: Slot> {
     service: Service,
@@ -23,22 +25,26 @@ pub struct SlotService<S: Slot> {
     checkpoint_ticks: u64,
     slot: S,
     gate: OutputGate<S::Output>,
-    /// What every output says up to the first one at this tick or after it: another stage than before has made it.
+    /// Tick up to which outputs carry the flag `SWAPPED`: the first output at or after it is the
+    /// last.
     swapped_at: Option<u64>,
-    /// The same: inputs are missing before it, of which the readers were not told, since they had the outputs at that time already.
+    /// Tick up to which outputs carry the flag `LOST_BEFORE`. Inputs before it are missing, and
+    /// subscribers already have the outputs in which the loss occurred.
     missed_at: Option<u64>,
-    /// The next tick of the checkpoint that it goes on from, until its first output.
+    /// Next tick of the checkpoint that was restored, until the first output.
     resumed_tick: Option<u64>,
-    /// Before this tick the slot has published.
-    output_tick: u64,
-    next_checkpoint: u64,
+    /// End of the ticks that the slot had published before this process started.
+    published_end_tick: u64,
+    next_checkpoint_tick: u64,
     flags: Flags,
-    flawed: u64,
+    invalid_outputs: u64,
 }
 
 impl<S: Slot> SlotService<S> {
-    /// Begins as `config` says. Before `input_tick` every input has been published; before `output_tick` so has the slot itself. What
-    /// could not be taken over comes with it.
+    /// Creates the service with the role and state that `config` specifies.
+    ///
+    /// Every input has been published before `input_tick`, and the slot's own output before
+    /// `output_tick`. The second value is the error if a checkpoint could not be restored.
     pub fn new(
         mut slot: S,
         service: Service,
@@ -62,7 +68,7 @@ impl<S: Slot> SlotService<S> {
             None => (None, None),
         };
         if config.resume.is_some() {
-            slot.expect_until(input_tick);
+            slot.expect_backlog(input_tick);
         }
         let resumed_tick = resumed.is_some().then(|| slot.sequence().next_tick);
         let ServiceConfig { incarnation, epoch, role, .. } = *config;
@@ -77,101 +83,105 @@ impl<S: Slot> SlotService<S> {
                 Role::Candidate => OutputGate::candidate(incarnation, epoch, capacity),
             },
             swapped_at: match (role, resumed) {
-                // It ended before it had published the first output of its own.
-                (Role::Owner { from_tick }, Some(Resumed::Whole)) if swapped => Some(from_tick),
-                (_, Some(Resumed::Whole)) => None,
+                // The earlier process ended before it published its first own output.
+                (Role::Owner { from_tick }, Some(Resumed::Complete)) if swapped => Some(from_tick),
+                (_, Some(Resumed::Complete)) => None,
                 (Role::Candidate, _) => Some(0),
-                // What comes before has been published by another stage.
+                // Ticks before it were published by another stage.
                 (Role::Owner { .. }, Some(Resumed::Common)) => Some(output_tick),
                 (Role::Owner { .. }, None) => None,
             },
             missed_at: None,
             resumed_tick,
-            output_tick,
-            next_checkpoint: 0,
+            published_end_tick: output_tick,
+            next_checkpoint_tick: 0,
             flags: Flags::NONE,
-            flawed: 0,
+            invalid_outputs: 0,
         };
         (service, error)
     }
 
-    /// Takes a message: hands every output that has become certain to `computed`, and what the service owns to `publish`.
+    /// Processes a message.
+    ///
+    /// Passes each completed output to `on_computed`, and those of ticks that the service owns to
+    /// `publish`.
     pub fn offer(
         &mut self,
         message: S::Input,
-        computed: &mut dyn FnMut(&S::Output),
+        on_computed: &mut dyn FnMut(&S::Output),
         publish: &mut dyn FnMut(S::Output),
     ) {
-        let Self { slot, gate, swapped_at, missed_at, resumed_tick, output_tick, flags, flawed, .. } = self;
+        let Self { slot, gate, swapped_at, missed_at, resumed_tick, published_end_tick, flags, invalid_outputs, .. } =
+            self;
         slot.offer(message, &mut |output| {
             *flags |= output.header().flags;
-            *flawed += u64::from(output.attitude().is_none());
-            computed(&output);
+            *invalid_outputs += u64::from(output.attitude().is_none());
+            on_computed(&output);
             let tick = output.header().tick;
             if resumed_tick.take().is_some_and(|resumed_tick| resumed_tick < tick) {
-                *missed_at = Some(*output_tick);
+                *missed_at = Some(*published_end_tick);
             }
-            gate.take(output, &mut |output| publish(marked(output, swapped_at, missed_at)));
+            gate.push(output, &mut |output| publish(with_flags(output, swapped_at, missed_at)));
         });
     }
 
-    /// Follows a decision; whether it was one about this slot that is new.
-    pub fn decide(&mut self, control: &Control, publish: &mut dyn FnMut(S::Output)) -> bool {
+    /// Applies a decision; returns `true` if it is new and about this slot.
+    pub fn apply_decision(&mut self, control: &Control, publish: &mut dyn FnMut(S::Output)) -> bool {
         let Self { gate, swapped_at, missed_at, .. } = self;
         let Control { epoch, owner, from_tick, service, .. } = *control;
-        let decision = swap::Control { epoch, owner, from_tick };
+        let decision = swap::OwnershipDecision { epoch, owner, from_tick };
         service == self.service as u32
-            && gate.decide(decision, &mut |output| publish(marked(output, swapped_at, missed_at))).is_some()
+            && gate.apply(decision, &mut |output| publish(with_flags(output, swapped_at, missed_at))).is_some()
     }
 
-    /// The checkpoint, every so many ticks.
+    /// Returns a checkpoint if one is due.
     pub fn checkpoint(&mut self) -> Option<Checkpoint> {
         let next_tick = self.slot.sequence().next_tick;
-        if next_tick < self.next_checkpoint {
+        if next_tick < self.next_checkpoint_tick {
             return None;
         }
-        self.next_checkpoint = next_tick + self.checkpoint_ticks;
+        self.next_checkpoint_tick = next_tick + self.checkpoint_ticks;
         Some(self.state())
     }
 
-    /// The state before the tick that it takes next.
+    /// Returns the state before the next tick.
     pub fn state(&mut self) -> Checkpoint {
-        checkpoint::checkpoint(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some())
+        checkpoint::capture(&mut self.slot, self.service, self.incarnation, self.swapped_at.is_some())
     }
 
-    /// How it is, but for what only the bus knows.
-    pub fn describe(&self, health: &mut Health) {
+    /// Fills in the health, except for the fields that only the bus knows.
+    pub fn fill_health(&self, health: &mut Health) {
         let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *self.slot.sequence();
         let OwnershipStatus { decided_epoch, missed, published_from, .. } = self.gate.status();
         (health.ticks, health.lost, health.duplicated, health.repeated) = (ticks, lost, duplicated, repeated);
-        (health.next_tick, health.flags, health.flawed) = (next_tick, self.flags, self.flawed);
+        (health.next_tick, health.flags, health.flawed) = (next_tick, self.flags, self.invalid_outputs);
         (health.epoch, health.missed) = (decided_epoch, missed.into());
         health.published_from = published_from.unwrap_or(u64::MAX);
     }
 
-    /// Why the stage cannot go on, where it cannot.
+    /// Returns the cause if the stage has failed permanently.
     pub fn failure(&self) -> Option<String> {
         self.slot.failure()
     }
 
-    /// Ticks given out so far.
+    /// Returns the number of ticks computed.
     pub fn ticks(&self) -> u64 {
         self.slot.sequence().ticks
     }
 
-    /// The input that the next output waits for.
-    pub fn lacks(&self) -> usize {
-        self.slot.lacks()
+    /// Returns the index of the input that the next output is waiting for.
+    pub fn awaited_input(&self) -> usize {
+        self.slot.awaited_input()
     }
 
-    /// Whether the next tick would be published.
-    pub fn publishes(&self) -> bool {
-        self.gate.publishes()
+    /// Returns `true` if the service owns the next tick.
+    pub fn owns_next_tick(&self) -> bool {
+        self.gate.owns_next_tick()
     }
 }
 
-/// An output that is published, which says whether another stage than before has made it, and whether inputs are missing.
-fn marked<O: Ticked>(mut output: O, swapped_at: &mut Option<u64>, missed_at: &mut Option<u64>) -> O {
+/// Sets the flags for a swap and for missing inputs, until an output at or after their tick.
+fn with_flags<O: Ticked>(mut output: O, swapped_at: &mut Option<u64>, missed_at: &mut Option<u64>) -> O {
     let Header { tick, flags, .. } = output.header_mut();
     *flags |= Flags::SWAPPED.when(swapped_at.is_some()) | Flags::LOST_BEFORE.when(missed_at.is_some());
     let tick = *tick;

@@ -1,37 +1,46 @@
-//! What fills a slot: from a launch file's words to a stage, and one that gives no output begun anew.
+//! Creation of the stage of a slot from the launch file, and its reset after an invalid output.
 
 use std::time::Duration;
 
-use attitude::stage::{Snapshot, Sound, Stage};
-use host::{AnyStage, Hosted, HostedBy};
+use attitude::stage::{Snapshot, Stage, Validate};
+use host::{AnyStage, HostedStage, HostableStage};
 use launch::{Launch, Service};
 
 use crate::RuntimeError;
 
-/// Of the silence for which a service is killed, the part that its program may be silent: the service is to say why.
-const SILENCE_SHARE: f64 = 0.5;
+/// Share of the health timeout after which an external stage counts as hung. The service is then
+/// still alive to report the cause.
+const RESPONSE_TIMEOUT_SHARE: f64 = 0.5;
 
-/// The stage that fills a slot, set as the launch file says: one of Plumbline's own, which `named` makes, or a program.
-pub fn chosen<B: HostedBy + Clone>(
+/// Builds the stage that the launch file specifies, with its parameters set.
+///
+/// `built_in` creates a built-in stage by name. An external stage is started as a process.
+///
+/// # Errors
+///
+/// Fails if the stage does not exist or does not start, or if a parameter is rejected.
+pub fn build_stage<B: HostableStage + Clone>(
     slot: Service,
     launch: &Launch,
-    named: impl FnOnce(&str) -> Option<B>,
+    built_in: impl FnOnce(&str) -> Option<B>,
 ) -> Result<AnyStage<B>, RuntimeError> {
-    let Some(chosen) = launch.slot(slot) else {
-        return Err(RuntimeError::Stage { slot, stage: String::new() });
+    let Some(configured) = launch.stage(slot) else {
+        return Err(RuntimeError::UnknownStage { slot, stage: String::new() });
     };
-    let mut stage = match launch.program(slot) {
+    let mut stage = match launch.external_stage(slot) {
         Some(program) => {
-            AnyStage::Hosted(Hosted::start(&chosen.stage, program, limit(launch)).map_err(RuntimeError::Program)?)
+            let timeout = response_timeout(launch);
+            let hosted = HostedStage::start(&configured.stage, program, timeout).map_err(RuntimeError::ExternalStage)?;
+            AnyStage::Hosted(hosted)
         }
         None => AnyStage::BuiltIn(
-            named(&chosen.stage).ok_or_else(|| RuntimeError::Stage { slot, stage: chosen.stage.clone() })?,
+            built_in(&configured.stage).ok_or_else(|| RuntimeError::UnknownStage { slot, stage: configured.stage.clone() })?,
         ),
     };
-    for (name, value) in &chosen.set {
+    for (name, value) in &configured.set {
         stage.set(name, *value).map_err(|cause| RuntimeError::Parameter {
             slot,
-            stage: chosen.stage.clone(),
+            stage: configured.stage.clone(),
             name: name.clone(),
             cause,
         })?;
@@ -39,51 +48,56 @@ pub fn chosen<B: HostedBy + Clone>(
     Ok(stage)
 }
 
-/// How long a program may take for an answer.
-pub fn limit(launch: &Launch) -> Duration {
-    Duration::from_secs_f64(launch.restart.silence_s * SILENCE_SHARE)
+/// Returns the response timeout of an external stage.
+pub fn response_timeout(launch: &Launch) -> Duration {
+    Duration::from_secs_f64(launch.restart.silence_s * RESPONSE_TIMEOUT_SHARE)
 }
 
-/// A stage in its slot. One whose output is none begins anew, once; a tick for which there is no output even then is its last.
+/// A stage that is reset once if it yields an invalid output. A second invalid output is a
+/// permanent failure.
 #[derive(Debug)]
-pub struct Filled<S> {
-    /// The stage.
+pub struct ResettingStage<S> {
+    /// The wrapped stage.
     pub stage: S,
-    /// Its state before the first step.
-    fresh: Snapshot,
-    /// What is wrong with its last output.
-    flaw: Option<&'static str>,
+    /// State before the first step.
+    initial: Snapshot,
+    /// Fault of the last output after a reset.
+    output_error: Option<&'static str>,
 }
 
-impl<S: Stage<Output: Sound> + Clone> Filled<S> {
-    /// A slot is filled with a stage that has not stepped yet.
+impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
+    /// Wraps a stage that has not stepped yet.
     pub fn new(stage: S) -> Self {
-        Self { fresh: stage.snapshot(), stage, flaw: None }
+        Self { initial: stage.snapshot(), stage, output_error: None }
     }
 
-    /// One tick: the output, and whether the stage has begun anew for it. `None` for ever where the stage cannot go on.
+    /// Steps the stage; returns the output and whether the stage was reset for it.
+    ///
+    /// Returns `None` from a permanent failure on.
     #[inline]
     pub fn step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
-        if self.flaw.is_some() {
+        if self.output_error.is_some() {
             return None;
         }
         let output = self.stage.step(input);
-        if output.flaw().is_none() { Some((output, false)) } else { self.begin_anew(input) }
+        if output.validation_error().is_none() { Some((output, false)) } else { self.reset_and_step(input) }
     }
 
     #[cold]
-    fn begin_anew(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
-        let begun = self.stage.restore(&self.fresh);
+    fn reset_and_step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
+        let restored = self.stage.restore(&self.initial);
         let output = self.stage.step(input);
-        self.flaw = begun.err().map(|_| "it does not begin anew").or(output.flaw());
-        self.flaw.is_none().then_some((output, true))
+        self.output_error = restored.err().map(|_| "an error").or(output.validation_error());
+        self.output_error.is_none().then_some((output, true))
     }
 
-    /// Why nothing more comes of it.
+    /// Returns the cause of a permanent failure.
     pub fn failure(&self) -> Option<String> {
-        match (self.stage.failure(), self.flaw) {
+        match (self.stage.failure(), self.output_error) {
             (Some(error), _) => Some(error.to_string()),
-            (None, flaw) => flaw.map(|flaw| format!("`{}` gives {flaw}, also when it begins anew", self.stage.name())),
+            (None, fault) => {
+                fault.map(|fault| format!("`{}` returned {fault}, also after a reset", self.stage.name()))
+            }
         }
     }
 }
@@ -93,7 +107,7 @@ mod tests {
     use super::*;
     use attitude::{Vector3, accel::Inclination, point::Point, stage::RestoreError};
 
-    /// Counts its steps, and gives what is none on the steps named.
+    /// Counts its steps, and returns an invalid output from the step `bad_from` on.
     #[derive(Clone)]
     struct Counter {
         steps: f64,
@@ -129,20 +143,20 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_whose_output_is_none_begins_anew_and_that_is_told() {
-        let mut filled = Filled::new(Counter { steps: 0.0, bad_from: 3.0 });
-        let told: Vec<_> =
-            (0..5).map(|_| filled.step(&Vector3::zeros()).map(|(out, anew)| (out.norm_m_s2, anew))).collect();
+    fn stage_with_invalid_output_is_reset_and_flagged() {
+        let mut resetting = ResettingStage::new(Counter { steps: 0.0, bad_from: 3.0 });
+        let outputs: Vec<_> =
+            (0..5).map(|_| resetting.step(&Vector3::zeros()).map(|(out, is_reset)| (out.norm_m_s2, is_reset))).collect();
         let expected = [(1.0, false), (2.0, false), (1.0, true), (2.0, false), (1.0, true)];
-        assert_eq!(told, expected.map(Some));
-        assert_eq!(filled.failure(), None);
+        assert_eq!(outputs, expected.map(Some));
+        assert_eq!(resetting.failure(), None);
     }
 
     #[test]
-    fn a_stage_that_never_gives_an_output_ends_with_the_reason() {
-        let mut filled = Filled::new(Counter { steps: 0.0, bad_from: 1.0 });
-        assert!((0..3).all(|_| filled.step(&Vector3::zeros()).is_none()));
-        let why = filled.failure().unwrap();
-        assert_eq!(why, "`counter` gives a number that is not finite, also when it begins anew");
+    fn stage_with_only_invalid_outputs_fails_with_cause() {
+        let mut resetting = ResettingStage::new(Counter { steps: 0.0, bad_from: 1.0 });
+        assert!((0..3).all(|_| resetting.step(&Vector3::zeros()).is_none()));
+        let cause = resetting.failure().unwrap();
+        assert!(cause.starts_with("`counter` returned ") && cause.ends_with("also after a reset"), "{cause}");
     }
 }

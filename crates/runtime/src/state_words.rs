@@ -1,10 +1,11 @@
-//! The state of a slot as words: every number as its bits, in one order.
+//! State of a slot as 64-bit words: the bits of every number, in a fixed order.
 //!
-//! Input, output: plain values. Time: none. Failure: a word that is not one of a value's is refused by the slot that takes it over.
+//! - Input, output: plain values.
+//! - Failure: conversion never fails. The slot validates the restored values.
 
 use attitude::{
     Quaternion, Vector3,
-    course::{Bearing, LastReading, Reference},
+    course::{CourseEstimate, LastReading, CourseReference},
     fuser::Estimate,
     point::{Chart, Point},
     state::Attitude,
@@ -12,19 +13,19 @@ use attitude::{
 
 use swap::Sequence;
 
-/// Hands every word of a value to `visit`, always in the same order.
-pub trait Words {
-    /// Reads or replaces each word.
+/// A value with a state that can be read and replaced word by word.
+pub trait StateWords {
+    /// Calls `visit` with each word, always in the same order. `visit` may replace the word.
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64));
 }
 
-impl Words for u64 {
+impl StateWords for u64 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         visit(self);
     }
 }
 
-impl Words for u32 {
+impl StateWords for u32 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = u64::from(*self);
         visit(&mut word);
@@ -32,7 +33,7 @@ impl Words for u32 {
     }
 }
 
-impl Words for i64 {
+impl StateWords for i64 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = self.cast_unsigned();
         visit(&mut word);
@@ -40,7 +41,7 @@ impl Words for i64 {
     }
 }
 
-impl Words for f64 {
+impl StateWords for f64 {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = self.to_bits();
         visit(&mut word);
@@ -48,7 +49,7 @@ impl Words for f64 {
     }
 }
 
-impl Words for bool {
+impl StateWords for bool {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = u64::from(*self);
         visit(&mut word);
@@ -56,13 +57,13 @@ impl Words for bool {
     }
 }
 
-impl<T: Words, const N: usize> Words for [T; N] {
+impl<T: StateWords, const N: usize> StateWords for [T; N] {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
-impl<T: Words + Default> Words for Option<T> {
+impl<T: StateWords + Default> StateWords for Option<T> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut some = self.is_some();
         some.visit(visit);
@@ -72,29 +73,29 @@ impl<T: Words + Default> Words for Option<T> {
     }
 }
 
-impl<A: Words, B: Words> Words for (A, B) {
+impl<A: StateWords, B: StateWords> StateWords for (A, B) {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.0.visit(visit);
         self.1.visit(visit);
     }
 }
 
-impl Words for Sequence {
+impl StateWords for Sequence {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The sender is not part of it: whoever goes on reads from the beginning of what there is.
-        let Self { next_tick, ticks, lost, duplicated, repeated, sender: _ } = self;
+        // The publisher is left out: a resumed service reads its inputs from their oldest message.
+        let Self { next_tick, ticks, lost, duplicated, repeated, publisher: _ } = self;
         [next_tick, ticks, lost, duplicated, repeated].into_iter().for_each(visit);
     }
 }
 
-impl Words for Attitude {
+impl StateWords for Attitude {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.up.visit(visit);
         self.z_rad.visit(visit);
     }
 }
 
-impl Words for Point {
+impl StateWords for Point {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut inverted = self.chart == Chart::Inverted;
         inverted.visit(visit);
@@ -104,19 +105,19 @@ impl Words for Point {
     }
 }
 
-impl Words for Vector3<f64> {
+impl StateWords for Vector3<f64> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
-impl Words for Quaternion<f64> {
+impl StateWords for Quaternion<f64> {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.coords.iter_mut().for_each(|value| value.visit(visit));
     }
 }
 
-impl Words for Reference {
+impl StateWords for CourseReference {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let mut word = match self {
             Self::Arbitrary => 0,
@@ -132,7 +133,7 @@ impl Words for Reference {
     }
 }
 
-impl Words for Estimate {
+impl StateWords for Estimate {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.attitude.visit(visit);
         self.reference.visit(visit);
@@ -150,16 +151,16 @@ impl Words for Estimate {
     }
 }
 
-impl Words for LastReading {
+impl StateWords for LastReading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.quaternion.visit(visit);
-        let Bearing { mut course_rad, mut sd_rad, mut reference } =
-            self.bearing.unwrap_or(Bearing { course_rad: 0.0, sd_rad: 0.0, reference: Reference::Arbitrary });
-        let mut some = self.bearing.is_some();
+        let CourseEstimate { mut course_rad, mut sd_rad, mut reference } =
+            self.course.unwrap_or(CourseEstimate { course_rad: 0.0, sd_rad: 0.0, reference: CourseReference::Arbitrary });
+        let mut some = self.course.is_some();
         some.visit(visit);
         course_rad.visit(visit);
         sd_rad.visit(visit);
         reference.visit(visit);
-        self.bearing = some.then_some(Bearing { course_rad, sd_rad, reference });
+        self.course = some.then_some(CourseEstimate { course_rad, sd_rad, reference });
     }
 }

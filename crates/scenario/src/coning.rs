@@ -35,7 +35,7 @@ impl Coning {
         let across_rad_s = frequency_rad_s * 2.0 * sin_half * cos_half;
         let rate_rad_s =
             Vector3::new(-across_rad_s * sin, across_rad_s * cos, -frequency_rad_s * 2.0 * sin_half * sin_half);
-        (Attitude::of_quaternion(Quaternion::new(cos_half, sin_half * cos, sin_half * sin, 0.0)), rate_rad_s)
+        (Attitude::from_quaternion(Quaternion::new(cos_half, sin_half * cos, sin_half * sin, 0.0)), rate_rad_s)
     }
 
     /// The integral of the body rate, rad, from any time on: differences of it are what an integrating gyro reads.

@@ -7,7 +7,7 @@
 
 use core::f64::consts::TAU;
 
-use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, state::Attitude, turn::Turn};
+use attitude::{GRAVITY_M_S2, Vector3, angles::Angles, state::Attitude, rotation::Rotation};
 
 use crate::{
     Truth,
@@ -17,7 +17,7 @@ use crate::{
 /// Time constant of the logistic edges of a turn, s.
 const EDGE_S: f64 = 1.5;
 /// Half the step of the central differences, s.
-const DIFFERENCE_S: f64 = 1e-3;
+const HALF_STEP_S: f64 = 1e-3;
 /// Wind of the hard flight, m/s.
 const WIND_M_S: f64 = 10.0;
 /// Gusts of the hard flight on each horizontal axis, m/s rms.
@@ -39,9 +39,9 @@ pub struct Flight {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Turning {
-    from_s: f64,
-    to_s: f64,
+struct Turn {
+    start_s: f64,
+    end_s: f64,
     /// Clockwise positive.
     rate_rad_s: f64,
     /// The course at its beginning.
@@ -49,7 +49,7 @@ struct Turning {
 }
 
 /// Where the flight is along its plan.
-struct Moment {
+struct FlightState {
     t_s: f64,
     course_rad: f64,
     course_rate_rad_s: f64,
@@ -57,7 +57,7 @@ struct Moment {
 }
 
 #[derive(Debug, Clone)]
-struct Air {
+struct AirMotion {
     wind_m_s: Vector3<f64>,
     gust_phases: [[f64; 2]; GUST_PERIODS_S.len()],
     slip_phase: f64,
@@ -65,65 +65,65 @@ struct Air {
 
 /// A flight with the turns that were worked out.
 #[derive(Debug, Clone)]
-pub(crate) struct Plan {
-    turns: Vec<Turning>,
-    to_come: Noise,
+pub(crate) struct FlightPlan {
+    turns: Vec<Turn>,
+    rng: Noise,
     phases: [f64; 5],
-    air: Option<Air>,
+    air: Option<AirMotion>,
 }
 
-impl Plan {
+impl FlightPlan {
     pub(crate) fn new(flight: Flight) -> Self {
-        let mut to_come = Noise::new(flight.seed, Use::Flight);
-        let phases = [(); 5].map(|()| to_come.phase());
-        let course_rad = to_come.phase();
-        let before = Turning { from_s: 0.0, to_s: 0.0, rate_rad_s: 0.0, course_rad };
-        let air = flight.hard.then(|| Air::new(flight.seed));
-        Self { turns: vec![before], to_come, phases, air }
+        let mut rng = Noise::new(flight.seed, Use::Flight);
+        let phases = [(); 5].map(|()| rng.phase());
+        let course_rad = rng.phase();
+        let before = Turn { start_s: 0.0, end_s: 0.0, rate_rad_s: 0.0, course_rad };
+        let air = flight.hard.then(|| AirMotion::new(flight.seed));
+        Self { turns: vec![before], rng, phases, air }
     }
 
     pub(crate) fn at(&mut self, t_s: f64) -> Truth {
-        let (before_s, after_s) = (t_s - DIFFERENCE_S, t_s + DIFFERENCE_S);
-        let [before, now, after] = [before_s, t_s, after_s].map(|t_s| self.moment(t_s));
+        let (before_s, after_s) = (t_s - HALF_STEP_S, t_s + HALF_STEP_S);
+        let [before, now, after] = [before_s, t_s, after_s].map(|t_s| self.state(t_s));
         let attitude = self.attitude(&now);
-        let step_s = 2.0 * DIFFERENCE_S;
-        let rotation = Turn::between(self.attitude(&before), self.attitude(&after)).quaternion();
+        let step_s = 2.0 * HALF_STEP_S;
+        let rotation = Rotation::between(self.attitude(&before), self.attitude(&after)).quaternion();
         let angle = 2.0 * libm::asin(rotation.imag().norm());
         let rate_rad_s = rotation.imag().try_normalize(0.0).unwrap_or_default()
             * (angle / step_s * if rotation.w < 0.0 { -1.0 } else { 1.0 });
-        let acceleration_m_s2 = (self.velocity_then_m_s(&after) - self.velocity_then_m_s(&before)) / step_s;
+        let acceleration_m_s2 = (self.ground_velocity_m_s(&after) - self.ground_velocity_m_s(&before)) / step_s;
         let force_m_s2 = attitude.matrix() * (acceleration_m_s2 + Vector3::z() * GRAVITY_M_S2);
         Truth { attitude, rate_rad_s, force_m_s2 }
     }
 
     /// Velocity over ground, m/s, east, north, up.
     pub(crate) fn velocity_m_s(&mut self, t_s: f64) -> Vector3<f64> {
-        let moment = self.moment(t_s);
-        self.velocity_then_m_s(&moment)
+        let state = self.state(t_s);
+        self.ground_velocity_m_s(&state)
     }
 
-    fn moment(&mut self, t_s: f64) -> Moment {
+    fn state(&mut self, t_s: f64) -> FlightState {
         let (course_rad, course_rate_rad_s) = self.course(t_s);
-        Moment { t_s, course_rad, course_rate_rad_s, speed_m_s: self.speed_m_s(t_s) }
+        FlightState { t_s, course_rad, course_rate_rad_s, speed_m_s: self.speed_m_s(t_s) }
     }
 
-    fn velocity_then_m_s(&self, moment: &Moment) -> Vector3<f64> {
-        let Moment { t_s, course_rad, speed_m_s, .. } = *moment;
+    fn ground_velocity_m_s(&self, state: &FlightState) -> Vector3<f64> {
+        let FlightState { t_s, course_rad, speed_m_s, .. } = *state;
         let slip_rad = self.air.as_ref().map_or(0.0, |air| air.slip_rad(t_s));
         let (sin, cos) = libm::sincos(course_rad + slip_rad);
-        let through_air = Vector3::new(sin, cos, 0.0) * speed_m_s;
-        through_air + self.air.as_ref().map_or(Vector3::zeros(), |air| air.velocity_m_s(t_s))
+        let airspeed_m_s = Vector3::new(sin, cos, 0.0) * speed_m_s;
+        airspeed_m_s + self.air.as_ref().map_or(Vector3::zeros(), |air| air.velocity_m_s(t_s))
     }
 
-    fn attitude(&self, moment: &Moment) -> Attitude {
-        let Moment { t_s, course_rad, course_rate_rad_s, speed_m_s } = *moment;
+    fn attitude(&self, state: &FlightState) -> Attitude {
+        let FlightState { t_s, course_rad, course_rate_rad_s, speed_m_s } = *state;
         let [_, _, roll_phase, slow_phase, fast_phase] = self.phases;
-        let sway = |period_s: f64, phase: f64| libm::sin(TAU * t_s / period_s + phase);
+        let oscillation = |period_s: f64, phase: f64| libm::sin(TAU * t_s / period_s + phase);
         let bank_rad = libm::atan(speed_m_s * course_rate_rad_s / GRAVITY_M_S2);
-        Attitude::of_angles(Angles {
+        Attitude::from_angles(Angles {
             yaw_rad: -course_rad,
-            pitch_rad: (2.0 + 3.0 * sway(55.0, slow_phase) + 0.7 * sway(5.1, fast_phase)).to_radians(),
-            roll_rad: bank_rad + sway(7.3, roll_phase).to_radians(),
+            pitch_rad: (2.0 + 3.0 * oscillation(55.0, slow_phase) + 0.7 * oscillation(5.1, fast_phase)).to_radians(),
+            roll_rad: bank_rad + oscillation(7.3, roll_phase).to_radians(),
         })
     }
 
@@ -134,12 +134,12 @@ impl Plan {
     /// Course and its rate, rad and rad/s, clockwise.
     fn course(&mut self, t_s: f64) -> (f64, f64) {
         // An edge is over, to the last digit, after forty of its time constants.
-        let reach_s = 40.0 * EDGE_S;
-        self.work_out(t_s + reach_s);
-        let next = self.turns.partition_point(|turn| turn.to_s + reach_s < t_s).min(self.turns.len() - 1);
-        let begun = self.turns[next..].iter().take_while(|turn| turn.from_s - reach_s < t_s);
-        begun.fold((self.turns[next].course_rad, 0.0), |(course_rad, rate_rad_s), turn| {
-            let (since, until) = ((t_s - turn.from_s) / EDGE_S, (t_s - turn.to_s) / EDGE_S);
+        let edge_duration_s = 40.0 * EDGE_S;
+        self.extend_to(t_s + edge_duration_s);
+        let first = self.turns.partition_point(|turn| turn.end_s + edge_duration_s < t_s).min(self.turns.len() - 1);
+        let started = self.turns[first..].iter().take_while(|turn| turn.start_s - edge_duration_s < t_s);
+        started.fold((self.turns[first].course_rad, 0.0), |(course_rad, rate_rad_s), turn| {
+            let (since, until) = ((t_s - turn.start_s) / EDGE_S, (t_s - turn.end_s) / EDGE_S);
             let ((since, turned_since), (until, turned_until)) = (logistic(since), logistic(until));
             let (share, turned_s) = (since - until, EDGE_S * (turned_since - turned_until));
             (course_rad + turn.rate_rad_s * turned_s, rate_rad_s + turn.rate_rad_s * share)
@@ -147,18 +147,18 @@ impl Plan {
     }
 
     /// Draws turns until one ends after `t_s`.
-    fn work_out(&mut self, t_s: f64) {
-        while let Some(last) = self.turns.last().copied().filter(|last| last.to_s <= t_s) {
-            let from_s = last.to_s + self.to_come.between(60.0, 180.0);
-            let to_s = from_s + self.to_come.between(20.0, 60.0);
-            let rate_rad_s = self.to_come.sign() * self.to_come.between(2.0, 3.0).to_radians();
-            let course_rad = last.course_rad + last.rate_rad_s * (last.to_s - last.from_s);
-            self.turns.push(Turning { from_s, to_s, rate_rad_s, course_rad });
+    fn extend_to(&mut self, t_s: f64) {
+        while let Some(last) = self.turns.last().copied().filter(|last| last.end_s <= t_s) {
+            let from_s = last.end_s + self.rng.between(60.0, 180.0);
+            let to_s = from_s + self.rng.between(20.0, 60.0);
+            let rate_rad_s = self.rng.sign() * self.rng.between(2.0, 3.0).to_radians();
+            let course_rad = last.course_rad + last.rate_rad_s * (last.end_s - last.start_s);
+            self.turns.push(Turn { start_s: from_s, end_s: to_s, rate_rad_s, course_rad });
         }
     }
 }
 
-impl Air {
+impl AirMotion {
     fn new(seed: u64) -> Self {
         let mut noise = Noise::new(seed, Use::Air);
         let (sin, cos) = libm::sincos(noise.phase());

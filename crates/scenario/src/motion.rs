@@ -1,10 +1,10 @@
 //! How a body moves, and the truth at one time.
 
-use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, turn::Turn};
+use attitude::{GRAVITY_M_S2, Vector3, state::Attitude, rotation::Rotation};
 
 use crate::{
     coning::Coning,
-    cruise::{Flight, Plan},
+    cruise::{Flight, FlightPlan},
     s1::{self, Swing},
     s3, tumble,
 };
@@ -61,9 +61,9 @@ impl Motion {
     }
 
     /// The turn of the body from one time to another, exactly.
-    pub fn turn(self, from_s: f64, to_s: f64) -> Turn {
+    pub fn turn(self, from_s: f64, to_s: f64) -> Rotation {
         let mut body = Body::new(self);
-        Turn::between(body.at(from_s).attitude, body.at(to_s).attitude)
+        Rotation::between(body.at(from_s).attitude, body.at(to_s).attitude)
     }
 
     /// The mean body rate from one time to another, rad/s: what an integrating gyro reads. Where the rate changes its direction
@@ -77,12 +77,12 @@ impl Motion {
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     motion: Motion,
-    plan: Option<Plan>,
+    plan: Option<FlightPlan>,
 }
 
 impl Body {
     pub(crate) fn new(motion: Motion) -> Self {
-        let plan = if let Motion::Cruise(flight) = motion { Some(Plan::new(flight)) } else { None };
+        let plan = if let Motion::Cruise(flight) = motion { Some(FlightPlan::new(flight)) } else { None };
         Self { motion, plan }
     }
 
@@ -92,7 +92,7 @@ impl Body {
             Motion::Tumble(rate_rad_s) => (tumble::at(rate_rad_s, t_s), rate_rad_s),
             Motion::S3 => s3::at(t_s),
             Motion::Coning(coning) => coning.at(t_s),
-            Motion::Cruise(flight) => return self.plan.get_or_insert_with(|| Plan::new(flight)).at(t_s),
+            Motion::Cruise(flight) => return self.plan.get_or_insert_with(|| FlightPlan::new(flight)).at(t_s),
         };
         Truth { attitude, rate_rad_s, force_m_s2: attitude.up.direction() * GRAVITY_M_S2 }
     }

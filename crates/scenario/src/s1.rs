@@ -38,5 +38,5 @@ pub(crate) fn at(swing: Swing, t_s: f64) -> (Attitude, Vector3<f64>) {
         roll_dot + yaw_dot * sin_pitch,
         yaw_dot * cos_pitch * cos_roll + pitch_dot * sin_roll,
     );
-    (Attitude::of_angles(Angles { yaw_rad: yaw, pitch_rad: pitch, roll_rad: roll }), rate_rad_s)
+    (Attitude::from_angles(Angles { yaw_rad: yaw, pitch_rad: pitch, roll_rad: roll }), rate_rad_s)
 }

@@ -5,7 +5,7 @@
 
 use core::f64::consts::TAU;
 
-use attitude::{Vector3, state::Attitude, turn::Turn};
+use attitude::{Vector3, state::Attitude, rotation::Rotation};
 
 /// The magnetic field, µT, reference axes: 20 µT to the north, 44 µT down, an inclination of 66°.
 pub const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];
@@ -24,7 +24,7 @@ pub(crate) fn at(t_s: f64) -> (Attitude, Vector3<f64>) {
     let angles_rad = rotation_rad(t_s);
     let about = [Vector3::x(), Vector3::y(), Vector3::z()];
     let attitude = (0..3).fold(Attitude::default(), |attitude, axis| {
-        attitude.turned(Turn::of_rotation_vector(about[axis] * angles_rad[axis])).attitude
+        attitude.rotated(Rotation::from_rotation_vector(about[axis] * angles_rad[axis])).attitude
     });
     (attitude, rate_rad_s)
 }

@@ -1,6 +1,6 @@
 //! A constant rate about an axis fixed in the body, from level, through the inverted attitude.
 
-use attitude::{Vector3, state::Attitude, turn::Turn};
+use attitude::{Vector3, state::Attitude, rotation::Rotation};
 
 /// The rate of the scenario of that name, rad/s: 500 °/s about (3, −2, 1), 75° off the vertical: the body leans by 149°.
 pub fn rate_rad_s() -> Vector3<f64> {
@@ -9,5 +9,5 @@ pub fn rate_rad_s() -> Vector3<f64> {
 
 /// Attitude at `t_s`.
 pub(crate) fn at(rate_rad_s: Vector3<f64>, t_s: f64) -> Attitude {
-    Attitude::default().turned(Turn::of_rotation_vector(rate_rad_s * t_s)).attitude
+    Attitude::default().rotated(Rotation::from_rotation_vector(rate_rad_s * t_s)).attitude
 }

@@ -1,7 +1,7 @@
 //! The scenarios agree with themselves: rates with attitudes, forces with velocities, readings with their seeds.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, state::Attitude, turn::Turn};
+use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, state::Attitude, rotation::Rotation};
 use scenario::{Coverage, Errors, Motion, Scenario, Sensors};
 
 fn every(name: &str) -> impl Iterator<Item = f64> + use<> {
@@ -41,13 +41,13 @@ fn coning_drifts_by_the_published_rate_for_who_takes_mean_rates_for_rotations() 
     let (mut attitude, mut two_sample) = (motion.at(0.0).attitude, motion.at(0.0).attitude);
     for k in 0..1000 {
         let t_s = f64::from(k) * 0.01;
-        attitude = attitude.turned(Turn::of_rotation_vector(motion.mean_rate_rad_s(t_s, t_s + 0.01) * 0.01)).attitude;
+        attitude = attitude.rotated(Rotation::from_rotation_vector(motion.mean_rate_rad_s(t_s, t_s + 0.01) * 0.01)).attitude;
         let [first, second] = [0.0, 0.005].map(|of| motion.mean_rate_rad_s(t_s + of, t_s + of + 0.005) * 0.005);
         let rotation_rad = first + second + first.cross(&second) * (2.0 / 3.0);
-        two_sample = two_sample.turned(Turn::of_rotation_vector(rotation_rad)).attitude;
+        two_sample = two_sample.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
     }
     let off_deg = |attitude: Attitude| {
-        let q = Turn::between(attitude, motion.at(10.0).attitude).quaternion();
+        let q = Rotation::between(attitude, motion.at(10.0).attitude).quaternion();
         (2.0 * q.imag().norm()).to_degrees()
     };
     let (one, two) = (off_deg(attitude), off_deg(two_sample));

@@ -363,11 +363,11 @@ static inline const char *plumbline_check_estimate(const plumbline_estimate *it)
 {
     for (int i = 0; i < 3; i++) {
         if (!(fabs(it->bias_rad_s[i]) <= 10.0)) return "a gyro bias above 10 rad/s";
-        if (!(fabs(it->gyro_scale[i]) <= 0.1)) return "a scale of the gyro that no gyro has";
+        if (!(fabs(it->gyro_scale[i]) <= 0.1)) return "a gyro scale error above 0.1";
         if (!(it->gyro_scale_sd[i] >= 0.0)) return "a standard deviation below zero";
-        if (!(fabs(it->hard_iron_ut[i]) <= 1e4)) return "a hard iron beyond every magnet";
+        if (!(fabs(it->hard_iron_ut[i]) <= 1e4)) return "a hard iron above 10,000 µT";
     }
-    if (!(hypot(it->leaky_velocity_m_s[0], it->leaky_velocity_m_s[1]) <= 100.0)) return "a velocity that no loop gathers";
+    if (!(hypot(it->leaky_velocity_m_s[0], it->leaky_velocity_m_s[1]) <= 100.0)) return "a leaky velocity above 100 m/s";
     if (!(it->inclination_sd_rad >= 0.0 && it->heading_sd_rad >= 0.0 && it->bias_sd_rad_s >= 0.0 && it->hard_iron_sd_ut >= 0.0 &&
           it->leaky_velocity_sd_m_s >= 0.0)) {
         return "a standard deviation below zero";

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use attitude::parameters::Parameter;
 
 /// Parameters of a stage at most.
-const PARAMETERS_MAX: usize = 64;
+const MAX_PARAMETERS: usize = 64;
 
 /// What a stage says of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +44,7 @@ pub struct DescriptionError(String);
 /// A stage as text.
 pub(crate) fn text(slot: &str, parameters: &[Parameter]) -> String {
     let mut text = format!("slot\t{slot}\n");
-    for Parameter { name, unit, default, least, most, about } in parameters {
+    for Parameter { name, unit, default, min: least, max: most, description: about } in parameters {
         // A string takes every line.
         let _ = writeln!(text, "parameter\t{name}\t{unit}\t{default}\t{least}\t{most}\t{about}");
     }
@@ -66,7 +66,7 @@ impl Description {
                     };
                     let (default, least, most) = (number(default)?, number(least)?, number(most)?);
                     let in_range = least <= default && default <= most;
-                    if !in_range || name.is_empty() || description.parameters.len() == PARAMETERS_MAX {
+                    if !in_range || name.is_empty() || description.parameters.len() == MAX_PARAMETERS {
                         return Err(wrong(line));
                     }
                     let (name, unit, about) = (name.into(), unit.into(), about.into());

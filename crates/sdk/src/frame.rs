@@ -11,16 +11,16 @@
 //! | 2–3 | the [`Kind`]; an answer has that of its request |
 //! | 4–7 | 0, or in an answer 1: refused |
 //! | 8–15 | which request this is, or which it answers |
-//! | 16– | the payload: numbers as `f64`, in the order of [`Numbers`]; of an answer to `Describe`, text |
+//! | 16– | the payload: numbers as `f64`, in the order of [`Scalars`]; of an answer to `Describe`, text |
 
-use attitude::numbers::Numbers;
+use attitude::scalars::Scalars;
 
 /// The version of all that is said here.
 pub const VERSION: u16 = 2;
 /// Bytes before the payload.
 pub const HEAD_BYTES: usize = 16;
 /// Bytes of a frame at most.
-pub const FRAME_BYTES_MAX: usize = 16_384;
+pub const MAX_FRAME_BYTES: usize = 16_384;
 /// The status of an answer that takes nothing over.
 const REFUSED: u32 = 1;
 
@@ -133,12 +133,12 @@ impl Head {
 }
 
 /// Puts a value at the end of a frame.
-pub fn put(bytes: &mut Vec<u8>, mut value: impl Numbers) {
+pub fn put(bytes: &mut Vec<u8>, mut value: impl Scalars) {
     value.visit(&mut |number| bytes.extend(number.to_le_bytes()));
 }
 
 /// The value that a payload is.
-pub fn value<T: Numbers + Default>(payload: &[u8]) -> Result<T, FrameError> {
+pub fn value<T: Scalars + Default>(payload: &[u8]) -> Result<T, FrameError> {
     let (mut value, mut next) = (T::default(), 0);
     let (numbers, rest) = payload.as_chunks();
     value.visit(&mut |number| {

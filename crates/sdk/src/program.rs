@@ -11,12 +11,12 @@ use std::{
 use attitude::{
     Vector3,
     accel::Inclination,
-    course::{CourseInput, LastReading, Reading},
+    course::{CourseInput, LastReading, CourseReading},
     fuser::FuserStage,
     gyro::GyroStage,
-    numbers::Numbers,
+    scalars::Scalars,
     point::Point,
-    stage::{STATE_LIMIT, Snapshot, Stage},
+    stage::{MAX_STATE_VALUES, Snapshot, Stage},
     state::Attitude,
 };
 use rustix::{
@@ -26,7 +26,7 @@ use rustix::{
 
 use crate::{
     description,
-    frame::{self, FRAME_BYTES_MAX, FrameError, Head, Kind},
+    frame::{self, MAX_FRAME_BYTES, FrameError, Head, Kind},
 };
 
 /// Runs a gyro stage.
@@ -57,7 +57,7 @@ pub fn fuser<S: FuserStage>(stage: S) -> ExitCode {
 }
 
 /// Runs a course stage.
-pub fn course<S: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone>(stage: S) -> ExitCode {
+pub fn course<S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone>(stage: S) -> ExitCode {
     run("course", stage, |_, kind, _| Err(ProgramError::NotOfThisSlot(kind)))
 }
 
@@ -74,7 +74,7 @@ enum ProgramError {
 
 fn run<S>(slot: &str, stage: S, of_slot: impl Fn(&mut S, Kind, &[u8]) -> Result<(), ProgramError>) -> ExitCode
 where
-    S: Stage<Input: Numbers + Default, Output: Numbers, Common: Numbers + Default> + Clone,
+    S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
     // Where the system has no such thing, the end of the requests ends the program.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
@@ -95,9 +95,9 @@ fn answer<S>(
     of_slot: impl Fn(&mut S, Kind, &[u8]) -> Result<(), ProgramError>,
 ) -> Result<(), ProgramError>
 where
-    S: Stage<Input: Numbers + Default, Output: Numbers, Common: Numbers + Default> + Clone,
+    S: Stage<Input: Scalars + Default, Output: Scalars, Common: Scalars + Default> + Clone,
 {
-    let (mut request, mut answer) = (vec![0; FRAME_BYTES_MAX], Vec::new());
+    let (mut request, mut answer) = (vec![0; MAX_FRAME_BYTES], Vec::new());
     loop {
         let (len, _) = recv(socket, &mut request[..], RecvFlags::empty())?;
         if len == 0 {
@@ -137,11 +137,11 @@ fn set(stage: &mut impl Stage, payload: &[u8]) -> Result<bool, FrameError> {
 }
 
 fn restore(stage: &mut (impl Stage + Clone), payload: &[u8]) -> Result<bool, FrameError> {
-    let mut record = Snapshot { stage: stage.name(), values: [0.0; STATE_LIMIT], len: payload.len() / 8, checksum: 0 };
-    let length = FrameError::Length { found: payload.len(), expected: 8 * STATE_LIMIT };
+    let mut record = Snapshot { stage: stage.name(), values: [0.0; MAX_STATE_VALUES], len: payload.len() / 8, checksum: 0 };
+    let length = FrameError::Length { found: payload.len(), expected: 8 * MAX_STATE_VALUES };
     let (values, numbers) = (record.values.get_mut(..record.len), frame::numbers(payload));
     let (values, numbers) = values.zip(numbers).ok_or(length)?;
     values.iter_mut().zip(numbers).for_each(|(value, number)| *value = number);
-    record.checksum = record.sum();
+    record.checksum = record.compute_checksum();
     Ok(stage.restore(&record).is_ok())
 }

@@ -1,243 +1,247 @@
-//! What is told to [`Supervision`](crate::Supervision), and what it asks for.
+//! Events that [`Supervision`](crate::Supervision) handles and actions that it returns.
 
 use std::{path::PathBuf, time::Duration};
 
-use launch::{Launch, Service, Stage};
+use launch::{Launch, Service, StageConfig};
 use messages::{Checkpoint, Control, Difference, Health, SystemEvent};
 use swap::Role;
 
 use crate::request::{ControlRequest, ServiceStatus, SwapReport};
 
-/// What a system is, as far as its supervisor has to know.
+/// Configuration of the supervision of one system.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// What runs.
+    /// Launch file.
     pub launch: Launch,
-    /// Samples per second of the source's time.
+    /// Sample rate in the source's time, Hz.
     pub rate_hz: f64,
-    /// The source waits for the slowest reader.
+    /// Lockstep mode: the source waits for its slowest subscriber.
     pub lockstep: bool,
-    /// How far the source may then be ahead of the last reader, ticks.
+    /// Maximum lead of the source over the last subscriber in lockstep, ticks.
     pub window_ticks: u64,
-    /// How many messages a topic of the path holds.
+    /// Number of messages a topic of the data path holds.
     pub buffer_ticks: u64,
-    /// After how much time a source without an end is stopped.
+    /// Run time after which an endless source is stopped.
     pub stop_after: Option<Duration>,
-    /// What is wrong with the stage that fills this slot, for people.
+    /// Checks the stage that fills a slot. The error text is shown to the user.
     pub validate: fn(&Launch, Service) -> Result<(), String>,
 }
 
-/// What has happened.
+/// Input of [`Supervision::handle`](crate::Supervision::handle).
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// Time has passed; at the latest after [`poll_interval`](crate::Supervision::poll_interval), and after the other events of a round.
-    Time,
-    /// A process was started: the answer to [`Action::Spawn`].
+    /// Time has passed. Due after the other events of a round, at the latest after
+    /// [`poll_interval`](crate::Supervision::poll_interval).
+    Timer,
+    /// A process was started, in response to [`Action::Spawn`].
     Spawned {
-        /// Its incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
-        /// The process.
+        /// Process ID.
         pid: u32,
     },
-    /// A process could not be started: the other answer.
+    /// A process could not be started, in response to [`Action::Spawn`].
     SpawnFailed {
-        /// Its incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
-        /// Why, for people.
+        /// Cause, shown to the user.
         cause: String,
     },
-    /// A process has ended. What it had published, [`Event::Published`], is told before.
+    /// A process has exited. [`Event::Published`] with its last tick must precede this event.
     Exited {
-        /// Its incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
-        /// How it ended, for people: "was ended by signal 9".
-        how: String,
-        /// The end of what it said on standard error.
+        /// Exit status, shown to the user, such as "was killed by signal 9".
+        exit_status: String,
+        /// Last output of the process on standard error.
         stderr: String,
     },
-    /// A service says how it is.
+    /// A service has reported its health.
     Health(Health),
-    /// A service says from where it could go on.
+    /// A service has published a checkpoint.
     Checkpoint(Box<Checkpoint>),
-    /// A shadow says how far it is from the stage that owns its slot.
+    /// A shadow has published its difference from the owner of the slot.
     Difference(Difference),
     /// A service has published.
     Published {
-        /// Which one.
+        /// Publishing service.
         service: Service,
-        /// The tick after its newest one.
+        /// Tick after the newest one published.
         next_tick: u64,
     },
-    /// Attitudes were taken.
+    /// The supervisor has collected attitudes.
     Output(OutputProgress),
-    /// Somebody asks for something.
+    /// A client has sent a request.
     Request {
-        /// Who is to be answered.
-        caller: u64,
-        /// What for.
+        /// Client that expects the reply.
+        client: u64,
+        /// Request.
         request: ControlRequest,
     },
-    /// Who asked waits no more.
-    CallerGone {
-        /// Who it was.
-        caller: u64,
+    /// A client has disconnected before its reply.
+    ClientDisconnected {
+        /// Disconnected client.
+        client: u64,
     },
-    /// The system is to end.
-    EndAsked,
+    /// A user or the operating system has requested the shutdown.
+    StopRequested,
     /// Files of the running system's bus were removed.
     FilesRemoved {
-        /// One of them.
+        /// One of the removed files.
         path: PathBuf,
     },
-    /// There is a new bus: the answer to [`Action::RenewBus`].
+    /// A new bus exists, in response to [`Action::RenewBus`].
     BusRenewed,
 }
 
-/// The attitudes taken so far.
+/// Progress of the attitudes collected by the supervisor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OutputProgress {
-    /// The tick that comes next.
+    /// Tick of the next attitude.
     pub next_tick: u64,
-    /// Ticks before it without an attitude.
+    /// Ticks before `next_tick` without an attitude.
     pub lost: u64,
-    /// Attitudes before it that were published and not taken while the topic held them.
-    pub not_taken: u64,
-    /// Attitudes that came again.
+    /// Attitudes before `next_tick` that were overwritten in the topic before the supervisor read
+    /// them.
+    pub not_recorded: u64,
+    /// Attitudes published more than once.
     pub duplicated: u64,
-    /// The longest time between two publications since this was told last, ns.
-    pub gap_ns: u64,
-    /// The last tick at which a stage of another kind took over, and by how much the attitude jumped there, rad.
-    pub swapped: Option<(u64, f64)>,
+    /// Longest interval between two publications since the previous report, ns.
+    pub max_gap_ns: u64,
+    /// Last tick at which a different stage took over, and the attitude jump at that tick, rad.
+    pub last_swap: Option<(u64, f64)>,
 }
 
-/// What is to be done.
+/// Output of [`Supervision::handle`](crate::Supervision::handle).
 #[derive(Debug, Clone)]
 pub enum Action {
     /// Start a process.
     Spawn(Box<Spawn>),
-    /// Ask a process to end.
+    /// Request a process to exit.
     Terminate {
-        /// Its incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
     },
-    /// End a process.
+    /// Kill a process.
     Kill {
-        /// Its incarnation.
+        /// Incarnation of the process.
         incarnation: u32,
     },
-    /// Tell every service who owns a slot.
+    /// Publish a decision about the owner of a slot.
     PublishControl(Control),
-    /// Allow the source to publish the ticks before this one.
+    /// Allow the source to publish the ticks before `ticks`.
     GrantCredit {
-        /// The tick.
+        /// First tick that may not be published.
         ticks: u64,
-        /// The source publishes nothing new any more, and stays for readers that are started again.
-        ends: bool,
+        /// Final credit: the source then publishes no new ticks but keeps running for restarted
+        /// subscribers.
+        is_final: bool,
     },
-    /// Answer who asked.
-    Answer {
-        /// Who.
-        caller: u64,
-        /// What.
+    /// Reply to a client.
+    Reply {
+        /// Client that sent the request.
+        client: u64,
+        /// Reply.
         reply: Reply,
     },
-    /// Tell whoever listens on the topic `event`; number and time are the shell's.
-    Tell(Box<SystemEvent>),
-    /// Say something to people.
+    /// Publish an event on the topic `event`. The caller adds its number and time.
+    PublishEvent(Box<SystemEvent>),
+    /// Show a line to the user.
     Announce(String),
     /// Every service runs.
     Ready,
-    /// The end has begun: the source publishes nothing new.
+    /// Shutdown has started: the source publishes no new ticks.
     Stopping,
-    /// Kill every process, without a word of it, and make a new bus of the same name; answered by [`Event::BusRenewed`].
+    /// Kill every process without reporting their exits and create a new bus of the same name. The
+    /// response is [`Event::BusRenewed`].
     RenewBus,
-    /// The system is at its end. Of what was asked for before and has not been done, only the answers still are.
+    /// Stop the system. Of the earlier actions not performed yet, only replies remain valid.
     Finish(Option<Failure>),
 }
 
-/// A process to be started.
+/// Process to start.
 #[derive(Debug, Clone)]
 pub struct Spawn {
-    /// Its number, which no other process of the system has.
+    /// Incarnation, unique in the system.
     pub incarnation: u32,
-    /// The service that it is.
+    /// Service to run.
     pub service: Service,
-    /// What fills its slot, if it has one.
-    pub stage: Option<Stage>,
-    /// Whether it owns the slot.
+    /// Stage that fills the slot; `None` for services without a slot.
+    pub stage: Option<StageConfig>,
+    /// Role of the process: owner or candidate of the slot.
     pub role: Role,
-    /// The decision about the slot that is in force.
+    /// Current epoch of the slot.
     pub epoch: u32,
-    /// From where it goes on; `None` for the first start.
+    /// State to resume from; `None` for the first start.
     pub resume: Option<Resume>,
 }
 
-/// From where a service goes on.
+/// State that a restarted service resumes from.
 #[derive(Debug, Clone)]
 pub enum Resume {
-    /// From the beginning of what its inputs still hold: no checkpoint was made.
+    /// No checkpoint exists: start with the oldest inputs still available.
     Fresh,
-    /// From this state.
+    /// Checkpoint to restore.
     Checkpoint(Box<Checkpoint>),
-    /// The source, from this tick on.
+    /// Resume point of the source.
     Source {
-        /// The tick.
+        /// First tick to publish.
         next_tick: u64,
-        /// When the first tick was due, CLOCK_MONOTONIC, ns; 0 when none has been.
+        /// Due time of the first tick, CLOCK_MONOTONIC, ns; 0 if no tick was due yet.
         start_ns: u64,
-        /// Time of the samples less the sensor's, ns.
+        /// Offset of the sample time from the sensor time, ns.
         offset_ns: i64,
     },
 }
 
-/// What somebody is answered.
+/// Reply to a client.
 #[derive(Debug, Clone)]
 pub enum Reply {
-    /// How a swap went.
+    /// Outcome of a swap.
     Swap(Box<SwapReport>),
-    /// How the services are.
+    /// Status of every service.
     Status(Vec<ServiceStatus>),
-    /// What runs, which whoever runs it knows.
+    /// Service configuration. The caller of `handle` fills it in.
     ServiceConfig,
-    /// What the report lacks, which whoever makes it knows.
-    Record,
-    /// That it is done.
+    /// Recording status. The caller of `handle` fills it in.
+    RecordStatus,
+    /// Acknowledgement without data.
     Done,
 }
 
-/// Why a system ended before its time.
+/// Cause of a premature end of the system.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// A service ended by itself.
-    #[error("the service {service} (process {pid}) {how}; the system was stopped{stderr}")]
-    ServiceEnded {
-        /// Which one.
+    /// A service has exited and is not restarted.
+    #[error("service {service} (process {pid}) {exit_status}; the system was stopped{stderr}")]
+    ServiceExited {
+        /// Service that exited.
         service: Service,
-        /// Its process.
+        /// Process ID.
         pid: u32,
-        /// How it ended.
-        how: String,
-        /// What it said last, on lines of its own.
+        /// Exit status.
+        exit_status: String,
+        /// Last output on standard error, starting with ":\n"; empty if there was none.
         stderr: String,
     },
     /// A service could not be started.
     #[error("{cause}")]
-    NotStarted {
-        /// What was being done, and what the system answered.
+    SpawnFailed {
+        /// Attempted action and the operating system's error.
         cause: String,
     },
-    /// The files of the bus are removed again and again.
+    /// The files of the bus are removed repeatedly.
     #[error(
-        "{path} was removed while the system ran, as its files have been {times} times within {within_s} s: somebody removes them again and again. \
-         Is it logind, when its user logs out? RemoveIPC=no in /etc/systemd/logind.conf, or let a system user run it",
+        "{path} was removed while the system ran; files of the running system were removed {count} times within {within_s} s. \
+         If systemd-logind removes them at logout, set RemoveIPC=no in /etc/systemd/logind.conf or run the system as a system user",
         path = path.display()
     )]
-    RemovedAgain {
-        /// One of them.
+    FilesRemovedRepeatedly {
+        /// One of the removed files.
         path: PathBuf,
-        /// How often.
-        times: usize,
-        /// In which time, s.
+        /// Number of removals.
+        count: usize,
+        /// Length of the period in which they were counted, s.
         within_s: u64,
     },
 }

@@ -1,4 +1,4 @@
-//! From the start of the first service to the end of the last: readiness, credit for the source, the end.
+//! Readiness, credit for the source, and shutdown.
 
 use std::time::Duration;
 
@@ -7,57 +7,60 @@ use messages::{EventKind, State, SystemEvent};
 
 use crate::{Action, Failure, Supervision};
 
-/// After the source's end, how long nothing may come before the rest is given up as lost: a service that was killed or has frozen is back by
-/// then.
-const DRAIN_LIMIT: Duration = Duration::from_secs(2);
-/// The same where a service is on its way back and nobody has asked for the end: longer than any start may take.
-const DRAIN_LIMIT_STARTING: Duration = Duration::from_secs(15);
+/// Time without output after the end of the source until the remaining ticks are given up.
+///
+/// A killed or hung service has been restarted by then.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
+/// Drain timeout while a service is starting and no shutdown was requested.
+///
+/// Longer than any start.
+const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// Where the source waits for the output and every service runs, how much longer than a silent service is borne nothing may come before
-/// what is missing is taken to be lost for good.
-const MISSING_LIMIT: Duration = Duration::from_secs(5);
-/// From one window that is granted then to the next: whoever reads can follow.
-const WINDOW_PAUSE: Duration = Duration::from_millis(100);
+/// Time without output in lockstep, in addition to `silence_s`, until missing ticks are considered
+/// lost although every service runs.
+const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval between extra windows granted past missing ticks, so that subscribers can follow.
+const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How far the system is.
+/// Progress of the system from start to shutdown.
 #[derive(Debug)]
 pub(crate) struct Flow {
     phase: Phase,
-    end_asked: bool,
-    /// When every service was ready first.
-    ready: Option<Duration>,
+    stop_requested: bool,
+    /// Time when every service was ready for the first time.
+    first_ready: Option<Duration>,
     granted_ticks: u64,
     next_tick: u64,
-    /// When a tick came last.
-    progressed: Duration,
-    /// When a service was on its way back last.
-    starting: Duration,
-    /// When a window was granted last although nothing had come.
-    widened: Duration,
+    /// Time of the newest output tick.
+    last_progress: Duration,
+    /// Newest time at which a service was starting.
+    last_starting: Duration,
+    /// Time of the newest window granted without output.
+    last_extra_window: Duration,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// A service has not opened its topics yet: what would be published now could be missed.
+    /// A service has not opened its topics yet and could miss messages published now.
     Starting,
     Running,
-    /// The source publishes nothing new.
+    /// The source publishes no new ticks.
     Stopping,
     Ended,
 }
 
 impl Flow {
     pub(crate) fn new(now: Duration) -> Self {
-        let (phase, end_asked, ready) = (Phase::Starting, false, None);
+        let (phase, stop_requested, first_ready) = (Phase::Starting, false, None);
         let (granted_ticks, next_tick) = (0, 0);
-        Self { phase, end_asked, ready, granted_ticks, next_tick, progressed: now, starting: now, widened: now }
+        Self { phase, stop_requested, first_ready, granted_ticks, next_tick, last_progress: now, last_starting: now, last_extra_window: now }
     }
 
-    pub(crate) fn ask_to_end(&mut self) {
-        self.end_asked = true;
+    pub(crate) fn request_stop(&mut self) {
+        self.stop_requested = true;
     }
 
-    /// Every service has been ready, and the source has credit.
+    /// Returns `true` from the first credit until the end, except while the bus is renewed.
     pub(crate) fn is_running(&self) -> bool {
         matches!(self.phase, Phase::Running | Phase::Stopping)
     }
@@ -66,160 +69,169 @@ impl Flow {
         self.phase == Phase::Ended
     }
 
-    /// The services start on another bus.
-    pub(crate) fn start_again(&mut self) {
+    /// Returns to the starting phase, for services that start on a new bus.
+    pub(crate) fn restart(&mut self) {
         self.phase = Phase::Starting;
     }
 
-    /// A time in which nothing could come.
-    pub(crate) fn forgive(&mut self, stood_still: Duration) {
-        self.progressed += stood_still;
+    /// Extends the deadlines by the duration of a stall.
+    pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
+        self.last_progress += stall;
     }
 }
 
 impl Supervision {
-    /// Sees whether the services are ready, the source has credit, or the end is reached.
+    /// Advances the phase and grants credit to the source.
     pub(crate) fn poll_flow(&mut self) {
         match self.flow.phase {
-            Phase::Starting if self.path().all(|(_, entry)| entry.is_settled()) => self.begin(),
-            Phase::Starting if self.flow.end_asked && self.is_start_given_up() => self.finish(None),
-            Phase::Running | Phase::Stopping => self.flow_on(),
+            Phase::Starting if self.path().all(|(_, entry)| entry.is_settled()) => self.start_flow(),
+            Phase::Starting if self.flow.stop_requested && self.may_abandon_start() => self.finish(None),
+            Phase::Running | Phase::Stopping => self.advance_flow(),
             Phase::Starting | Phase::Ended => {}
         }
     }
 
-    fn begin(&mut self) {
+    fn start_flow(&mut self) {
         self.flow.phase = Phase::Running;
-        self.flow.ready.get_or_insert(self.now);
-        (self.flow.progressed, self.flow.next_tick) = (self.now, self.next_tick());
-        let ticks = if self.waits() { self.next_tick() + self.config.window_ticks } else { u64::MAX };
+        self.flow.first_ready.get_or_insert(self.now);
+        (self.flow.last_progress, self.flow.next_tick) = (self.now, self.next_tick());
+        let ticks = if self.source_waits() { self.next_tick() + self.config.window_ticks } else { u64::MAX };
         self.grant(ticks);
         self.actions.push(Action::Ready);
-        self.tell(SystemEvent::new(EventKind::READY));
+        self.publish_event(SystemEvent::new(EventKind::READY));
     }
 
-    /// Whoever asks for the end of a system that has not begun does not wait for it; one that has goes on to the end of what came in.
-    fn is_start_given_up(&self) -> bool {
-        self.flow.ready.is_none() || self.now.saturating_sub(self.flow.progressed) > DRAIN_LIMIT_STARTING
+    /// Returns `true` if a requested shutdown need not wait for the services to start.
+    ///
+    /// A system that has been ready before first delivers the ticks already received, within a time
+    /// limit.
+    fn may_abandon_start(&self) -> bool {
+        self.flow.first_ready.is_none() || self.now.saturating_sub(self.flow.last_progress) > DRAIN_TIMEOUT_STARTING
     }
 
-    fn flow_on(&mut self) {
+    fn advance_flow(&mut self) {
         let next_tick = self.next_tick();
         if std::mem::replace(&mut self.flow.next_tick, next_tick) != next_tick {
-            self.flow.progressed = self.now;
+            self.flow.last_progress = self.now;
         }
         let window_ticks = self.config.window_ticks;
         if self.flow.phase == Phase::Running
-            && self.waits()
+            && self.source_waits()
             && next_tick + window_ticks >= self.flow.granted_ticks + window_ticks / 4
         {
             self.grant(next_tick + window_ticks);
         }
-        let origin = self.config.launch.origin();
-        let over = self.config.stop_after.zip(self.flow.ready).is_some_and(|(limit, ready)| self.now > ready + limit);
-        if (self.flow.end_asked || over) && self.flow.phase == Phase::Running {
+        let origin = self.config.launch.tick_source();
+        let is_time_up = self.config.stop_after.zip(self.flow.first_ready).is_some_and(|(limit, ready)| self.now > ready + limit);
+        if (self.flow.stop_requested || is_time_up) && self.flow.phase == Phase::Running {
             self.flow.phase = Phase::Stopping;
-            self.flow.progressed = self.now;
+            self.flow.last_progress = self.now;
             self.actions.push(Action::Stopping);
-            self.tell(SystemEvent::new(EventKind::ENDING));
-            self.actions.push(Action::GrantCredit { ticks: self.flow.granted_ticks, ends: true });
+            self.publish_event(SystemEvent::new(EventKind::ENDING));
+            self.actions.push(Action::GrantCredit { ticks: self.flow.granted_ticks, is_final: true });
         }
         let stopping = self.flow.phase == Phase::Stopping;
         let finished = self.table.entry(origin).health().is_some_and(|health| health.state == State::FINISHED);
-        let dry = finished || stopping && !self.table.entry(origin).has_process();
+        let is_exhausted = finished || stopping && !self.table.entry(origin).has_process();
         let starting = !stopping && self.path().any(|(_, entry)| !entry.is_settled());
         if starting {
-            self.flow.starting = self.now;
+            self.flow.last_starting = self.now;
         }
-        self.grant_past_missing();
+        self.grant_past_missing_ticks();
         let overdue = |since: Duration, limit: Duration| self.now.saturating_sub(since) > limit;
-        let Flow { progressed, starting, .. } = self.flow;
-        let given_up = (stopping || dry)
-            && overdue(progressed, DRAIN_LIMIT)
-            && (stopping || overdue(starting, DRAIN_LIMIT) || overdue(progressed, DRAIN_LIMIT_STARTING));
-        if dry && next_tick >= self.ticks_in() || given_up {
+        let Flow { last_progress, last_starting, .. } = self.flow;
+        let given_up = (stopping || is_exhausted)
+            && overdue(last_progress, DRAIN_TIMEOUT)
+            && (stopping || overdue(last_starting, DRAIN_TIMEOUT) || overdue(last_progress, DRAIN_TIMEOUT_STARTING));
+        if is_exhausted && next_tick >= self.ticks_in() || given_up {
             self.finish(None);
         }
     }
 
-    /// A tick that is lost for good is given up by its readers once later ones are far enough ahead of it: the source may then go on
-    /// although nothing comes out.
-    fn grant_past_missing(&mut self) {
-        if self.flow.phase != Phase::Running || !self.waits() {
+    /// Grants another window despite missing output.
+    ///
+    /// Subscribers give up a lost tick only after later ones are far enough ahead of it.
+    fn grant_past_missing_ticks(&mut self) {
+        if self.flow.phase != Phase::Running || !self.source_waits() {
             return;
         }
-        let Flow { granted_ticks, progressed, starting, widened, .. } = self.flow;
-        let limit = MISSING_LIMIT + Duration::from_secs_f64(self.config.launch.restart.silence_s);
-        let overdue = self.now.saturating_sub(progressed.max(starting)) > limit;
-        let used_up = self.published.iter().any(|next_tick| *next_tick >= granted_ticks);
-        if overdue && used_up && self.now.saturating_sub(widened) >= WINDOW_PAUSE {
-            self.flow.widened = self.now;
+        let Flow { granted_ticks, last_progress, last_starting, last_extra_window, .. } = self.flow;
+        let timeout = MISSING_TICK_TIMEOUT + Duration::from_secs_f64(self.config.launch.restart.silence_s);
+        let overdue = self.now.saturating_sub(last_progress.max(last_starting)) > timeout;
+        let is_credit_used = self.published.iter().any(|next_tick| *next_tick >= granted_ticks);
+        if overdue && is_credit_used && self.now.saturating_sub(last_extra_window) >= EXTRA_WINDOW_INTERVAL {
+            self.flow.last_extra_window = self.now;
             self.grant(granted_ticks + self.config.window_ticks);
         }
     }
 
-    /// From which tick on the topics hold every one until it is read: where the source waits, all that it has credit for; else what lies
-    /// further back than half of what they hold may be overwritten before it is read.
+    /// Returns the first tick from which the topics hold every tick until it is read.
+    ///
+    /// In lockstep that covers all granted credit. Otherwise messages older than half of the buffer
+    /// may be overwritten before they are read.
     pub(crate) fn held_from(&self) -> u64 {
         let buffer_ticks = self.config.buffer_ticks;
         let newest = self.published.iter().max().copied().unwrap_or(0);
-        if self.waits() {
+        if self.source_waits() {
             newest.max(self.flow.granted_ticks).saturating_sub(buffer_ticks)
         } else {
             newest.saturating_sub(buffer_ticks / 2)
         }
     }
 
-    /// Every service has been ready, and the end is not reached.
+    /// Returns `true` while the source has credit, including during shutdown.
     pub fn is_running(&self) -> bool {
         self.flow.is_running()
     }
 
-    /// The source waits until attitudes have been taken.
+    /// Returns `true` if the source waits until attitudes are collected.
     pub fn waits_for_output(&self) -> bool {
-        self.waits() && self.flow.is_running()
+        self.source_waits() && self.flow.is_running()
     }
 
-    /// Readings refused at the source.
-    pub fn refused(&self) -> u64 {
-        self.table.entry(self.config.launch.origin()).health().map_or(0, |health| health.refused)
+    /// Returns the number of readings rejected at the source.
+    pub fn rejected(&self) -> u64 {
+        self.table.entry(self.config.launch.tick_source()).health().map_or(0, |health| health.refused)
     }
 
-    /// After a cut an import has more to give than a topic holds.
-    pub(crate) fn waits(&self) -> bool {
-        self.config.lockstep || self.config.launch.origin() == Service::Gateway
+    /// Returns `true` if the source waits for credit: in lockstep, or for imported ticks.
+    ///
+    /// After a link outage an import holds more ticks than a topic buffers.
+    pub(crate) fn source_waits(&self) -> bool {
+        self.config.lockstep || self.config.launch.tick_source() == Service::Gateway
     }
 
     fn grant(&mut self, ticks: u64) {
         self.flow.granted_ticks = ticks;
-        self.actions.push(Action::GrantCredit { ticks, ends: false });
+        self.actions.push(Action::GrantCredit { ticks, is_final: false });
     }
 
-    /// The end, whatever it is; every request that waits is answered first.
+    /// Ends the system. Requests in progress are answered first.
     pub(crate) fn finish(&mut self, failure: Option<Failure>) {
-        self.abort_requests("the system ends");
+        self.abort_requests("the system is shutting down");
         self.flow.phase = Phase::Ended;
-        let why = failure.as_ref().map_or(String::new(), Failure::to_string);
-        self.tell(SystemEvent { tick: self.next_tick(), ..SystemEvent::new(EventKind::FINISHED) }.with_why(&why));
+        let reason = failure.as_ref().map_or(String::new(), Failure::to_string);
+        self.publish_event(SystemEvent { tick: self.next_tick(), ..SystemEvent::new(EventKind::FINISHED) }.with_reason(&reason));
         self.actions.push(Action::Finish(failure));
     }
 
-    /// The tick that comes out next.
+    /// Returns the next tick to come out.
     pub fn next_tick(&self) -> u64 {
-        self.published_elsewhere().unwrap_or(self.output.next_tick)
+        self.local_next_tick().unwrap_or(self.output.next_tick)
     }
 
-    /// How far every slot here has published, if the attitude is made on another host.
-    pub fn published_elsewhere(&self) -> Option<u64> {
-        let path = || self.path().map(|(service, _)| service).filter(|service| !service.is_beside());
+    /// Returns the tick before which every local slot has published, or `None` if the attitude is
+    /// computed on this host.
+    pub fn local_next_tick(&self) -> Option<u64> {
+        let path = || self.path().map(|(service, _)| service).filter(|service| !service.is_auxiliary());
         let has_attitude = path().any(|service| service == Service::Course);
         (!has_attitude).then(|| path().map(|service| self.published[service as usize]).min()).flatten()
     }
 
-    /// Ticks that have come in.
+    /// Returns the number of ticks received from the source.
     pub fn ticks_in(&self) -> u64 {
-        match self.config.launch.origin() {
-            // What ingest has published counts, whether or not it lives to say so.
+        match self.config.launch.tick_source() {
+            // The topic is up to date even if ingest has exited without reporting its health.
             Service::Ingest => self.published[Service::Ingest as usize],
             origin => self.table.entry(origin).health().map_or(0, |health| health.ticks),
         }
@@ -235,7 +247,7 @@ mod tests {
 
     use crate::{Config, Event, OutputProgress};
 
-    /// A system in lockstep.
+    /// Configuration of a system in lockstep.
     fn config(window_ticks: u64) -> Config {
         Config {
             launch: Launch::default(),
@@ -248,7 +260,10 @@ mod tests {
         }
     }
 
-    /// The credit that the source of a system in lockstep has after each second, while `next_tick` is all that comes out.
+    /// Returns the credit of a source in lockstep after each second, with the output stuck at
+    /// `next_tick`.
+    ///
+    /// The service `silent` reports no health after 100 ms.
     fn credits(window_ticks: u64, next_tick: u64, silent: Option<Service>) -> Vec<u64> {
         let mut supervision = Supervision::new(config(window_ticks), Duration::ZERO);
         let (mut credit, mut credits) = (0, Vec::new());
@@ -261,12 +276,12 @@ mod tests {
                 Event::Health(Health { service, incarnation: *incarnation, state, ..Health::zeroed() })
             };
             let mut events: Vec<_> = healths.map(health).collect();
-            let (how, stderr) = (String::from("was ended by signal 9"), String::new());
-            let exited = |incarnation| Event::Exited { incarnation, how: how.clone(), stderr: stderr.clone() };
+            let (status, stderr) = (String::from("was killed by signal 9"), String::new());
+            let exited = |incarnation| Event::Exited { incarnation, exit_status: status.clone(), stderr: stderr.clone() };
             events.extend(killed.drain(..).map(exited));
             events.push(Event::Published { service: Service::Ingest, next_tick: credit });
             events.push(Event::Output(OutputProgress { next_tick, ..OutputProgress::default() }));
-            events.push(Event::Time);
+            events.push(Event::Timer);
             for event in events {
                 for action in supervision.handle(now, event) {
                     match action {
@@ -285,14 +300,14 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_comes_although_every_service_runs_the_source_goes_on_so_that_what_is_missing_is_given_up() {
+    fn credit_grows_past_missing_ticks_while_all_services_run() {
         let credits = credits(20, 7, None);
         assert_eq!(credits[..5], [27; 5]);
         assert!(credits[9] > 27 + 20 * 30, "{credits:?}");
     }
 
     #[test]
-    fn where_the_source_waits_the_topics_hold_all_that_it_has_credit_for() {
+    fn held_from_covers_granted_credit_in_lockstep() {
         for (lockstep, held_from) in [(true, 300 + 20 - 200), (false, 320 - 100)] {
             let config = Config { lockstep, ..config(20) };
             let mut supervision = Supervision::new(config, Duration::ZERO);
@@ -304,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn while_a_service_is_away_nothing_is_given_up() {
+    fn credit_stays_while_a_service_is_silent() {
         assert_eq!(credits(20, 7, Some(Service::Fuser)), [27; 10]);
     }
 }

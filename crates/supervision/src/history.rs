@@ -1,73 +1,78 @@
-//! What is told of the system while it runs, on the topic `event`: what was done, what was seen, and which stage has a slot from which tick on.
+//! Events published on the topic `event` while the system runs: actions, observations and the owner
+//! of each slot.
 //!
-//! Input: what is decided. Output: [`Action::Tell`]. Time: the shell stamps it. Failure: a text that is too long is cut, and the event says so.
+//! - Input: decisions of the supervision.
+//! - Output: [`Action::PublishEvent`].
+//! - Time: added by the caller.
+//! - Failure: a text that is too long is truncated, and the event carries a mark.
 
-use launch::{Service, Stage};
+use launch::{Service, StageConfig};
 use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Resume, Supervision, SwapReport};
 
-/// Former stages of a slot that are remembered.
-const FORMER_MAX: usize = 64;
+/// Maximum number of stages remembered per slot.
+const MAX_INSTANCES: usize = 64;
 
-/// A stage that has, or is to have, a slot.
+/// Stage that owns, or is about to own, a slot.
 #[derive(Debug, Clone)]
-pub(crate) struct Filling {
-    /// Its number: 0 is the launch file's, each candidate counts one on, and a restart changes nothing.
+pub(crate) struct StageInstance {
+    /// Number within the slot: 0 for the launch file's stage, incremented for each candidate. A
+    /// restart keeps the number.
     pub(crate) number: u32,
-    pub(crate) stage: Stage,
-    /// The tick before which the state was that it began with; none where it began anew.
-    adopted_tick: Option<u64>,
-    /// Of which one that was.
-    adopted_from: u32,
-    /// It began in the place of one that had ended, which had published all before this tick.
-    pub(crate) replaces_until: Option<u64>,
+    pub(crate) stage: StageConfig,
+    /// Tick of the checkpoint it was started from; `None` after a fresh start.
+    restored_tick: Option<u64>,
+    /// Number of the instance that wrote this checkpoint.
+    restored_from: u32,
+    /// Tick before which the failed predecessor had published; `None` unless the instance replaced
+    /// a failed owner.
+    pub(crate) predecessor_end: Option<u64>,
 }
 
-/// The stages that a slot has had, its owner last.
+/// Stages that have owned a slot, the current owner last.
 #[derive(Debug, Clone)]
-pub(crate) struct Fillings {
-    all: Vec<Filling>,
-    count: u32,
+pub(crate) struct StageHistory {
+    instances: Vec<StageInstance>,
+    next_number: u32,
 }
 
-impl Fillings {
-    /// A slot with the launch file's stage.
-    pub(crate) fn new(stage: Stage) -> Self {
-        let first = Filling { number: 0, stage, adopted_tick: Some(0), adopted_from: 0, replaces_until: None };
-        Self { all: vec![first], count: 1 }
+impl StageHistory {
+    /// Creates the history of a slot with the launch file's stage.
+    pub(crate) fn new(stage: StageConfig) -> Self {
+        let first = StageInstance { number: 0, stage, restored_tick: Some(0), restored_from: 0, predecessor_end: None };
+        Self { instances: vec![first], next_number: 1 }
     }
 
-    /// A stage that is to have the slot.
-    pub(crate) fn next(&mut self, stage: Stage, resume: &Resume, replaces_until: Option<u64>) -> Filling {
-        let number = self.count;
-        self.count += 1;
-        let adopted_tick = next_tick(resume);
-        Filling { number, stage, adopted_tick, adopted_from: self.at(adopted_tick), replaces_until }
+    /// Creates the instance for a new candidate.
+    pub(crate) fn new_candidate(&mut self, stage: StageConfig, resume: &Resume, predecessor_end: Option<u64>) -> StageInstance {
+        let number = self.next_number;
+        self.next_number += 1;
+        let restored_tick = resume_tick(resume);
+        StageInstance { number, stage, restored_tick, restored_from: self.instance_at(restored_tick), predecessor_end }
     }
 
-    /// It has the slot.
-    pub(crate) fn enter(&mut self, filling: Filling) {
-        if self.all.len() == FORMER_MAX {
-            self.all.remove(0);
+    /// Appends an instance as the current owner.
+    pub(crate) fn push_owner(&mut self, instance: StageInstance) {
+        if self.instances.len() == MAX_INSTANCES {
+            self.instances.remove(0);
         }
-        self.all.push(filling);
+        self.instances.push(instance);
     }
 
-    /// The owner.
-    pub(crate) fn owner(&self) -> Option<&Filling> {
-        self.all.last()
+    pub(crate) fn owner(&self) -> Option<&StageInstance> {
+        self.instances.last()
     }
 
-    /// The number of the one that had computed this state.
-    fn at(&self, next_tick: Option<u64>) -> u32 {
-        let had_begun = |filling: &&Filling| filling.adopted_tick <= next_tick;
-        self.all.iter().rev().find(had_begun).or(self.all.first()).map_or(0, |filling| filling.number)
+    /// Returns the number of the instance that wrote the checkpoint of a tick.
+    fn instance_at(&self, next_tick: Option<u64>) -> u32 {
+        let had_started = |instance: &&StageInstance| instance.restored_tick <= next_tick;
+        self.instances.iter().rev().find(had_started).or(self.instances.first()).map_or(0, |instance| instance.number)
     }
 }
 
-/// The tick that a service takes next that goes on from there.
-fn next_tick(resume: &Resume) -> Option<u64> {
+/// Returns the next tick after a resume, or `None` after a fresh start.
+fn resume_tick(resume: &Resume) -> Option<u64> {
     match resume {
         Resume::Fresh => None,
         Resume::Checkpoint(checkpoint) => Some(checkpoint.next_tick),
@@ -76,70 +81,71 @@ fn next_tick(resume: &Resume) -> Option<u64> {
 }
 
 impl Supervision {
-    /// Tells whoever listens.
-    pub(crate) fn tell(&mut self, event: SystemEvent) {
-        self.actions.push(Action::Tell(Box::new(event)));
+    pub(crate) fn publish_event(&mut self, event: SystemEvent) {
+        self.actions.push(Action::PublishEvent(Box::new(event)));
     }
 
-    /// A process of a service has something to be told of.
-    pub(crate) fn tell_of(&mut self, service: Service, incarnation: u32, event: SystemEvent) {
-        self.tell(SystemEvent { service: service as u32, incarnation, ..event });
+    /// Publishes an event about a process of a service.
+    pub(crate) fn publish_service_event(&mut self, service: Service, incarnation: u32, event: SystemEvent) {
+        self.publish_event(SystemEvent { service: service as u32, incarnation, ..event });
     }
 
-    /// A service has started, for the first time or again.
-    pub(crate) fn tell_start(&mut self, service: Service, incarnation: u32) {
+    /// Publishes the first start or a restart of a service.
+    pub(crate) fn publish_start(&mut self, service: Service, incarnation: u32) {
         let entry = self.table.entry(service);
-        let (restarts, resumes_at) = (entry.restarts(), entry.resumes_at());
-        let fillings = self.swaps.fillings(service);
-        let numbers = fillings.and_then(|fillings| Some((fillings.owner()?.number, fillings.at(resumes_at))));
-        let (filling, adopted_filling) = numbers.unwrap_or((SystemEvent::NOBODY, SystemEvent::NOBODY));
+        let (restarts, resume_tick) = (entry.restarts(), entry.resume_tick());
+        let history = self.swaps.history(service);
+        let numbers = history.and_then(|fillings| Some((fillings.owner()?.number, fillings.instance_at(resume_tick))));
+        let (filling, adopted_filling) = numbers.unwrap_or((SystemEvent::NONE_U32, SystemEvent::NONE_U32));
         let kind = if restarts > 0 { EventKind::RESTARTED } else { EventKind::STARTED };
-        let adopted_tick = resumes_at.unwrap_or(SystemEvent::NONE);
+        let adopted_tick = resume_tick.unwrap_or(SystemEvent::NONE);
         let event = SystemEvent { filling, adopted_filling, adopted_tick, ..SystemEvent::new(kind) };
-        let event = match self.config.launch.slot(service) {
+        let event = match self.config.launch.stage(service) {
             Some(stage) => with_stage(event, stage),
             None => event,
         };
-        self.tell_of(service, incarnation, event);
+        self.publish_service_event(service, incarnation, event);
     }
 
-    /// What is told of a stage that has, or is to have, a slot; without one, of nobody.
-    pub(crate) fn tell_filling(
+    /// Publishes an event about the owner or candidate of a slot.
+    ///
+    /// `instance` is `None` for a slot without owner.
+    pub(crate) fn publish_instance(
         &mut self,
         kind: EventKind,
         service: Service,
         incarnation: u32,
         epoch: u32,
         tick: u64,
-        filling: Option<&Filling>,
+        instance: Option<&StageInstance>,
     ) {
         let event = SystemEvent { epoch, tick, ..SystemEvent::new(kind) };
-        let event = match filling {
-            Some(filling) => {
-                let Filling { number, stage, adopted_tick, adopted_from, replaces_until } = filling;
-                with_stage(event, stage).begun(*number, *adopted_tick, *adopted_from, replaces_until.is_some())
+        let event = match instance {
+            Some(instance) => {
+                let StageInstance { number, stage, restored_tick, restored_from, predecessor_end } = instance;
+                with_stage(event, stage).with_instance(*number, *restored_tick, *restored_from, predecessor_end.is_some())
             }
             None => event,
         };
-        self.tell_of(service, incarnation, event);
+        self.publish_service_event(service, incarnation, event);
     }
 
-    /// How a request went.
-    pub(crate) fn tell_report(&mut self, report: &SwapReport) {
+    /// Publishes the outcome of a swap request.
+    pub(crate) fn publish_swap_report(&mut self, report: &SwapReport) {
         let kind = match report.outcome {
-            swap::Outcome::Committed => EventKind::SWAPPED,
-            swap::Outcome::Refused => EventKind::REFUSED,
-            swap::Outcome::Aborted => EventKind::ABORTED,
+            swap::SwapOutcome::Committed => EventKind::SWAPPED,
+            swap::SwapOutcome::Refused => EventKind::REFUSED,
+            swap::SwapOutcome::Aborted => EventKind::ABORTED,
         };
         let tick = report.commit_tick.unwrap_or(SystemEvent::NONE);
         let event = SystemEvent { tick, ..SystemEvent::new(kind) }.with_stage(&report.to, []);
-        let event = event.with_why(report.reason.as_deref().unwrap_or_default());
-        let service = Service::named(&report.slot).map_or(SystemEvent::NOBODY, |service| service as u32);
-        self.tell(SystemEvent { service, ..event });
+        let event = event.with_reason(report.reason.as_deref().unwrap_or_default());
+        let service = Service::from_name(&report.slot).map_or(SystemEvent::NONE_U32, |service| service as u32);
+        self.publish_event(SystemEvent { service, ..event });
     }
 }
 
-/// With a stage's name and settings.
-pub(crate) fn with_stage(event: SystemEvent, stage: &Stage) -> SystemEvent {
+/// Adds a stage's name and settings to an event.
+pub(crate) fn with_stage(event: SystemEvent, stage: &StageConfig) -> SystemEvent {
     event.with_stage(&stage.stage, stage.set.iter().map(|(name, value)| (name.as_str(), *value)))
 }

@@ -1,81 +1,82 @@
-//! Requests from their beginning to their answer, and what becomes of the attitudes in between.
+//! Swap requests from their receipt to the reply, with the effect on the attitudes in between.
 
 use launch::Service;
-use swap::{Outcome, Reason, Report};
+use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::{OutputProgress, SwapReport};
 
-/// Attitudes after the commitment that belong to the longest interval across it.
-const TICKS_AFTER: u64 = 50;
-/// For how long they are waited for, ms.
-const WAIT_AFTER_MS: u64 = 500;
+/// Attitudes after the commit tick that are included in the longest interval of a swap.
+const TICKS_AFTER_COMMIT: u64 = 50;
+/// Time limit for these attitudes to arrive, ms.
+const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
 
-/// Requests that are under way, or whose attitudes are still collected.
+/// Requests in progress, including completed ones until their attitudes have been collected.
 #[derive(Debug, Default)]
 pub(crate) struct PendingSwaps {
-    waiting: Vec<Pending>,
+    pending: Vec<Pending>,
 }
 
-/// Who is answered.
+/// Origin of a swap request, which receives the reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Asker {
-    /// Somebody at the control socket; where it is a shadow, of this slot, it ends with whoever asked.
-    Caller { caller: u64, shadow: Option<Service> },
-    /// The watch of a slot.
+pub(crate) enum Requester {
+    /// Client of the control socket. A `shadow` in the given slot ends when the client disconnects.
+    Client { client: u64, shadow: Option<Service> },
+    /// Watch of a slot.
     Watch(Service),
-    /// Who asked is gone.
-    Nobody,
+    /// Client that has disconnected.
+    Disconnected,
 }
 
-/// A request that is under way.
+/// Swap request in progress.
 #[derive(Debug)]
 pub(crate) struct Pending {
     id: u64,
-    asker: Asker,
+    requester: Requester,
     service: Service,
     from: String,
     to: String,
     lost: u64,
     duplicated: u64,
-    /// The longest interval between two attitudes so far.
-    gap_ns: u64,
-    /// It was answered then, and the attitudes after it are collected.
-    done: Option<Done>,
+    /// Longest interval between two attitudes since the request.
+    max_gap_ns: u64,
+    /// Outcome; `None` until the slot's coordinator reports it.
+    completion: Option<Completion>,
 }
 
-/// How a swap went, why not, and when that was known, ms.
+/// Outcome of a swap, with the reason shown to the user.
 #[derive(Debug, Clone)]
-struct Done {
+struct Completion {
     report: Report,
     reason: Option<String>,
-    at_ms: u64,
+    completed_ms: u64,
 }
 
 impl Pending {
     pub(crate) fn new(
         id: u64,
-        asker: Asker,
+        requester: Requester,
         service: Service,
         from: String,
         to: String,
         output: &OutputProgress,
     ) -> Self {
         let OutputProgress { lost, duplicated, .. } = *output;
-        Self { id, asker, service, from, to, lost, duplicated, gap_ns: 0, done: None }
+        Self { id, requester, service, from, to, lost, duplicated, max_gap_ns: 0, completion: None }
     }
 
-    /// The attitudes after the swap have come.
+    /// Returns `true` once the outcome is known and the attitudes after the commit tick were
+    /// collected or are overdue.
     fn is_settled(&self, now_ms: u64, next_tick: u64) -> bool {
-        self.done.as_ref().is_some_and(|Done { report, at_ms, .. }| {
-            report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER || now_ms > at_ms + WAIT_AFTER_MS)
+        self.completion.as_ref().is_some_and(|Completion { report, completed_ms, .. }| {
+            report.commit_tick.is_none_or(|tick| next_tick > tick + TICKS_AFTER_COMMIT || now_ms > completed_ms + COMMIT_WAIT_TIMEOUT_MS)
         })
     }
 
-    fn report(self, output: &OutputProgress) -> (u64, Asker, SwapReport) {
-        let Self { id, asker, service, from, to, lost, duplicated, gap_ns, done } = self;
-        let (report, reason) = done.map_or((None, None), |done| (Some(done.report), done.reason));
+    fn report(self, output: &OutputProgress) -> (u64, Requester, SwapReport) {
+        let Self { id, requester, service, from, to, lost, duplicated, max_gap_ns, completion } = self;
+        let (report, reason) = completion.map_or((None, None), |completion| (Some(completion.report), completion.reason));
         let commit_tick = report.as_ref().and_then(|report| report.commit_tick);
-        let jump_rad = output.swapped.filter(|(tick, _)| Some(*tick) == commit_tick).map_or(0.0, |(_, jump)| jump);
+        let jump_rad = output.last_swap.filter(|(tick, _)| Some(*tick) == commit_tick).map_or(0.0, |(_, jump)| jump);
         let report = SwapReport {
             slot: service.name().into(),
             from,
@@ -83,74 +84,77 @@ impl Pending {
             commit_tick,
             lost: output.lost.saturating_sub(lost),
             duplicated: output.duplicated.saturating_sub(duplicated),
-            gap_us: gap_ns as f64 * 1e-3,
+            gap_us: max_gap_ns as f64 * 1e-3,
             jump_deg: jump_rad.to_degrees(),
-            outcome: report.map_or(Outcome::Aborted, |report| report.outcome),
+            outcome: report.map_or(SwapOutcome::Aborted, |report| report.outcome),
             reason,
         };
-        (id, asker, report)
+        (id, requester, report)
     }
 }
 
 impl PendingSwaps {
-    /// A request is not answered yet.
-    pub(crate) fn is_busy(&self) -> bool {
-        !self.waiting.is_empty()
+    pub(crate) fn has_pending(&self) -> bool {
+        !self.pending.is_empty()
     }
 
-    /// A request begins.
-    pub(crate) fn open(&mut self, pending: Pending) {
-        self.waiting.push(pending);
+    pub(crate) fn push(&mut self, pending: Pending) {
+        self.pending.push(pending);
     }
 
-    /// Who asked is gone; the slot of the shadow that ends with it.
-    pub(crate) fn forget_caller(&mut self, gone: u64) -> Option<Service> {
-        let is_gone = |asker: Asker| matches!(asker, Asker::Caller { caller, .. } if caller == gone);
-        let pending = self.waiting.iter_mut().find(|pending| is_gone(pending.asker))?;
-        match std::mem::replace(&mut pending.asker, Asker::Nobody) {
-            Asker::Caller { shadow, .. } => shadow,
+    /// Detaches a client from its request and returns the slot of its shadow, if the request is for
+    /// a shadow.
+    pub(crate) fn detach_client(&mut self, disconnected: u64) -> Option<Service> {
+        let is_disconnected =
+            |requester: Requester| matches!(requester, Requester::Client { client, .. } if client == disconnected);
+        let pending = self.pending.iter_mut().find(|pending| is_disconnected(pending.requester))?;
+        match std::mem::replace(&mut pending.requester, Requester::Disconnected) {
+            Requester::Client { shadow, .. } => shadow,
             _ => None,
         }
     }
 
-    /// A slot's coordinator has answered: who asked for a shadow, and who asked for its promotion. `last_words` are those of the process
-    /// that ended last.
-    pub(crate) fn settle(&mut self, service: Service, report: &Report, last_words: &str, now_ms: u64) {
-        let busy = matches!(report.reason, Some(Reason::Busy { .. }));
-        let asked = |waiting: &&mut Pending| {
-            waiting.service == service && waiting.done.is_none() && (!busy || waiting.id == report.id)
+    /// Records the outcome reported by a slot's coordinator.
+    ///
+    /// The report concerns both the request for a shadow and the request for its promotion.
+    /// `last_stderr` is the output of the process that exited last.
+    pub(crate) fn complete(&mut self, service: Service, report: &Report, last_stderr: &str, now_ms: u64) {
+        let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
+        let is_completed = |swap: &&mut Pending| {
+            swap.service == service && swap.completion.is_none() && (!busy || swap.id == report.id)
         };
         let reason = report.reason.as_ref().map(|reason| match reason {
-            Reason::CandidateDied if !last_words.is_empty() => format!("{reason}; it said:\n{last_words}"),
+            FailureReason::CandidateExited if !last_stderr.is_empty() => format!("{reason}; its stderr:\n{last_stderr}"),
             _ => reason.to_string(),
         });
-        let done = Done { report: report.clone(), reason, at_ms: now_ms };
-        for waiting in self.waiting.iter_mut().filter(asked) {
-            waiting.done = Some(done.clone());
+        let completion = Completion { report: report.clone(), reason, completed_ms: now_ms };
+        for swap in self.pending.iter_mut().filter(is_completed) {
+            swap.completion = Some(completion.clone());
         }
     }
 
-    /// The answers to what is settled, once the attitudes after it have come.
-    pub(crate) fn finish(&mut self, now_ms: u64, output: &OutputProgress) -> Vec<(u64, Asker, SwapReport)> {
-        let settled = self.waiting.extract_if(.., |pending| pending.is_settled(now_ms, output.next_tick));
+    /// Removes and returns the settled requests with their reports.
+    pub(crate) fn take_settled(&mut self, now_ms: u64, output: &OutputProgress) -> Vec<(u64, Requester, SwapReport)> {
+        let settled = self.pending.extract_if(.., |pending| pending.is_settled(now_ms, output.next_tick));
         settled.map(|pending| pending.report(output)).collect()
     }
 
-    /// The answers to all that waits: what is not settled comes to nothing, for this reason.
-    pub(crate) fn abort(&mut self, reason: &str, output: &OutputProgress) -> Vec<(u64, Asker, SwapReport)> {
-        let answer = |pending: Pending| {
-            let unsettled = pending.done.is_none();
-            let (id, asker, mut report) = pending.report(output);
-            if unsettled {
+    /// Removes and returns all requests. Those without an outcome are reported as aborted for the
+    /// given reason.
+    pub(crate) fn abort_all(&mut self, reason: &str, output: &OutputProgress) -> Vec<(u64, Requester, SwapReport)> {
+        let aborted = |pending: Pending| {
+            let incomplete = pending.completion.is_none();
+            let (id, requester, mut report) = pending.report(output);
+            if incomplete {
                 report.reason = Some(reason.into());
             }
-            (id, asker, report)
+            (id, requester, report)
         };
-        self.waiting.drain(..).map(answer).collect()
+        self.pending.drain(..).map(aborted).collect()
     }
 
-    /// An interval belongs to every request that waits.
-    pub(crate) fn note_gap(&mut self, gap_ns: u64) {
-        self.waiting.iter_mut().for_each(|waiting| waiting.gap_ns = waiting.gap_ns.max(gap_ns));
+    /// Updates the longest interval of every request in progress.
+    pub(crate) fn record_gap(&mut self, gap_ns: u64) {
+        self.pending.iter_mut().for_each(|swap| swap.max_gap_ns = swap.max_gap_ns.max(gap_ns));
     }
 }

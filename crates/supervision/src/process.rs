@@ -1,4 +1,4 @@
-//! The services of a system and the processes that are, or are to be, one of them.
+//! Services of a system and their processes.
 
 use std::time::Duration;
 
@@ -6,80 +6,81 @@ use launch::{Restart, Service};
 use messages::{Health, State};
 
 use crate::{
-    Action, Resume, Trouble,
-    restart_policy::{FIRST_HEALTH_LIMIT, RestartPolicy},
+    Action, Diagnostic, Resume,
+    restart_policy::{FIRST_HEALTH_TIMEOUT, RestartPolicy},
 };
 
-/// A service that can wait and says nothing for so long is killed: it may have to wait for the machine.
-const SILENCE_BESIDE: Duration = Duration::from_secs(5);
+/// Shortest silence timeout of low-priority services, which may have to wait for the processor.
+const AUX_SILENCE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Of a service at once.
-const TROUBLES_MAX: usize = 16;
+/// Maximum number of diagnostics kept per service.
+const MAX_DIAGNOSTICS: usize = 16;
 
-/// The services of a system, in the order of [`Service::ALL`].
+/// Table of the services of a system, in the order of [`Service::ALL`].
 #[derive(Debug)]
 pub struct ProcessTable {
     entries: [ProcessEntry; Service::ALL.len()],
-    /// Incarnations given out.
-    incarnations: u32,
-    /// When time was told last.
-    polled: Duration,
+    last_incarnation: u32,
+    /// Time of the newest [`Event::Timer`](crate::Event::Timer) seen by
+    /// [`take_stall`](Self::take_stall).
+    last_polled: Duration,
 }
 
-/// A service and its processes.
+/// Service and its processes.
 #[derive(Debug, Default)]
 pub struct ProcessEntry {
-    /// The one that owns the slot.
-    pub(crate) process: Option<Process>,
-    /// A stage that is to take over.
+    /// Process that owns the slot, or the only process of a service without a slot.
+    pub(crate) owner: Option<Process>,
+    /// Process of a stage that is a candidate for the slot, a shadow, or a replacement of a failed
+    /// owner.
     pub(crate) candidate: Option<Process>,
-    /// Those that do not own the slot any more and have not ended.
+    /// Processes that no longer own the slot and have not exited yet.
     pub(crate) retired: Vec<Process>,
     pub(crate) policy: RestartPolicy,
-    /// When it is started again.
-    pub(crate) due: Option<Duration>,
-    /// It is not started again.
-    pub(crate) away: bool,
-    /// The decision that its next process begins under, and the first tick that it publishes.
+    /// Time of the next restart, if one is scheduled.
+    pub(crate) restart_at: Option<Duration>,
+    /// Set once the service has been given up. It is not restarted then.
+    pub(crate) given_up: bool,
+    /// Epoch and first tick that the next owner process starts with.
     pub(crate) ownership: Option<(u32, u64)>,
-    at: Option<String>,
-    troubles: Vec<Trouble>,
+    address: Option<String>,
+    diagnostics: Vec<Diagnostic>,
 }
 
-/// One process.
+/// Process of a service.
 #[derive(Debug)]
 pub(crate) struct Process {
     pub(crate) incarnation: u32,
-    /// 0 until it was started.
+    /// Process ID; 0 until the process has started.
     pub(crate) pid: u32,
-    /// It publishes from its start on.
-    pub(crate) owns: bool,
-    pub(crate) since: Duration,
-    /// The tick that it goes on with, where it goes on from a checkpoint.
-    resumes_at: Option<u64>,
-    /// The first tick whose inputs it takes, where it is told that.
+    /// Set if the process publishes from its start.
+    pub(crate) owns_slot: bool,
+    pub(crate) started: Duration,
+    /// Tick of the checkpoint that the process resumed from, if any.
+    resume_tick: Option<u64>,
+    /// First tick of which the process needs the inputs, if known.
     first_tick: Option<u64>,
     pub(crate) health: Option<Health>,
-    /// When it said that; before its first health, when it was started.
-    quiet_since: Duration,
-    /// Its silence since then has been forgiven once.
-    forgiven: bool,
-    /// It was asked to end.
-    asked: bool,
-    /// It was killed because it said nothing.
-    pub(crate) given_up: bool,
+    /// Time of the newest health report or, before the first one, of the start. Shifted by a stall.
+    silent_since: Duration,
+    /// Set once the current silence has been extended by a stall.
+    stall_credited: bool,
+    /// Set once the process was requested to exit.
+    terminate_sent: bool,
+    /// Set if the process was killed because it reported nothing in time.
+    pub(crate) timed_out: bool,
 }
 
-/// Which of a service's processes has ended.
-pub(crate) enum Ended {
-    /// The one that owned the slot.
+/// Process that has exited, by its former place.
+pub(crate) enum ExitedProcess {
+    /// Owner of the slot.
     Owner(Process),
-    /// One beside it.
+    /// Candidate or retired process.
     Other(Process),
 }
 
 impl Process {
-    /// The tick whose inputs it takes next, as far as it is known.
+    /// Returns the next tick of which the process needs the inputs, if known.
     fn next_tick(&self) -> Option<u64> {
         self.first_tick.max(self.health.map(|health| health.next_tick))
     }
@@ -87,7 +88,7 @@ impl Process {
 
 impl ProcessTable {
     pub(crate) fn new(now: Duration) -> Self {
-        Self { entries: Default::default(), incarnations: 0, polled: now }
+        Self { entries: Default::default(), last_incarnation: 0, last_polled: now }
     }
 
     pub(crate) fn entry(&self, service: Service) -> &ProcessEntry {
@@ -98,234 +99,235 @@ impl ProcessTable {
         &mut self.entries[service as usize]
     }
 
-    /// Every service, whether or not it runs here.
+    /// Returns every service, including those that do not run on this host.
     pub(crate) fn entries(&self) -> impl Iterator<Item = (Service, &ProcessEntry)> {
         Service::ALL.into_iter().zip(&self.entries)
     }
 
-    /// The first tick whose inputs a living process of each slot may still take, as far as it is known. For a candidate before
-    /// `held_from` nobody goes back: it may never have opened its topics. One that begins in the place of an owner that has ended is an owner
-    /// like any other.
+    /// Returns the first tick of which a live process of each slot may still need the inputs.
+    ///
+    /// A candidate before `held_from` is ignored, because it may never have opened its topics. A
+    /// replacement for a failed owner counts as an owner.
     pub(crate) fn positions(&self, held_from: u64) -> [Option<u64>; Service::ALL.len()] {
         let mut positions = [None; Service::ALL.len()];
         for (position, (service, entry)) in positions.iter_mut().zip(self.entries()) {
             if !service.is_slot() {
                 continue;
             }
-            let owner = entry.process.as_ref().and_then(Process::next_tick);
+            let owner = entry.owner.as_ref().and_then(Process::next_tick);
             let candidate = entry.candidate.as_ref();
-            let looked_after = candidate
-                .and_then(|candidate| candidate.next_tick().filter(|tick| candidate.owns || *tick >= held_from));
-            *position = owner.into_iter().chain(looked_after).min();
+            let candidate_tick = candidate
+                .and_then(|candidate| candidate.next_tick().filter(|tick| candidate.owns_slot || *tick >= held_from));
+            *position = owner.into_iter().chain(candidate_tick).min();
         }
         positions
     }
 
-    /// The number of the next process.
+    /// Allocates the incarnation of a new process.
     pub(crate) fn next_incarnation(&mut self) -> u32 {
-        self.incarnations += 1;
-        self.incarnations
+        self.last_incarnation += 1;
+        self.last_incarnation
     }
 
-    /// A service has said where it can be reached.
-    pub(crate) fn found(&mut self, service: &str, at: String) {
-        if let Some(service) = Service::named(service) {
-            self.entry_mut(service).at = Some(at);
+    pub(crate) fn set_address(&mut self, service: &str, address: String) {
+        if let Some(service) = Service::from_name(service) {
+            self.entry_mut(service).address = Some(address);
         }
     }
 
-    /// A service has said what is wrong with what it reads.
-    pub(crate) fn has_troubles(&mut self, service: &str, mut troubles: Vec<Trouble>) {
-        if let Some(service) = Service::named(service) {
-            troubles.truncate(TROUBLES_MAX);
-            self.entry_mut(service).troubles = troubles;
+    pub(crate) fn set_diagnostics(&mut self, service: &str, mut diagnostics: Vec<Diagnostic>) {
+        if let Some(service) = Service::from_name(service) {
+            diagnostics.truncate(MAX_DIAGNOSTICS);
+            self.entry_mut(service).diagnostics = diagnostics;
         }
     }
 
-    /// Takes what a service says of itself; the last words of the dead are left out.
+    /// Records a health report. Reports from exited processes are ignored.
     pub(crate) fn on_health(&mut self, health: Health, now: Duration) {
         let Some(entry) = self.entries.get_mut(health.service as usize) else { return };
         let is_first = |process: &&Process| process.incarnation == health.incarnation && process.health.is_none();
-        if let Some(owner) = entry.process.as_ref().filter(is_first) {
-            entry.policy.on_first_health(now.saturating_sub(owner.since));
+        if let Some(owner) = entry.owner.as_ref().filter(is_first) {
+            entry.policy.on_first_health(now.saturating_sub(owner.started));
         }
         for process in entry.processes_mut().filter(|process| process.incarnation == health.incarnation) {
             process.health = Some(health);
-            (process.quiet_since, process.forgiven) = (now, false);
+            (process.silent_since, process.stall_credited) = (now, false);
         }
     }
 
-    /// Whether this process is to take over.
+    /// Returns `true` if the process is the candidate of the service.
     pub(crate) fn is_candidate(&self, service: u32, incarnation: u32) -> bool {
         let entry = self.entries.get(service as usize);
         entry.and_then(|entry| entry.candidate.as_ref()).is_some_and(|candidate| candidate.incarnation == incarnation)
     }
 
-    /// The service of this process.
+    /// Returns the service of a process that has not exited.
     pub(crate) fn service_of(&self, incarnation: u32) -> Option<Service> {
         let has = |entry: &ProcessEntry| entry.processes().any(|process| process.incarnation == incarnation);
         self.entries().find(|(_, entry)| has(entry)).map(|(service, _)| service)
     }
 
-    /// Notes a process's number.
+    /// Records the process ID of a started process.
     pub(crate) fn on_spawned(&mut self, service: Service, incarnation: u32, pid: u32) {
-        let its = |process: &&mut Process| process.incarnation == incarnation;
-        self.entry_mut(service).processes_mut().filter(its).for_each(|process| process.pid = pid);
+        let is_target = |process: &&mut Process| process.incarnation == incarnation;
+        self.entry_mut(service).processes_mut().filter(is_target).for_each(|process| process.pid = pid);
     }
 
-    /// How long nobody looked at anything, since this was asked last.
-    pub(crate) fn stood_still(&mut self, now: Duration) -> Duration {
-        now.saturating_sub(std::mem::replace(&mut self.polled, now))
+    /// Returns the time since the previous call.
+    pub(crate) fn take_stall(&mut self, now: Duration) -> Duration {
+        now.saturating_sub(std::mem::replace(&mut self.last_polled, now))
     }
 
-    /// Ends a process that does not own its slot; one that does not go is killed when it is asked again.
-    pub(crate) fn dismiss(&mut self, service: Service, incarnation: u32, actions: &mut Vec<Action>) {
-        let its = |process: &&mut Process| process.incarnation == incarnation;
-        for process in self.entry_mut(service).processes_mut().filter(its) {
-            let asked = std::mem::replace(&mut process.asked, true);
-            actions.push(if asked { Action::Kill { incarnation } } else { Action::Terminate { incarnation } });
+    /// Requests a process that does not own its slot to exit. A second call kills the process.
+    pub(crate) fn terminate(&mut self, service: Service, incarnation: u32, actions: &mut Vec<Action>) {
+        let is_target = |process: &&mut Process| process.incarnation == incarnation;
+        for process in self.entry_mut(service).processes_mut().filter(is_target) {
+            let already_sent = std::mem::replace(&mut process.terminate_sent, true);
+            actions.push(if already_sent { Action::Kill { incarnation } } else { Action::Terminate { incarnation } });
         }
     }
 
-    /// Every process was killed: the bus is no more. What is known of the services stays.
-    pub(crate) fn leave_bus(&mut self) {
+    /// Removes all processes after they were killed for a new bus. Restart counters are kept.
+    pub(crate) fn clear_processes(&mut self) {
         for entry in &mut self.entries {
-            (entry.process, entry.candidate) = (None, None);
+            (entry.owner, entry.candidate) = (None, None);
             entry.retired.clear();
-            (entry.due, entry.ownership, entry.at) = (None, None, None);
-            entry.troubles.clear();
+            (entry.restart_at, entry.ownership, entry.address) = (None, None, None);
+            entry.diagnostics.clear();
         }
     }
 }
 
 impl ProcessEntry {
     fn processes(&self) -> impl Iterator<Item = &Process> {
-        self.process.iter().chain(&self.candidate).chain(&self.retired)
+        self.owner.iter().chain(&self.candidate).chain(&self.retired)
     }
 
     fn processes_mut(&mut self) -> impl Iterator<Item = &mut Process> {
-        self.process.iter_mut().chain(&mut self.candidate).chain(&mut self.retired)
+        self.owner.iter_mut().chain(&mut self.candidate).chain(&mut self.retired)
     }
 
-    /// A process that was told to end.
-    pub(crate) fn was_asked(&self, incarnation: u32) -> bool {
-        self.processes().any(|process| process.incarnation == incarnation && process.asked)
+    /// Returns `true` if the process was requested to exit.
+    pub(crate) fn is_terminating(&self, incarnation: u32) -> bool {
+        self.processes().any(|process| process.incarnation == incarnation && process.terminate_sent)
     }
 
-    /// What the owner of the slot said last.
+    /// Returns the newest health report of the owner.
     pub fn health(&self) -> Option<&Health> {
-        self.process.as_ref()?.health.as_ref()
+        self.owner.as_ref()?.health.as_ref()
     }
 
-    /// What the candidate said last.
+    /// Returns the newest health report of the candidate.
     pub(crate) fn candidate_health(&self) -> Option<&Health> {
         self.candidate.as_ref()?.health.as_ref()
     }
 
-    /// The process that owns the slot, where there is one.
+    /// Returns the process ID of the owner; `None` if no process runs.
     pub fn pid(&self) -> Option<u32> {
-        self.process.as_ref().map(|process| process.pid).filter(|pid| *pid != 0)
+        self.owner.as_ref().map(|process| process.pid).filter(|pid| *pid != 0)
     }
 
-    /// The incarnation that owns the slot; 0 where there is none.
+    /// Returns the incarnation of the owner; 0 if no process runs.
     pub fn incarnation(&self) -> u32 {
-        self.process.as_ref().map_or(0, |process| process.incarnation)
+        self.owner.as_ref().map_or(0, |process| process.incarnation)
     }
 
-    /// Times it was started again.
+    /// Returns the number of restarts.
     pub fn restarts(&self) -> u32 {
         self.policy.restarts
     }
 
-    /// Where it can be reached.
+    /// Returns the address at which the service can be reached, if reported.
     pub(crate) fn address(&self) -> Option<&str> {
-        self.at.as_deref()
+        self.address.as_deref()
     }
 
-    /// What is wrong with what it reads.
-    pub(crate) fn troubles(&self) -> &[Trouble] {
-        &self.troubles
+    /// Returns the problems with the input of the service.
+    pub(crate) fn diagnostics(&self) -> &[Diagnostic] {
+        &self.diagnostics
     }
 
-    /// What it does, in a word, where one that says nothing for `silence` is silent.
+    /// Returns the state in one word. A service without a health report for `silence` is "silent".
     pub fn state(&self, now: Duration, silence: Duration) -> &'static str {
-        match (&self.process, self.health()) {
-            _ if self.away => "failed",
+        match (&self.owner, self.health()) {
+            _ if self.given_up => "failed",
             (None, _) => "backoff",
             (Some(_), None) => "starting",
-            (Some(process), Some(_)) if now.saturating_sub(process.quiet_since) > silence => "silent",
+            (Some(process), Some(_)) if now.saturating_sub(process.silent_since) > silence => "silent",
             (Some(_), Some(health)) => State::name(health.state),
         }
     }
 
-    /// The tick that its owner went on with, where it went on from a checkpoint.
-    pub(crate) fn resumes_at(&self) -> Option<u64> {
-        self.process.as_ref()?.resumes_at
+    /// Returns the tick of the checkpoint that the owner resumed from, if any.
+    pub(crate) fn resume_tick(&self) -> Option<u64> {
+        self.owner.as_ref()?.resume_tick
     }
 
-    /// It has opened its topics, or will not any more.
+    /// Returns `true` if the service has opened its topics or was given up.
     pub(crate) fn is_settled(&self) -> bool {
-        self.away || self.health().is_some() || self.is_replaced() && self.candidate_health().is_some()
+        self.given_up || self.health().is_some() || self.has_replacement() && self.candidate_health().is_some()
     }
 
-    /// Its owner has a process that has not opened its topics yet.
+    /// Returns `true` if the owner's process has not opened its topics yet.
     pub(crate) fn is_starting(&self) -> bool {
-        self.process.as_ref().is_some_and(|process| process.health.is_none())
+        self.owner.as_ref().is_some_and(|process| process.health.is_none())
     }
 
-    /// A process beside it, which is to take over, has not opened its topics yet.
+    /// Returns `true` if a candidate's process has not opened its topics yet.
     pub(crate) fn has_starting_candidate(&self) -> bool {
         self.candidate.as_ref().is_some_and(|candidate| candidate.health.is_none())
     }
 
-    /// Another stage begins in the place of the owner that has ended.
-    pub(crate) fn is_replaced(&self) -> bool {
-        self.candidate.as_ref().is_some_and(|candidate| candidate.owns)
+    /// Returns `true` if another stage is replacing the failed owner.
+    pub(crate) fn has_replacement(&self) -> bool {
+        self.candidate.as_ref().is_some_and(|candidate| candidate.owns_slot)
     }
 
-    /// It has one that owns its slot.
+    /// Returns `true` if an owner process exists.
     pub(crate) fn has_process(&self) -> bool {
-        self.process.is_some()
+        self.owner.is_some()
     }
 
-    /// Takes a process that has ended out of the table.
-    pub(crate) fn take_ended(&mut self, incarnation: u32) -> Option<Ended> {
-        let its = |process: &mut Process| process.incarnation == incarnation;
-        if let Some(process) = self.process.take_if(its) {
-            self.at = None;
-            self.troubles.clear();
-            return Some(Ended::Owner(process));
+    /// Removes an exited process from the entry.
+    pub(crate) fn remove_exited(&mut self, incarnation: u32) -> Option<ExitedProcess> {
+        let is_target = |process: &mut Process| process.incarnation == incarnation;
+        if let Some(process) = self.owner.take_if(is_target) {
+            self.address = None;
+            self.diagnostics.clear();
+            return Some(ExitedProcess::Owner(process));
         }
-        let candidate = self.candidate.take_if(its);
-        candidate.or_else(|| self.retired.extract_if(.., its).next()).map(Ended::Other)
+        let candidate = self.candidate.take_if(is_target);
+        candidate.or_else(|| self.retired.extract_if(.., is_target).next()).map(ExitedProcess::Other)
     }
 
-    /// A time in which nobody could say anything. Of a process that still says nothing only the first one is forgiven: on a machine with
-    /// too much to do the supervisor is late again and again.
-    pub(crate) fn forgive(&mut self, stood_still: Duration) {
-        let processes = self.process.iter_mut().chain(&mut self.candidate);
-        for process in processes.filter(|process| !process.forgiven) {
-            process.quiet_since += stood_still;
-            process.forgiven = true;
+    /// Extends the deadline of each silent process by the duration of a stall.
+    ///
+    /// Each silence is extended only once, because on an overloaded machine the supervisor is late
+    /// repeatedly.
+    pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
+        let processes = self.owner.iter_mut().chain(&mut self.candidate);
+        for process in processes.filter(|process| !process.stall_credited) {
+            process.silent_since += stall;
+            process.stall_credited = true;
         }
     }
 
-    /// Kills who says nothing any more.
+    /// Kills processes that have exceeded their health timeout.
     pub(crate) fn kill_silent(&mut self, service: Service, rule: &Restart, now: Duration, actions: &mut Vec<Action>) {
-        // Until a candidate has begun to work, its swap has a deadline for it.
+        // Before its first health report a candidate has the deadline of its swap instead.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.health.is_some());
-        let first_limit = if service.can_wait() { FIRST_HEALTH_LIMIT } else { self.policy.first_health_limit(rule) };
-        for process in self.process.iter_mut().chain(candidate) {
-            let (limit, what) = match &process.health {
+        let first_timeout = if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(rule) };
+        for process in self.owner.iter_mut().chain(candidate) {
+            let (timeout, what) = match &process.health {
                 Some(_) => {
                     let limit = Duration::from_secs_f64(rule.silence_s);
-                    (if service.can_wait() { limit.max(SILENCE_BESIDE) } else { limit }, "said nothing")
+                    (if service.is_low_priority() { limit.max(AUX_SILENCE_TIMEOUT) } else { limit }, "reported no health")
                 }
-                None => (first_limit, "not opened its topics"),
+                None => (first_timeout, "not opened its topics"),
             };
-            let silent = now.saturating_sub(process.quiet_since);
-            if silent > limit && !std::mem::replace(&mut process.given_up, true) {
-                let ms = silent.as_millis();
+            let silence = now.saturating_sub(process.silent_since);
+            if silence > timeout && !std::mem::replace(&mut process.timed_out, true) {
+                let ms = silence.as_millis();
                 actions.push(Action::Announce(format!("{service}: process {} has {what} for {ms} ms", process.pid)));
                 actions.push(Action::Kill { incarnation: process.incarnation });
             }
@@ -334,24 +336,24 @@ impl ProcessEntry {
 }
 
 impl Process {
-    pub(crate) fn new(incarnation: u32, owns: bool, resume: Option<&Resume>, now: Duration) -> Self {
-        let resumes_at = match resume {
+    pub(crate) fn new(incarnation: u32, owns_slot: bool, resume: Option<&Resume>, now: Duration) -> Self {
+        let resume_tick = match resume {
             Some(Resume::Checkpoint(checkpoint)) => Some(checkpoint.next_tick),
             Some(Resume::Fresh | Resume::Source { .. }) | None => None,
         };
-        let begins_again = matches!(resume, Some(Resume::Fresh));
+        let starts_fresh = matches!(resume, Some(Resume::Fresh));
         Self {
             incarnation,
             pid: 0,
-            owns,
-            since: now,
-            resumes_at,
-            first_tick: resumes_at.or(begins_again.then_some(0)),
+            owns_slot,
+            started: now,
+            resume_tick,
+            first_tick: resume_tick.or(starts_fresh.then_some(0)),
             health: None,
-            quiet_since: now,
-            forgiven: false,
-            asked: false,
-            given_up: false,
+            silent_since: now,
+            stall_credited: false,
+            terminate_sent: false,
+            timed_out: false,
         }
     }
 }
@@ -361,17 +363,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_that_begins_again_with_the_first_tick_needs_its_inputs_from_there_on() {
+    fn fresh_start_requires_inputs_from_tick_0() {
         let mut table = ProcessTable::new(Duration::ZERO);
         for (resume, position) in [(None, None), (Some(Resume::Fresh), Some(0))] {
             let process = Process::new(1, true, resume.as_ref(), Duration::ZERO);
-            table.entry_mut(Service::Fuser).process = Some(process);
+            table.entry_mut(Service::Fuser).owner = Some(process);
             assert_eq!(table.positions(0)[Service::Fuser as usize], position);
         }
     }
 
     #[test]
-    fn nobody_goes_back_for_a_candidate_that_is_far_behind_but_for_one_that_owns_the_slot() {
+    fn candidate_far_behind_is_ignored_unless_it_owns_the_slot() {
         let checkpoint = messages::Checkpoint { next_tick: 10, ..bytemuck::Zeroable::zeroed() };
         let resume = Resume::Checkpoint(Box::new(checkpoint));
         for (owns, held_from, position) in [(false, 10, Some(10)), (false, 11, None), (true, 11, Some(10))] {

@@ -1,7 +1,8 @@
-//! What is done when somebody removes the files of the running system's bus.
+//! Replacement of the bus after its files were removed while the system runs.
 //!
-//! Who runs goes on, as its memory is still mapped; who starts finds nobody. So once somebody is to start, all start on a new bus, each
-//! from its checkpoint. Whoever removes the files again and again ends the system.
+//! Running processes continue, because their memory is still mapped, but a process that starts
+//! cannot join them. As soon as a process has to start, every service is therefore restarted on a
+//! new bus from its checkpoint. Repeated removals stop the system.
 
 use std::{collections::VecDeque, path::PathBuf, time::Duration};
 
@@ -10,19 +11,19 @@ use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, ProcessEntry, Supervision};
 
-/// New buses within [`WITHIN`] at most.
-const RENEWALS_MAX: usize = 3;
-const WITHIN: Duration = Duration::from_secs(60);
+/// Maximum number of renewals within [`RENEWAL_WINDOW`].
+const MAX_RENEWALS: usize = 3;
+const RENEWAL_WINDOW: Duration = Duration::from_secs(60);
 
-/// The new buses of a system.
+/// Renewals of the bus.
 #[derive(Debug, Default)]
 pub(crate) struct Renewals {
-    last: VecDeque<Duration>,
-    /// People have been told that files are removed.
-    told: bool,
+    renewals: VecDeque<Duration>,
+    /// Set once the removal has been announced to the user.
+    announced: bool,
     under_way: bool,
-    /// A process beside an owner has just ended before it had joined.
-    unjoined: bool,
+    /// Set if a process other than an owner has just exited before it joined the bus.
+    join_failed: bool,
 }
 
 impl Renewals {
@@ -30,75 +31,76 @@ impl Renewals {
         self.under_way
     }
 
-    /// Somebody has ended before it had joined, until the next look at the clock.
-    pub(crate) fn set_unjoined(&mut self, unjoined: bool) {
-        self.unjoined = unjoined;
+    /// Sets whether a process has exited before it joined, since the previous timer event.
+    pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
+        self.join_failed = join_failed;
     }
 
-    /// How many there were of late.
-    fn recent(&mut self, now: Duration) -> usize {
-        while self.last.pop_front_if(|at| *at + WITHIN < now).is_some() {}
-        self.last.len()
+    /// Returns the number of renewals within the window.
+    fn count_recent(&mut self, now: Duration) -> usize {
+        while self.renewals.pop_front_if(|at| *at + RENEWAL_WINDOW < now).is_some() {}
+        self.renewals.len()
     }
 }
 
 impl Supervision {
-    /// While nobody is to be started or is just starting, only people are told.
+    /// Starts a renewal if a process is starting or due to start. Otherwise only announces the
+    /// removal.
     pub(crate) fn on_files_removed(&mut self, path: PathBuf) {
         if self.renewals.under_way {
             return;
         }
-        let starts =
-            |entry: &ProcessEntry| entry.due.is_some() || entry.is_starting() || entry.has_starting_candidate();
-        if !self.renewals.unjoined && !self.table.entries().any(|(_, entry)| starts(entry)) {
-            if !std::mem::replace(&mut self.renewals.told, true) {
+        let is_starting =
+            |entry: &ProcessEntry| entry.restart_at.is_some() || entry.is_starting() || entry.has_starting_candidate();
+        if !self.renewals.join_failed && !self.table.entries().any(|(_, entry)| is_starting(entry)) {
+            if !std::mem::replace(&mut self.renewals.announced, true) {
                 self.announce(format!(
-                    "somebody removes files of this system while it runs ({}); who runs goes on, and once a service ends or is swapped all start anew. Is it \
-                     logind, when its user logs out? RemoveIPC=no in /etc/systemd/logind.conf, or let a system user run it",
+                    "files of the running system were removed ({}); running services continue, but all will restart once one of them exits or is swapped. \
+                     If systemd-logind removes them at logout, set RemoveIPC=no in /etc/systemd/logind.conf or run the system as a system user",
                     path.display()
                 ));
             }
             return;
         }
-        let times = self.renewals.recent(self.now) + 1;
-        if times > RENEWALS_MAX {
-            return self.finish(Some(Failure::RemovedAgain { path, times, within_s: WITHIN.as_secs() }));
+        let count = self.renewals.count_recent(self.now) + 1;
+        if count > MAX_RENEWALS {
+            return self.finish(Some(Failure::FilesRemovedRepeatedly { path, count, within_s: RENEWAL_WINDOW.as_secs() }));
         }
-        self.renewals.last.push_back(self.now);
-        (self.renewals.under_way, self.renewals.told) = (true, false);
+        self.renewals.renewals.push_back(self.now);
+        (self.renewals.under_way, self.renewals.announced) = (true, false);
         self.announce(format!(
-            "{} was removed while the system ran, so nobody who starts can join it: every service starts anew from its checkpoint",
+            "{} was removed while the system ran, so new processes cannot join: restarting every service from its checkpoint",
             path.display()
         ));
-        self.abort_requests("the files of the running system were removed, and every service starts anew; ask again");
-        self.table.leave_bus();
-        self.leave_watches();
-        self.flow.start_again();
+        self.abort_requests("files of the running system were removed and every service is restarting; retry");
+        self.table.clear_processes();
+        self.clear_watches();
+        self.flow.restart();
         self.actions.push(Action::RenewBus);
     }
 
-    /// Every service that has not failed starts from its checkpoint.
+    /// Restarts every service that was not given up, from its checkpoint.
     pub(crate) fn on_bus_renewed(&mut self) {
         self.renewals.under_way = false;
-        self.tell(SystemEvent::new(EventKind::BUS_RENEWED));
-        // The time that it took is nobody's silence.
-        self.table.stood_still(self.now);
+        self.publish_event(SystemEvent::new(EventKind::BUS_RENEWED));
+        // The duration of the renewal does not count as silence.
+        self.table.take_stall(self.now);
         let launch = &self.config.launch;
         self.checkpoints
-            .set_begins_anew(launch.origin() == Service::Ingest && launch.ingest.source.can_be_read_again());
+            .set_full_replay(launch.tick_source() == Service::Ingest && launch.ingest.source.is_repeatable());
         for service in launch.services.clone() {
-            if !self.table.entry(service).away {
+            if !self.table.entry(service).given_up {
                 let resume = self.checkpoints.resume(service, 0);
                 self.spawn_owner(service, Some(resume));
             }
         }
-        let given_up: Vec<_> = Service::SLOTS.into_iter().filter(|slot| self.swaps.beside(*slot).is_some()).collect();
-        self.fill_slots();
-        given_up.into_iter().for_each(|slot| self.tell_kept(slot));
+        let interrupted: Vec<_> = Service::SLOTS.into_iter().filter(|slot| self.swaps.candidate_instance(*slot).is_some()).collect();
+        self.init_slots();
+        interrupted.into_iter().for_each(|slot| self.publish_owner_unchanged(slot));
         for service in Service::ALL {
             let next_tick = self.published[service as usize];
             self.notify_slot(service, swap::Event::Published { next_tick });
-            if self.table.entry(service).away {
+            if self.table.entry(service).given_up {
                 self.notify_slot(service, swap::Event::Vacated);
             }
         }

@@ -1,119 +1,119 @@
-//! What is asked of a running system, and what is answered, as it is written on the control socket.
+//! Requests to a running system and their replies, as sent over the control socket.
 
 use std::fmt;
 
-use launch::Stage;
+use launch::StageConfig;
 use serde::{Deserialize, Serialize};
-use swap::Outcome;
+use swap::SwapOutcome;
 
-/// What may be asked of a running system.
+/// Request from a client or a service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlRequest {
-    /// Swap what fills a slot.
+    /// Swap the stage of a slot.
     Swap(SwapRequest),
-    /// End a shadow.
+    /// Stop a shadow.
     Cancel {
-        /// The slot.
+        /// Slot of the shadow.
         slot: String,
     },
-    /// How the services are.
-    Ps,
-    /// What was to run, with the stages that fill the slots by now.
+    /// Return the status of every service.
+    Status,
+    /// Return the service configuration, with the stages that fill the slots now.
     ServiceConfig,
-    /// What the report and the file lack by now.
-    Record,
-    /// A service has something to say to people.
-    Tell {
-        /// Which one.
+    /// Return what is missing from the report and the output file so far.
+    RecordStatus,
+    /// Show a line from a service to the user.
+    Announce {
+        /// Reporting service.
         service: String,
-        /// A line.
-        what: String,
+        /// Text to show.
+        line: String,
     },
-    /// A service says what is wrong with what it reads, all of it.
-    Troubles {
-        /// Which one.
+    /// Replace the list of problems with a service's input.
+    Diagnostics {
+        /// Reporting service.
         service: String,
-        /// Nothing if all is well.
-        troubles: Vec<Trouble>,
+        /// All current problems; empty if there are none.
+        diagnostics: Vec<Diagnostic>,
     },
-    /// A service says where it can be reached.
-    At {
-        /// Which one.
+    /// Announce the address at which a service can be reached.
+    Address {
+        /// Reporting service.
         service: String,
-        /// Its address.
-        at: String,
+        /// Address; a fragment after `#` is shown to the user only.
+        address: String,
     },
 }
 
-/// Something that is wrong with what a service reads.
+/// Problem with the input of a service.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Trouble {
-    /// What it is, in a word; one of a kind at a time.
+pub struct Diagnostic {
+    /// Short identifier. A service reports at most one problem of each kind.
     pub kind: String,
-    /// What was found.
+    /// Description of the finding.
     pub found: String,
-    /// What to do about it.
+    /// Suggested remedy.
     pub remedy: String,
 }
 
-/// What the report of a running system and its file lack.
+/// Data missing from the report and the output file of a running system.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordStatus {
-    /// Attitudes that were published and not taken.
+    /// Attitudes that were published but not collected by the supervisor.
     pub not_recorded: u64,
-    /// Why nothing more is written to the file.
-    pub out_ended: Option<String>,
+    /// Failure of the output file or the recording; `None` while both are written.
+    pub output_error: Option<String>,
 }
 
-/// A swap that somebody asks for.
+/// Request to swap the stage of a slot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SwapRequest {
-    /// The slot.
+    /// Slot name.
     pub slot: String,
-    /// What is to fill it.
-    pub stage: Stage,
-    /// It is to compute beside the active stage and no more.
+    /// Requested stage.
+    pub stage: StageConfig,
+    /// Shadow mode: the stage runs but does not take over.
     pub shadow: bool,
-    /// The last decision about the slot that whoever asks knows of; with another it is refused.
+    /// Epoch of the slot known to the client. The request is rejected if the epoch differs.
     pub expected_epoch: Option<u32>,
-    /// How long it waits for a tick to come out of the slot, ms; a shadow waits for as long as it is asked for.
-    pub limit_ms: Option<u64>,
+    /// Time limit for the commitment, ms; `None` for no limit, as for shadows.
+    pub timeout_ms: Option<u64>,
 }
 
 impl SwapRequest {
-    /// How long somebody waits who says nothing of that, ms.
-    pub const LIMIT_MS: u64 = 30_000;
+    /// Default value of `timeout_ms`, ms.
+    pub const DEFAULT_TIMEOUT_MS: u64 = 30_000;
 }
 
-/// How a swap went.
+/// Outcome of a swap request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SwapReport {
-    /// The slot.
+    /// Slot name.
     pub slot: String,
-    /// The stage that filled it.
+    /// Previous stage of the slot; empty if the slot does not exist.
     pub from: String,
-    /// The stage that was to.
+    /// Requested stage.
     pub to: String,
-    /// The first tick of the new stage.
+    /// First tick of the new stage; `None` if it did not take over.
     pub commit_tick: Option<u64>,
     /// Ticks lost since the request.
     pub lost: u64,
-    /// Attitudes that came again since the request.
+    /// Attitudes published more than once since the request.
     pub duplicated: u64,
-    /// The longest interval between two attitudes since the request, µs.
+    /// Longest interval between two attitudes since the request, µs.
     pub gap_us: f64,
-    /// By how much the attitude jumped at the commit tick, degrees.
+    /// Attitude jump at the commit tick, degrees.
     pub jump_deg: f64,
-    /// "committed", "refused" or "aborted".
-    pub outcome: Outcome,
-    /// Why not, for people.
+    /// Outcome: committed, rejected or aborted.
+    pub outcome: SwapOutcome,
+    /// Reason if the swap was not committed, shown to the user.
     pub reason: Option<String>,
 }
 
 impl SwapReport {
-    /// The report of a swap that did not happen.
-    pub(crate) fn failed(slot: String, from: String, to: String, outcome: Outcome, reason: String) -> Self {
+    /// Creates the report of a swap that was not committed.
+    pub(crate) fn failed(slot: String, from: String, to: String, outcome: SwapOutcome, reason: String) -> Self {
         let (lost, duplicated, gap_us, jump_deg) = (0, 0, 0.0, 0.0);
         Self { slot, from, to, commit_tick: None, lost, duplicated, gap_us, jump_deg, outcome, reason: Some(reason) }
     }
@@ -123,7 +123,7 @@ impl fmt::Display for SwapReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = self;
         match (outcome, commit_tick) {
-            (Outcome::Committed, Some(tick)) => {
+            (SwapOutcome::Committed, Some(tick)) => {
                 let gap_ms = gap_us * 1e-3;
                 write!(
                     f,
@@ -132,36 +132,36 @@ impl fmt::Display for SwapReport {
             }
             _ => {
                 let reason = reason.as_deref().unwrap_or("no reason given");
-                let stays = if from.is_empty() { String::new() } else { format!(" {from} stays:") };
-                write!(f, "{slot}:{stays} {reason}")
+                let unchanged = if from.is_empty() { String::new() } else { format!(" unchanged ({from})") };
+                write!(f, "{slot}{unchanged}: {reason}")
             }
         }
     }
 }
 
-/// How a service is.
+/// Status of a service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ServiceStatus {
-    /// Its name.
+    /// Service name.
     pub service: String,
-    /// What fills its slot.
+    /// Stage that fills the slot; `None` for services without a slot.
     pub stage: Option<String>,
-    /// What it does, in a word.
+    /// State in one word, such as "running" or "failed".
     pub state: String,
-    /// Its process, where there is one.
+    /// Process ID; `None` while no process runs.
     pub pid: Option<u32>,
-    /// Times it was started again.
+    /// Number of restarts.
     pub restarts: u32,
-    /// The number of its process among all of the system.
+    /// Incarnation of the process, unique in the system; 0 while no process runs.
     pub incarnation: u32,
-    /// The last decision about its slot; 0 where it has none.
+    /// Current epoch of the slot; 0 for services without a slot.
     pub epoch: u32,
     /// Ticks published.
     pub ticks: u64,
-    /// Ticks that never came.
+    /// Ticks lost.
     pub lost: u64,
-    /// Where it can be reached.
-    pub at: Option<String>,
-    /// What is wrong with what it reads.
-    pub troubles: Vec<Trouble>,
+    /// Address at which the service can be reached, if it has reported one.
+    pub address: Option<String>,
+    /// Problems with the input of the service.
+    pub diagnostics: Vec<Diagnostic>,
 }

@@ -1,4 +1,4 @@
-//! Services that are started, end, and are started again.
+//! Start, exit and restart of services.
 
 use std::time::Duration;
 
@@ -8,23 +8,26 @@ use swap::{FIRST_EPOCH, Role};
 
 use crate::{
     Action, Failure, Resume, Spawn, Supervision,
-    process::{Ended, Process},
-    restart_policy::Verdict,
+    process::{ExitedProcess, Process},
+    restart_policy::RestartVerdict,
 };
 
-/// When the supervisor itself did not run for so long, nobody's silence in that time counts: the machine stood still, or was taken away.
-const STANDSTILL: Duration = Duration::from_millis(100);
+/// Shortest gap between two timer events that counts as a stall of the supervisor or the machine.
+///
+/// After a stall the silence of a service is not held against it.
+const MIN_STALL: Duration = Duration::from_millis(100);
 
 impl Supervision {
-    /// Starts the owner of a slot, or a service that has none; from `resume` where it is not its first process.
+    /// Starts a service without a slot, or the owner of a slot. `resume` is `None` for its first
+    /// process only.
     pub(crate) fn spawn_owner(&mut self, service: Service, resume: Option<Resume>) {
         let incarnation = self.table.next_incarnation();
         let entry = self.table.entry_mut(service);
         let (epoch, from_tick) = entry.ownership.unwrap_or((FIRST_EPOCH, 0));
-        entry.process = Some(Process::new(incarnation, true, resume.as_ref(), self.now));
-        entry.due = None;
+        entry.owner = Some(Process::new(incarnation, true, resume.as_ref(), self.now));
+        entry.restart_at = None;
         entry.policy.restarts += u32::from(resume.is_some());
-        let stage = self.config.launch.slot(service).cloned();
+        let stage = self.config.launch.stage(service).cloned();
         let role = Role::Owner { from_tick };
         self.actions.push(Action::Spawn(Box::new(Spawn { incarnation, service, stage, role, epoch, resume })));
     }
@@ -33,112 +36,119 @@ impl Supervision {
         let Some(service) = self.table.service_of(incarnation) else { return };
         self.table.on_spawned(service, incarnation, pid);
         if self.table.is_candidate(service as u32, incarnation) {
-            let beside = self.swaps.beside(service).cloned();
-            self.tell_filling(EventKind::CANDIDATE, service, incarnation, 0, SystemEvent::NONE, beside.as_ref());
+            let instance = self.swaps.candidate_instance(service).cloned();
+            self.publish_instance(EventKind::CANDIDATE, service, incarnation, 0, SystemEvent::NONE, instance.as_ref());
             return self.notify_slot(service, swap::Event::Spawned { incarnation });
         }
-        self.tell_start(service, incarnation);
+        self.publish_start(service, incarnation);
         let restarts = self.table.entry(service).restarts();
         if restarts > 0 {
-            self.announce(format!("{service}: process {pid} goes on, restart {restarts}"));
+            self.announce(format!("{service}: restarted as process {pid} (restart {restarts})"));
             self.notify_slot(service, swap::Event::Restarted { incarnation });
         }
     }
 
-    /// A first process that cannot be started ends the system; a later one is one more that never said anything.
+    /// Handles a process that could not be started.
+    ///
+    /// The first process of a service ends the system. A later one counts as an exit without any
+    /// health report.
     pub(crate) fn on_spawn_failed(&mut self, incarnation: u32, cause: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
-        match self.table.entry_mut(service).take_ended(incarnation) {
-            Some(Ended::Other(_)) => self.notify_slot(service, swap::Event::SpawnFailed { cause }),
-            Some(Ended::Owner(_)) if self.table.entry(service).restarts() == 0 => {
-                self.finish(Some(Failure::NotStarted { cause }));
+        match self.table.entry_mut(service).remove_exited(incarnation) {
+            Some(ExitedProcess::Other(_)) => self.notify_slot(service, swap::Event::SpawnFailed { cause }),
+            Some(ExitedProcess::Owner(_)) if self.table.entry(service).restarts() == 0 => {
+                self.finish(Some(Failure::SpawnFailed { cause }));
             }
-            Some(Ended::Owner(process)) => self.on_owner_exit(service, &process, cause, String::new()),
+            Some(ExitedProcess::Owner(process)) => self.on_owner_exit(service, &process, cause, String::new()),
             _ => {}
         }
     }
 
-    pub(crate) fn on_exit(&mut self, incarnation: u32, how: String, stderr: String) {
+    pub(crate) fn on_exit(&mut self, incarnation: u32, exit_status: String, stderr: String) {
         let Some(service) = self.table.service_of(incarnation) else { return };
-        // Of one that was asked to go, what it made room for has been told.
-        if !self.table.entry(service).was_asked(incarnation) {
-            self.tell_of(service, incarnation, SystemEvent::new(EventKind::ENDED).with_why(&how));
+        // The event that caused a requested exit has been published already.
+        if !self.table.entry(service).is_terminating(incarnation) {
+            self.publish_service_event(service, incarnation, SystemEvent::new(EventKind::ENDED).with_reason(&exit_status));
         }
-        match self.table.entry_mut(service).take_ended(incarnation) {
-            Some(Ended::Owner(process)) => {
-                self.swaps.note_last_words(service, &stderr);
-                self.notify_slot(service, swap::Event::Died { incarnation });
-                self.on_owner_exit(service, &process, how, stderr);
+        match self.table.entry_mut(service).remove_exited(incarnation) {
+            Some(ExitedProcess::Owner(process)) => {
+                self.swaps.record_stderr(service, &stderr);
+                self.notify_slot(service, swap::Event::Exited { incarnation });
+                self.on_owner_exit(service, &process, exit_status, stderr);
             }
-            Some(Ended::Other(process)) => {
+            Some(ExitedProcess::Other(process)) => {
                 if !stderr.is_empty() {
-                    self.announce(format!("{service}: process {} said:\n{stderr}", process.pid));
+                    self.announce(format!("{service}: stderr of process {}:\n{stderr}", process.pid));
                 }
                 if process.health.is_none() {
-                    self.renewals.set_unjoined(true);
+                    self.renewals.set_join_failed(true);
                 }
-                self.swaps.note_last_words(service, &stderr);
-                self.notify_slot(service, swap::Event::Died { incarnation });
+                self.swaps.record_stderr(service, &stderr);
+                self.notify_slot(service, swap::Event::Exited { incarnation });
             }
             None => {}
         }
     }
 
-    /// Attitudes come out without it: of gyro and accel one is enough.
+    /// Returns `true` if attitudes are still computed without the service. One of gyro and accel is
+    /// sufficient.
     fn is_dispensable(&self, service: Service) -> bool {
         match service {
-            Service::Gyro => !self.table.entry(Service::Accel).away,
-            Service::Accel => !self.table.entry(Service::Gyro).away,
+            Service::Gyro => !self.table.entry(Service::Accel).given_up,
+            Service::Accel => !self.table.entry(Service::Gyro).given_up,
             Service::Ingest | Service::Fuser | Service::Course => false,
             Service::Gateway | Service::Drivers | Service::Cockpit => true,
         }
     }
 
-    /// What becomes of a service whose process has ended, by the rule of the launch file.
-    fn on_owner_exit(&mut self, service: Service, process: &Process, how: String, stderr: String) {
+    /// Restarts the service, gives it up or stops the system, according to the restart rule of the
+    /// launch file.
+    fn on_owner_exit(&mut self, service: Service, process: &Process, exit_status: String, stderr: String) {
         let stderr = if stderr.is_empty() { stderr } else { format!(":\n{stderr}") };
         let rule = self.config.launch.restart;
         let on_limit = match rule.on_limit {
-            _ if service.is_beside() => OnLimit::Hold,
-            // Without a source there is nothing to go on with, and one that waits for the attitude would wait for ever.
-            OnLimit::Degrade if service == self.config.launch.origin() => OnLimit::Stop,
-            OnLimit::Degrade if self.waits() && !self.is_dispensable(service) => OnLimit::Stop,
+            _ if service.is_auxiliary() => OnLimit::Retry,
+            // Without a source nothing can continue, and a source that waits for the attitude would
+            // wait forever.
+            OnLimit::Degrade if service == self.config.launch.tick_source() => OnLimit::Stop,
+            OnLimit::Degrade if self.source_waits() && !self.is_dispensable(service) => OnLimit::Stop,
             on_limit => on_limit,
         };
         let rule = Restart { on_limit, ..rule };
         let entry = self.table.entry_mut(service);
         let verdict = match process.health {
-            None if process.given_up && entry.policy.restarts == 0 => entry.policy.never_began(&rule),
-            health => entry.policy.on_exit(health.map(|_| self.now.saturating_sub(process.since)), &rule),
+            None if process.timed_out && entry.policy.restarts == 0 => entry.policy.on_failed_first_start(&rule),
+            health => entry.policy.on_exit(health.map(|_| self.now.saturating_sub(process.started)), &rule),
         };
         let pid = process.pid;
-        let who = if pid == 0 { String::new() } else { format!("process {pid} ") };
+        let process_label = if pid == 0 { String::new() } else { format!("process {pid} ") };
         match verdict {
-            Verdict::Stop if pid == 0 => self.finish(Some(Failure::NotStarted { cause: how })),
-            Verdict::Stop => self.finish(Some(Failure::ServiceEnded { service, pid, how, stderr })),
-            Verdict::Away => {
-                entry.away = true;
-                self.tell_of(service, process.incarnation, SystemEvent::new(EventKind::GIVEN_UP).with_why(&how));
+            RestartVerdict::StopSystem if pid == 0 => self.finish(Some(Failure::SpawnFailed { cause: exit_status })),
+            RestartVerdict::StopSystem => self.finish(Some(Failure::ServiceExited { service, pid, exit_status, stderr })),
+            RestartVerdict::GiveUp => {
+                entry.given_up = true;
+                self.publish_service_event(service, process.incarnation, SystemEvent::new(EventKind::GIVEN_UP).with_reason(&exit_status));
                 self.announce(format!(
-                    "{service}: {who}{how}; it has failed and stays away{}{stderr}",
+                    "{service}: {process_label}{exit_status}; restart limit reached, not restarted{}{stderr}",
                     remedy(service)
                 ));
                 self.notify_slot(service, swap::Event::Vacated);
             }
-            Verdict::Again(pause) => {
-                entry.due = Some(self.now + pause);
-                let when = if pause.is_zero() { String::new() } else { format!(", again in {} ms", pause.as_millis()) };
-                let remedy = if entry.policy.has_failed(&rule) { remedy(service) } else { String::new() };
-                self.announce(format!("{service}: {who}{how}{when}{remedy}{stderr}"));
+            RestartVerdict::Restart(pause) => {
+                entry.restart_at = Some(self.now + pause);
+                let when =
+                    if pause.is_zero() { String::new() } else { format!(", restarting in {} ms", pause.as_millis()) };
+                let remedy = if entry.policy.exceeds_limit(&rule) { remedy(service) } else { String::new() };
+                self.announce(format!("{service}: {process_label}{exit_status}{when}{remedy}{stderr}"));
             }
         }
     }
 
-    /// Starts again whose time has come.
+    /// Restarts the services that are due.
     pub(crate) fn restart_due(&mut self) {
         for service in Service::ALL {
             let entry = self.table.entry(service);
-            if !entry.is_replaced() && entry.due.is_some_and(|due| self.now >= due) {
+            if !entry.has_replacement() && entry.restart_at.is_some_and(|restart_at| self.now >= restart_at) {
                 let (_, from_tick) = entry.ownership.unwrap_or((FIRST_EPOCH, 0));
                 let resume = self.checkpoints.resume(service, from_tick);
                 self.spawn_owner(service, Some(resume));
@@ -146,12 +156,12 @@ impl Supervision {
         }
     }
 
-    /// A time in which the supervisor did not run is nobody's silence.
-    pub(crate) fn forgive_standstill(&mut self) {
-        let stood_still = self.table.stood_still(self.now);
-        if stood_still > STANDSTILL {
-            Service::ALL.into_iter().for_each(|service| self.table.entry_mut(service).forgive(stood_still));
-            self.flow.forgive(stood_still);
+    /// Extends every deadline by the duration of a stall of the supervisor.
+    pub(crate) fn extend_deadlines_after_stall(&mut self) {
+        let stall = self.table.take_stall(self.now);
+        if stall > MIN_STALL {
+            Service::ALL.into_iter().for_each(|service| self.table.entry_mut(service).extend_deadlines(stall));
+            self.flow.extend_deadlines(stall);
         }
     }
 
@@ -163,8 +173,8 @@ impl Supervision {
     }
 }
 
-/// What can be done about a service that has failed.
+/// Returns the suggested remedy for a failed service, as a suffix of a message.
 fn remedy(service: Service) -> String {
     let is_slot = Service::SLOTS.contains(&service);
-    if is_slot { format!("; `plumb swap {service} STAGE` puts another stage in its place") } else { String::new() }
+    if is_slot { format!("; replace its stage with `plumb swap {service} STAGE`") } else { String::new() }
 }

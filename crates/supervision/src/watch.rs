@@ -1,190 +1,192 @@
-//! Stages that take over by themselves: the rule of a `[[watch]]`, and what it asks for.
+//! Automatic promotion of shadows by the `[[watch]]` rules of the launch file.
 //!
-//! Input: the differences that a shadow says, and how swaps went. Output: requests, as people have them. Time: that of the ticks for
-//! the bounds, that of the supervisor between attempts. Failure: a shadow that does not live is tried again a few times, then given up.
+//! - Input: differences published by the shadows, and the outcome of swaps.
+//! - Output: swap requests, equivalent to those of a client.
+//! - Time: tick time for the bounds, supervisor time between attempts.
+//! - Failure: a shadow that fails is retried a limited number of times, then the watch ends.
 
 use std::time::Duration;
 
-use launch::{Launch, Measure, Service, Stage};
+use launch::{Launch, Measure, Service, StageConfig};
 use messages::Difference;
-use swap::Outcome;
+use swap::SwapOutcome;
 
-use crate::{Supervision, SwapReport, SwapRequest, pending_swaps::Asker};
+use crate::{Supervision, SwapReport, SwapRequest, pending_swaps::Requester};
 
-/// Attempts in a row that fail before a watch is given up.
-const ATTEMPTS_MAX: u32 = 5;
-/// Between two attempts.
-const PAUSE: Duration = Duration::from_secs(1);
+/// Consecutive failed attempts after which a watch ends.
+const MAX_ATTEMPTS: u32 = 5;
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// A watch, and what it has asked for.
+/// Watch with its requests in progress.
 #[derive(Debug)]
-pub(crate) struct Watch {
-    rule: Rule,
+pub(crate) struct WatchRunner {
+    rule: PromotionRule,
     shadow: Option<u64>,
     takeover: Option<u64>,
-    /// How its requests went, until it looks.
-    answers: Vec<(u64, SwapReport)>,
+    /// Reports of its requests since the previous poll.
+    reports: Vec<(u64, SwapReport)>,
     attempts: u32,
-    due: Duration,
+    next_attempt: Duration,
 }
 
-/// When the stage beside takes over.
+/// Promotion rule of a watch and its state.
 #[derive(Debug)]
-struct Rule {
-    watch: launch::Watch,
-    /// What fills the slot when the watched stage does not.
-    home: Stage,
-    /// The watched stage fills the slot.
-    trusted: bool,
+struct PromotionRule {
+    config: launch::PromotionRule,
+    /// Stage of the slot while the watched stage is not promoted.
+    default_stage: StageConfig,
+    /// Set while the watched stage fills the slot.
+    is_promoted: bool,
     promotions: u64,
-    /// Since when the bound that matters has held, s.
-    since_s: Option<f64>,
-    over: bool,
+    /// Tick time since which the current bound has been met without interruption, s.
+    bound_met_since_s: Option<f64>,
+    ended: bool,
 }
 
-/// The watches of a launch file.
-pub(crate) fn watches(launch: &Launch) -> Vec<Watch> {
-    let watch = |watch: &launch::Watch| {
-        let home = launch.slot(watch.slot)?.clone();
-        let rule = Rule { watch: watch.clone(), home, trusted: false, promotions: 0, since_s: None, over: false };
-        let (answers, due) = (Vec::new(), Duration::ZERO);
-        Some(Watch { rule, shadow: None, takeover: None, answers, attempts: 0, due })
+/// Creates a runner for each watch of a launch file.
+pub(crate) fn from_launch(launch: &Launch) -> Vec<WatchRunner> {
+    let runner = |watch: &launch::PromotionRule| {
+        let default_stage = launch.stage(watch.slot)?.clone();
+        let rule = PromotionRule { config: watch.clone(), default_stage, is_promoted: false, promotions: 0, bound_met_since_s: None, ended: false };
+        let (reports, next_attempt) = (Vec::new(), Duration::ZERO);
+        Some(WatchRunner { rule, shadow: None, takeover: None, reports, attempts: 0, next_attempt })
     };
-    launch.watch.iter().filter_map(watch).collect()
+    launch.watch.iter().filter_map(runner).collect()
 }
 
 impl Supervision {
-    /// The shadows of the watches are no more.
-    pub(crate) fn leave_watches(&mut self) {
+    /// Discards the requests of all watches after their shadows were killed.
+    pub(crate) fn clear_watches(&mut self) {
         for watch in &mut self.watches {
-            (watch.shadow, watch.takeover, watch.rule.since_s) = (None, None, None);
-            watch.answers.clear();
+            (watch.shadow, watch.takeover, watch.rule.bound_met_since_s) = (None, None, None);
+            watch.reports.clear();
         }
     }
 
-    /// Somebody asks by hand: the slot's watch is over.
-    pub(crate) fn yield_watch(&mut self, slot: &str) {
+    /// Ends the watch of a slot after a manual swap request, and stops its shadow.
+    pub(crate) fn suspend_watch(&mut self, slot: &str) {
         for index in 0..self.watches.len() {
-            let Watch { rule, shadow, .. } = &mut self.watches[index];
-            if rule.watch.slot.name() == slot {
-                rule.over = true;
+            let WatchRunner { rule, shadow, .. } = &mut self.watches[index];
+            if rule.config.slot.name() == slot {
+                rule.ended = true;
                 if shadow.take().is_some() {
-                    let slot = rule.watch.slot;
+                    let slot = rule.config.slot;
                     self.notify_slot(slot, swap::Event::Cancel);
                 }
             }
         }
     }
 
-    /// A shadow says how far it is: where the bound has held long enough it takes over.
+    /// Requests the takeover of a shadow that has met its bound for the required time.
     pub(crate) fn on_difference(&mut self, difference: &Difference) {
         let at_s = difference.tick as f64 / self.config.rate_hz;
         for index in 0..self.watches.len() {
-            let Watch { rule, shadow, takeover, .. } = &mut self.watches[index];
-            let concerned = difference.service == rule.watch.slot as u32 && shadow.is_some() && takeover.is_none();
-            if concerned && rule.judge(difference, at_s) {
-                let line = rule.says(difference);
+            let WatchRunner { rule, shadow, takeover, .. } = &mut self.watches[index];
+            let is_relevant = difference.service == rule.config.slot as u32 && shadow.is_some() && takeover.is_none();
+            if is_relevant && rule.should_take_over(difference, at_s) {
+                let line = rule.takeover_message(difference);
                 self.announce(line);
-                let takeover = self.ask_for_watch(index, false);
+                let takeover = self.request_for_watch(index, false);
                 self.watches[index].takeover = Some(takeover);
             }
         }
     }
 
-    pub(crate) fn on_watch_answer(&mut self, service: Service, id: u64, report: SwapReport) {
-        for watch in self.watches.iter_mut().filter(|watch| watch.rule.watch.slot == service) {
-            watch.answers.push((id, report.clone()));
+    pub(crate) fn on_watch_report(&mut self, service: Service, id: u64, report: SwapReport) {
+        for watch in self.watches.iter_mut().filter(|watch| watch.rule.config.slot == service) {
+            watch.reports.push((id, report.clone()));
         }
     }
 
-    /// Asks for the shadows that are to run, and takes how what was asked for went.
+    /// Requests the missing shadows and processes the reports of earlier requests.
     pub(crate) fn poll_watches(&mut self) {
         if !self.flow.is_running() {
             return;
         }
         for index in 0..self.watches.len() {
-            let Watch { rule, shadow, takeover, due, .. } = &self.watches[index];
-            if shadow.is_none() && takeover.is_none() && !rule.over && self.now >= *due {
-                let shadow = self.ask_for_watch(index, true);
+            let WatchRunner { rule, shadow, takeover, next_attempt, .. } = &self.watches[index];
+            if shadow.is_none() && takeover.is_none() && !rule.ended && self.now >= *next_attempt {
+                let shadow = self.request_for_watch(index, true);
                 self.watches[index].shadow = Some(shadow);
             }
-            if let Some(line) = self.watches[index].take_answers(self.now) {
+            if let Some(line) = self.watches[index].process_reports(self.now) {
                 self.announce(line);
             }
         }
     }
 
-    /// Asks for the stage beside to run as a shadow, or to take over.
-    fn ask_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
+    /// Requests the watch's other stage as a shadow or for takeover, and returns the request's ID.
+    fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
-        let (service, stage) = (rule.watch.slot, rule.beside().clone());
-        let limit_ms = (!shadow).then_some(SwapRequest::LIMIT_MS);
-        let request = SwapRequest { slot: service.name().into(), stage, shadow, expected_epoch: None, limit_ms };
-        self.request_swap(request, Asker::Watch(service))
+        let (service, stage) = (rule.config.slot, rule.shadow_stage().clone());
+        let timeout_ms = (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS);
+        let request = SwapRequest { slot: service.name().into(), stage, shadow, expected_epoch: None, timeout_ms };
+        self.request_swap(request, Requester::Watch(service))
     }
 }
 
-impl Watch {
-    /// Takes how its requests went; what people are to be told.
-    fn take_answers(&mut self, now: Duration) -> Option<String> {
-        let answers = std::mem::take(&mut self.answers);
-        let answer_to = |id: Option<u64>| answers.iter().find(|(answered, _)| Some(*answered) == id).cloned();
-        // A takeover answers the shadow too.
-        let (answer, ended) = (answer_to(self.takeover), answer_to(self.shadow));
-        if answer.is_some() || ended.is_some() {
-            (self.shadow, self.due) = (None, now + PAUSE);
+impl WatchRunner {
+    /// Processes the reports received since the previous call and returns a line to announce, if
+    /// any.
+    fn process_reports(&mut self, now: Duration) -> Option<String> {
+        let reports = std::mem::take(&mut self.reports);
+        let report_for = |id: Option<u64>| reports.iter().find(|(request, _)| Some(*request) == id).cloned();
+        // The report of a takeover also concludes the request for the shadow.
+        let (takeover_report, shadow_report) = (report_for(self.takeover), report_for(self.shadow));
+        if takeover_report.is_some() || shadow_report.is_some() {
+            (self.shadow, self.next_attempt) = (None, now + RETRY_INTERVAL);
         }
-        let ended = ended.filter(|_| self.takeover.is_none());
-        if answer.is_some() {
+        let shadow_report = shadow_report.filter(|_| self.takeover.is_none());
+        if takeover_report.is_some() {
             self.takeover = None;
         }
-        let (_, report) = answer.or(ended)?;
-        if report.outcome == Outcome::Committed {
+        let (_, report) = takeover_report.or(shadow_report)?;
+        if report.outcome == SwapOutcome::Committed {
             self.attempts = 0;
-            self.rule.took_over();
+            self.rule.on_takeover();
             return None;
         }
         self.attempts += 1;
-        self.rule.since_s = None;
-        self.rule.over |= self.attempts == ATTEMPTS_MAX;
-        let then = if self.rule.over { "; the watch is given up" } else { "" };
+        self.rule.bound_met_since_s = None;
+        self.rule.ended |= self.attempts == MAX_ATTEMPTS;
+        let suffix = if self.rule.ended { "; the watch has ended" } else { "" };
         let reason = report.reason.unwrap_or_default();
-        Some(format!("watch {}: {} does not run beside: {reason}{then}", self.rule.watch.slot, report.to))
+        Some(format!("watch {}: {} failed: {reason}{suffix}", self.rule.config.slot, report.to))
     }
 }
 
-impl Rule {
-    /// What is to run beside the stage in the slot.
-    fn beside(&self) -> &Stage {
-        if self.trusted { &self.home } else { &self.watch.stage }
+impl PromotionRule {
+    /// Returns the stage that runs as a shadow.
+    fn shadow_stage(&self) -> &StageConfig {
+        if self.is_promoted { &self.default_stage } else { &self.config.stage }
     }
 
-    /// Whether the stage beside is to take over, now that the difference is this.
-    fn judge(&mut self, difference: &Difference, at_s: f64) -> bool {
-        let launch::Watch { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } = self.watch;
+    /// Updates the rule with a difference and returns `true` if the shadow shall take over.
+    fn should_take_over(&mut self, difference: &Difference, at_s: f64) -> bool {
+        let launch::PromotionRule { promote_below_deg, promote_after_s, rollback_above_deg, rollback_after_s, .. } = self.config;
         let now_deg = self.measured_deg(difference);
-        let (holds, after_s) = if self.trusted {
+        let (is_bound_met, required_s) = if self.is_promoted {
             (now_deg > rollback_above_deg, rollback_after_s)
         } else {
             (now_deg < promote_below_deg, promote_after_s)
         };
-        if !holds {
-            self.since_s = None;
+        if !is_bound_met {
+            self.bound_met_since_s = None;
             return false;
         }
-        at_s - *self.since_s.get_or_insert(at_s) >= after_s
+        at_s - *self.bound_met_since_s.get_or_insert(at_s) >= required_s
     }
 
-    fn took_over(&mut self) {
-        self.since_s = None;
-        self.trusted = !self.trusted;
-        self.promotions += u64::from(self.trusted);
-        self.over = !self.trusted && self.promotions >= self.watch.limit;
+    fn on_takeover(&mut self) {
+        self.bound_met_since_s = None;
+        self.is_promoted = !self.is_promoted;
+        self.promotions += u64::from(self.is_promoted);
+        self.ended = !self.is_promoted && self.promotions >= self.config.limit;
     }
 
     fn measured_deg(&self, difference: &Difference) -> f64 {
         let [angle, inclination, heading] = difference.now_rad;
-        match self.watch.measure {
+        match self.config.measure {
             Measure::Angle => angle,
             Measure::Inclination => inclination,
             Measure::Heading => heading,
@@ -192,11 +194,11 @@ impl Rule {
         .to_degrees()
     }
 
-    fn says(&self, difference: &Difference) -> String {
-        let (slot, stage) = (self.watch.slot, &self.beside().stage);
+    fn takeover_message(&self, difference: &Difference) -> String {
+        let (slot, stage) = (self.config.slot, &self.shadow_stage().stage);
         let (now_deg, tick) = (self.measured_deg(difference), difference.tick);
-        let why = if self.trusted { "comes back" } else { "has proved itself" };
-        format!("watch {slot}: {stage} {why}: {now_deg:.3}° apart at tick {tick}")
+        let change = if self.is_promoted { "rolling back to" } else { "promoting" };
+        format!("watch {slot}: {change} {stage}: difference {now_deg:.3}° at tick {tick}")
     }
 }
 
@@ -206,9 +208,9 @@ mod tests {
     use bytemuck::Zeroable;
     use launch::Service;
 
-    fn rule() -> Rule {
-        let stage = |name: &str| Stage { stage: name.into(), set: Default::default() };
-        let watch = launch::Watch {
+    fn rule() -> PromotionRule {
+        let stage = |name: &str| StageConfig { stage: name.into(), set: Default::default() };
+        let watch = launch::PromotionRule {
             slot: Service::Fuser,
             stage: stage("aided"),
             measure: Measure::Heading,
@@ -218,17 +220,18 @@ mod tests {
             rollback_after_s: 0.5,
             limit: 2,
         };
-        Rule { watch, home: stage("wz"), trusted: false, promotions: 0, since_s: None, over: false }
+        PromotionRule { config: watch, default_stage: stage("wz"), is_promoted: false, promotions: 0, bound_met_since_s: None, ended: false }
     }
 
-    /// The times at which the stage beside is to take over, of differences said every 0.1 s.
-    fn takeovers(rule: &mut Rule, headings_deg: &[f64]) -> Vec<usize> {
-        let apart = |deg: &f64| Difference { now_rad: [9.0, 9.0, deg.to_radians()], ..Difference::zeroed() };
-        (0..headings_deg.len()).filter(|i| rule.judge(&apart(&headings_deg[*i]), *i as f64 * 0.1)).collect()
+    /// Returns the indices at which the shadow shall take over, for differences published every 0.1
+    /// s.
+    fn takeovers(rule: &mut PromotionRule, headings_deg: &[f64]) -> Vec<usize> {
+        let difference = |deg: &f64| Difference { now_rad: [9.0, 9.0, deg.to_radians()], ..Difference::zeroed() };
+        (0..headings_deg.len()).filter(|i| rule.should_take_over(&difference(&headings_deg[*i]), *i as f64 * 0.1)).collect()
     }
 
     #[test]
-    fn a_stage_is_promoted_once_the_bound_has_held_without_a_break() {
+    fn stage_is_promoted_after_bound_holds_without_interruption() {
         let mut headings = vec![0.5; 30];
         headings[15] = 1.5;
         assert_eq!(takeovers(&mut rule(), &headings), Vec::<usize>::new());
@@ -237,20 +240,20 @@ mod tests {
     }
 
     #[test]
-    fn between_the_bounds_nothing_changes_and_beyond_them_the_former_stage_comes_back() {
+    fn rollback_only_above_rollback_bound() {
         let mut rule = rule();
-        rule.took_over();
-        assert_eq!(rule.beside().stage, "wz");
+        rule.on_takeover();
+        assert_eq!(rule.shadow_stage().stage, "wz");
         assert_eq!(takeovers(&mut rule, &[2.9; 100]), Vec::<usize>::new());
         assert_eq!(takeovers(&mut rule, &[3.1; 8])[0], 5);
-        rule.took_over();
-        assert_eq!((rule.beside().stage.as_str(), rule.over), ("aided", false));
+        rule.on_takeover();
+        assert_eq!((rule.shadow_stage().stage.as_str(), rule.ended), ("aided", false));
     }
 
     #[test]
-    fn after_so_many_promotions_a_watch_is_over() {
+    fn watch_ends_after_promotion_limit() {
         let mut rule = rule();
-        let over: Vec<_> = (0..4).map(|_| (rule.took_over(), rule.over).1).collect();
+        let over: Vec<_> = (0..4).map(|_| (rule.on_takeover(), rule.ended).1).collect();
         assert_eq!(over, [false, false, false, true]);
     }
 }

@@ -1,46 +1,49 @@
-//! The swap of a slot's stage as a machine of states, each with a deadline and a way back.
+//! Coordinator of a slot: a state machine in which every state has a deadline and a way back.
 //!
-//! Input: events, with the supervisor's time. Output: actions. Time: told with each event; grows. Failure: until the commitment every
-//! failure gives the slot back to the active stage under a newer decision; after it the candidate is the slot's owner like any other.
-//! Where the active stage itself has ended, the new one begins in its place as a restart of it would.
+//! - Input: events, each with the supervisor's time, which never decreases.
+//! - Output: actions.
+//! - Failure: before the commitment, every failure returns the slot to the active stage under a new
+//!   decision. After it, the candidate is an ordinary owner. If the active stage has exited itself,
+//!   the new stage starts in its place as a restart would.
 
-mod change;
+mod handover;
 mod state;
 
 use crate::{
-    Control, OwnershipStatus,
-    event::{Action, Event, Limits, Outcome, Reason, Request},
+    OwnershipDecision, OwnershipStatus,
+    event::{Action, Event, FailureReason, Request, SwapLimits, SwapOutcome},
 };
 
-pub use state::State;
+pub use state::SwapState;
 use state::Swap;
 
-/// Swaps the stage of one slot.
+/// Coordinator of the swaps of one slot.
 #[derive(Debug, Clone)]
 pub struct Coordinator {
-    limits: Limits,
-    /// The last decision.
+    limits: SwapLimits,
+    /// Epoch of the last decision.
     epoch: u32,
-    /// The first tick that the slot's owner publishes when it is restarted.
+    /// First tick that the owner publishes after a restart.
     from_tick: u64,
     active: Option<u32>,
     status: Option<OwnershipStatus>,
-    /// The decision under which the active stage is known to own the slot.
+    /// Epoch of the last decision that the active stage has confirmed.
     active_epoch: u32,
     checkpoint_tick: u64,
     newest_input_tick: u64,
-    /// Everything before it has been published.
+    /// End of the published ticks.
     published_tick: u64,
-    /// The owner has ended and is not started again.
+    /// Whether the owner has exited and is not restarted.
     vacant: bool,
-    /// Every reader's checkpoint is at least this far.
-    readers_tick: u64,
+    /// Lowest tick from which a subscriber would resume.
+    subscribers_tick: u64,
     swap: Option<Swap>,
 }
 
 impl Coordinator {
-    /// A slot that `active` owns from its first tick by the decision `epoch`.
-    pub fn new(active: u32, epoch: u32, limits: Limits) -> Self {
+    /// Creates the coordinator of a slot that `active` owns from its first tick, by the decision
+    /// `epoch`.
+    pub fn new(active: u32, epoch: u32, limits: SwapLimits) -> Self {
         Self {
             limits,
             epoch,
@@ -52,74 +55,74 @@ impl Coordinator {
             newest_input_tick: 0,
             published_tick: 0,
             vacant: false,
-            readers_tick: 0,
+            subscribers_tick: 0,
             swap: None,
         }
     }
 
-    /// Where the swap is.
-    pub fn state(&self) -> State {
-        self.swap.as_ref().map_or(State::Idle, |swap| swap.state)
+    /// Returns the state of the swap.
+    pub fn state(&self) -> SwapState {
+        self.swap.as_ref().map_or(SwapState::Idle, |swap| swap.state)
     }
 
-    /// The last decision's number.
+    /// Returns the epoch of the last decision.
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
 
-    /// The incarnation that owns the slot, unless it is being restarted.
+    /// Returns the incarnation that owns the slot; `None` while the owner is being restarted.
     pub fn active(&self) -> Option<u32> {
         self.active
     }
 
-    /// Whether a checkpoint with this next tick may replace the one kept of that service.
+    /// Returns `true` if a checkpoint with this next tick may replace the one kept of the service.
     ///
-    /// Until a change of hands is settled, none beyond its tick: what the active stage has published from there on may not be what the
-    /// readers took.
-    pub fn admits(&mut self, incarnation: u32, next_tick: u64) -> bool {
+    /// Until a hand-over is settled, checkpoints beyond its tick are rejected: subscribers may not
+    /// have taken what the active stage published from there on.
+    pub fn admits_checkpoint(&mut self, incarnation: u32, next_tick: u64) -> bool {
         let limit = self.swap.as_ref().filter(|swap| swap.is_open()).and_then(|swap| swap.from_tick);
         let candidate = self.swap.as_ref().and_then(|swap| swap.candidate);
-        let known = self.active == Some(incarnation) || candidate == Some(incarnation);
-        let admitted = known && limit.is_none_or(|limit| next_tick <= limit);
+        let is_known = self.active == Some(incarnation) || candidate == Some(incarnation);
+        let admitted = is_known && limit.is_none_or(|limit| next_tick <= limit);
         if admitted && self.active == Some(incarnation) {
             self.checkpoint_tick = self.checkpoint_tick.max(next_tick);
         }
         admitted
     }
 
-    /// Takes an event, then looks at the deadlines; what is to be done comes in order.
+    /// Handles an event, checks the deadlines, and returns the actions in order.
     pub fn handle(&mut self, now_ms: u64, event: Event) -> Vec<Action> {
         let mut actions = Vec::new();
         self.apply(now_ms, event, &mut actions);
-        self.go_on(now_ms, &mut actions);
+        self.advance(now_ms, &mut actions);
         actions
     }
 
     fn apply(&mut self, now_ms: u64, event: Event, actions: &mut Vec<Action>) {
         match event {
-            Event::Request(request) => self.begin(now_ms, request, actions),
+            Event::Request(request) => self.start(now_ms, request, actions),
             Event::Restarted { incarnation } => {
                 (self.active, self.status, self.active_epoch) = (Some(incarnation), None, self.epoch);
                 self.vacant = false;
             }
             Event::Vacated => {
                 self.vacant = true;
-                if self.swap.as_ref().is_none_or(|swap| swap.replaces.is_none()) {
-                    self.leave(actions);
+                if self.swap.as_ref().is_none_or(|swap| swap.takeover_tick.is_none()) {
+                    self.vacate(actions);
                 }
             }
             Event::Published { next_tick } => self.published_tick = self.published_tick.max(next_tick),
             Event::NewestInput { tick } => self.newest_input_tick = self.newest_input_tick.max(tick),
-            Event::ReadersKeep { next_tick } => self.readers_tick = self.readers_tick.max(next_tick),
-            Event::Time => {}
+            Event::SubscribersCheckpointed { next_tick } => self.subscribers_tick = self.subscribers_tick.max(next_tick),
+            Event::TimePassed => {}
             Event::Cancel => {
-                // A shadow that somebody has promoted is not the canceller's any more.
+                // A shadow that was promoted no longer belongs to the client that cancels it.
                 if self.swap.as_ref().is_some_and(|swap| swap.request.shadow_only) {
-                    self.abort(now_ms, Reason::Cancelled, actions);
+                    self.abort(now_ms, FailureReason::Cancelled, actions);
                 }
             }
-            Event::Died { incarnation } => self.on_died(now_ms, incarnation, actions),
-            Event::Health { incarnation, status, flawed } => {
+            Event::Exited { incarnation } => self.on_exited(now_ms, incarnation, actions),
+            Event::Health { incarnation, status, invalid_output } => {
                 if self.active == Some(incarnation) {
                     if status.decided_epoch == self.epoch && !status.missed {
                         self.active_epoch = self.epoch;
@@ -127,54 +130,54 @@ impl Coordinator {
                     self.status = Some(status);
                 } else if let Some(swap) = self.swap.as_mut().filter(|swap| swap.candidate == Some(incarnation)) {
                     swap.status = Some(status);
-                    if flawed {
-                        self.abort(now_ms, Reason::Flawed, actions);
+                    if invalid_output {
+                        self.abort(now_ms, FailureReason::InvalidOutput, actions);
                     }
                 }
             }
             Event::SpawnFailed { cause } => {
                 if let Some(swap) = &mut self.swap {
-                    swap.spawning = false;
+                    swap.spawn_pending = false;
                 }
-                self.abort(now_ms, Reason::SpawnFailed { cause }, actions);
+                self.abort(now_ms, FailureReason::SpawnFailed { cause }, actions);
             }
-            Event::Promote { until_ms } => {
+            Event::Promote { deadline_ms } => {
                 let shadow_ms = self.limits.shadow_ms;
                 if let Some(swap) = self.swap.as_mut().filter(|swap| swap.request.shadow_only) {
-                    (swap.request.shadow_only, swap.request.until_ms) = (false, until_ms);
-                    if swap.state == State::Shadowing {
-                        swap.since_ms = now_ms.saturating_sub(shadow_ms);
+                    (swap.request.shadow_only, swap.request.deadline_ms) = (false, deadline_ms);
+                    if swap.state == SwapState::Shadowing {
+                        swap.state_since_ms = now_ms.saturating_sub(shadow_ms);
                     }
                 }
             }
             Event::Spawned { incarnation } => {
                 let Some(swap) = &mut self.swap else { return };
-                (swap.spawning, swap.candidate) = (false, Some(incarnation));
-                if swap.state == State::Aborting {
-                    actions.push(Action::EndCandidate { incarnation });
+                (swap.spawn_pending, swap.candidate) = (false, Some(incarnation));
+                if swap.state == SwapState::Aborting {
+                    actions.push(Action::StopCandidate { incarnation });
                 }
             }
             Event::Ready { incarnation } => {
                 let Some(swap) = &mut self.swap else { return };
-                if swap.state == State::Starting && swap.candidate == Some(incarnation) {
-                    let alone = swap.replaces.is_some();
-                    swap.enter(if alone { State::TakingOver } else { State::CatchingUp }, now_ms);
-                    if alone {
+                if swap.state == SwapState::Starting && swap.candidate == Some(incarnation) {
+                    let is_takeover = swap.takeover_tick.is_some();
+                    swap.enter(if is_takeover { SwapState::TakingOver } else { SwapState::CatchingUp }, now_ms);
+                    if is_takeover {
                         let (epoch, from_tick) = (self.epoch, self.from_tick);
-                        actions.push(Action::PublishControl(Control { epoch, owner: incarnation, from_tick }));
+                        actions.push(Action::PublishDecision(OwnershipDecision { epoch, owner: incarnation, from_tick }));
                     }
                 }
             }
         }
     }
 
-    fn begin(&mut self, now_ms: u64, request: Request, actions: &mut Vec<Action>) {
+    fn start(&mut self, now_ms: u64, request: Request, actions: &mut Vec<Action>) {
         let reason = match (&self.swap, self.active) {
-            (Some(swap), _) => Reason::Busy { id: swap.request.id },
-            (None, None) if request.shadow_only => Reason::ActiveDown,
+            (Some(swap), _) => FailureReason::Busy { id: swap.request.id },
+            (None, None) if request.shadow_only => FailureReason::ActiveDown,
             (None, None) => {
                 self.swap = Some(Swap::new(request, now_ms));
-                return self.replace(now_ms, actions);
+                return self.replace_owner(now_ms, actions);
             }
             (None, Some(_)) => {
                 actions.push(Action::SpawnCandidate { stage: request.stage.clone(), epoch: self.epoch });
@@ -182,104 +185,107 @@ impl Coordinator {
                 return;
             }
         };
-        actions.push(self.answer(&request, Outcome::Refused, Some(reason), None, 0));
+        actions.push(self.report(&request, SwapOutcome::Refused, Some(reason), None, 0));
     }
 
-    fn on_died(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
+    fn on_exited(&mut self, now_ms: u64, incarnation: u32, actions: &mut Vec<Action>) {
         if self.active == Some(incarnation) {
             (self.active, self.status) = (None, None);
-            let goes_on = |swap: &Swap| swap.is_open() && swap.state != State::Aborting && !swap.request.shadow_only;
-            if self.swap.as_ref().is_some_and(goes_on) {
-                self.replace(now_ms, actions);
+            let continues = |swap: &Swap| swap.is_open() && swap.state != SwapState::Aborting && !swap.request.shadow_only;
+            if self.swap.as_ref().is_some_and(continues) {
+                self.replace_owner(now_ms, actions);
             } else {
-                self.abort(now_ms, Reason::ActiveDied, actions);
+                self.abort(now_ms, FailureReason::ActiveExited, actions);
                 self.restart(actions);
             }
         } else if let Some(swap) = &mut self.swap {
             if swap.candidate == Some(incarnation) {
                 swap.candidate = None;
-                self.abort(now_ms, Reason::CandidateDied, actions);
-            } else if matches!(swap.state, State::Committed { old } | State::Retiring { old } if old == incarnation) {
-                // One that was asked to go had stayed long enough.
-                let unasked = matches!(swap.state, State::Committed { .. });
+                self.abort(now_ms, FailureReason::CandidateExited, actions);
+            } else if matches!(swap.state, SwapState::Committed { previous } | SwapState::Retiring { previous } if previous == incarnation) {
+                // A stage with a pending stop request has stayed long enough for its subscribers.
+                let unrequested = matches!(swap.state, SwapState::Committed { .. });
                 self.swap = None;
-                if unasked {
-                    self.make_again(actions);
+                if unrequested {
+                    self.republish_lost(actions);
                 }
             }
         }
     }
 
-    /// The slot's owner begins anew from its checkpoint, under the last decision.
+    /// Restarts the owner from its checkpoint, under the last decision.
     fn restart(&mut self, actions: &mut Vec<Action>) {
         (self.active, self.status) = (None, None);
         actions.push(Action::RestartActive { epoch: self.epoch, from_tick: self.from_tick });
     }
 
-    /// The stage that had the slot is gone before its readers have passed what it alone held for them: the owner makes that again, under a
-    /// decision of its own.
-    fn make_again(&mut self, actions: &mut Vec<Action>) {
-        if self.vacant || self.readers_tick >= self.from_tick {
+    /// Restarts the owner under a new decision, to publish again what the previous stage had
+    /// published.
+    ///
+    /// This is necessary if the previous stage exits before the subscribers' checkpoints have
+    /// reached the hand-over.
+    fn republish_lost(&mut self, actions: &mut Vec<Action>) {
+        if self.vacant || self.subscribers_tick >= self.from_tick {
             return;
         }
         self.epoch += 1;
-        self.from_tick = self.readers_tick;
+        self.from_tick = self.subscribers_tick;
         self.restart(actions);
     }
 
-    /// Looks at what is reached and what is overdue.
-    fn go_on(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
+    /// Enters the next state if its condition holds, and aborts the swap at a missed deadline.
+    fn advance(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let limits = self.limits;
         let lag_ticks = self.lag_ticks();
         let behind_ticks = self.status.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
-        let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.lag_max_ticks);
-        // Before its first tick nobody knows at which one a slot could change hands.
-        let begun = self.status.is_some_and(|active| active.next_tick > 0);
+        let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.max_lag_ticks);
+        // Before the first tick of the slot no tick can be chosen for the hand-over.
+        let has_ticked = self.status.is_some_and(|active| active.next_tick > 0);
         let Some(swap) = &mut self.swap else { return };
-        if matches!(swap.state, State::CatchingUp | State::Shadowing) && !begun {
-            swap.since_ms = now_ms;
-            if now_ms >= swap.request.until_ms {
-                self.abort(now_ms, Reason::NoTick, actions);
+        if matches!(swap.state, SwapState::CatchingUp | SwapState::Shadowing) && !has_ticked {
+            swap.state_since_ms = now_ms;
+            if now_ms >= swap.request.deadline_ms {
+                self.abort(now_ms, FailureReason::NoTick, actions);
             }
             return;
         }
-        let waited_ms = now_ms.saturating_sub(swap.since_ms);
+        let waited_ms = now_ms.saturating_sub(swap.state_since_ms);
         match swap.state {
-            State::Idle => {}
-            State::Starting if waited_ms >= limits.ready_ms => {
-                self.abort(now_ms, Reason::NotReady { ready_ms: limits.ready_ms }, actions);
+            SwapState::Idle => {}
+            SwapState::Starting if waited_ms >= limits.ready_timeout_ms => {
+                self.abort(now_ms, FailureReason::NotReady { ready_timeout_ms: limits.ready_timeout_ms }, actions);
             }
-            State::Starting => {}
-            State::CatchingUp if caught_up => swap.enter(State::Shadowing, now_ms),
-            State::CatchingUp if waited_ms >= limits.caught_up_ms => {
-                self.abort(now_ms, Reason::NotCaughtUp { lag_ticks }, actions);
+            SwapState::Starting => {}
+            SwapState::CatchingUp if caught_up => swap.enter(SwapState::Shadowing, now_ms),
+            SwapState::CatchingUp if waited_ms >= limits.catch_up_timeout_ms => {
+                self.abort(now_ms, FailureReason::NotCaughtUp { lag_ticks }, actions);
             }
-            State::CatchingUp => {}
-            State::Shadowing if swap.request.shadow_only || waited_ms < limits.shadow_ms => {}
-            State::Shadowing if caught_up && behind_ticks <= limits.lag_max_ticks => self.arm(now_ms, actions),
-            State::Shadowing if waited_ms >= limits.shadow_ms + limits.caught_up_ms => {
-                let active_behind = Reason::ActiveBehind { lag_ticks: behind_ticks };
-                let reason = if caught_up { active_behind } else { Reason::NotCaughtUp { lag_ticks } };
+            SwapState::CatchingUp => {}
+            SwapState::Shadowing if swap.request.shadow_only || waited_ms < limits.shadow_ms => {}
+            SwapState::Shadowing if caught_up && behind_ticks <= limits.max_lag_ticks => self.arm(now_ms, actions),
+            SwapState::Shadowing if waited_ms >= limits.shadow_ms + limits.catch_up_timeout_ms => {
+                let active_behind = FailureReason::ActiveBehind { lag_ticks: behind_ticks };
+                let reason = if caught_up { active_behind } else { FailureReason::NotCaughtUp { lag_ticks } };
                 self.abort(now_ms, reason, actions);
             }
-            State::Shadowing => {}
-            State::TakingOver => self.confirm_alone(now_ms, waited_ms, actions),
-            State::Armed { from_tick } => self.confirm(now_ms, from_tick, waited_ms, actions),
-            State::Committed { old } if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.readers_tick) => {
-                swap.enter(State::Retiring { old }, now_ms);
-                actions.push(Action::RetireOld { incarnation: old });
+            SwapState::Shadowing => {}
+            SwapState::TakingOver => self.confirm_takeover(now_ms, waited_ms, actions),
+            SwapState::Armed { from_tick } => self.confirm(now_ms, from_tick, waited_ms, actions),
+            SwapState::Committed { previous } if waited_ms >= limits.linger_ms || swap.from_tick <= Some(self.subscribers_tick) => {
+                swap.enter(SwapState::Retiring { previous }, now_ms);
+                actions.push(Action::RetirePrevious { incarnation: previous });
             }
-            State::Committed { .. } => {}
-            State::Retiring { old } if waited_ms >= limits.end_ms => {
-                swap.enter(State::Retiring { old }, now_ms);
-                actions.push(Action::RetireOld { incarnation: old });
+            SwapState::Committed { .. } => {}
+            SwapState::Retiring { previous } if waited_ms >= limits.stop_retry_ms => {
+                swap.enter(SwapState::Retiring { previous }, now_ms);
+                actions.push(Action::RetirePrevious { incarnation: previous });
             }
-            State::Retiring { .. } => {}
-            State::Aborting => self.clear(now_ms, waited_ms, actions),
+            SwapState::Retiring { .. } => {}
+            SwapState::Aborting => self.finish_abort(now_ms, waited_ms, actions),
         }
     }
 
-    /// How far the candidate is behind the active stage, where both are known.
+    /// Returns the lag of the candidate behind the active stage, if both are known.
     fn lag_ticks(&self) -> Option<u64> {
         let candidate = self.swap.as_ref()?.status?;
         Some(self.status?.next_tick.saturating_sub(candidate.next_tick))

@@ -1,297 +1,309 @@
-//! What the coordinator hears, what it asks for, and how a swap went.
+//! Events and actions of the coordinator, and reports about swap requests.
 
 use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Control, OwnershipStatus};
+use crate::{OwnershipDecision, OwnershipStatus};
 
-/// Deadlines and distances of a swap.
+/// Deadlines and limits of a swap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Limits {
-    /// Time for the candidate to start and open its topics, ms.
-    pub ready_ms: u64,
-    /// Time for the candidate to catch up with the active stage, ms.
-    pub caught_up_ms: u64,
-    /// Time that the candidate computes beside the active stage before it takes over, ms.
+pub struct SwapLimits {
+    /// Timeout for the candidate to start and open its topics, ms.
+    pub ready_timeout_ms: u64,
+    /// Timeout for the candidate to catch up with the active stage, ms.
+    pub catch_up_timeout_ms: u64,
+    /// Time that the candidate computes in parallel with the active stage before it takes over, ms.
     pub shadow_ms: u64,
-    /// Time from the decision to the report of the first tick published under it, ms.
-    pub commit_ms: u64,
-    /// Time for the active stage to take the slot back after a swap that failed; then it is restarted, ms.
-    pub restore_ms: u64,
-    /// Longest time that the old stage stays, silent, after the commitment, for readers that restart, ms.
+    /// Timeout from the decision until the first tick published under it is reported, ms.
+    pub commit_timeout_ms: u64,
+    /// Timeout for the active stage to resume ownership after a failed swap, ms. Then it is
+    /// restarted.
+    pub restore_timeout_ms: u64,
+    /// Longest time that the previous stage stays after the commitment, without publishing, ms.
+    /// Restarting subscribers read from it.
     pub linger_ms: u64,
-    /// Time after which the end of a service that has not ended is asked for again, ms.
-    pub end_ms: u64,
-    /// Ticks that the candidate may be behind the active stage, and that behind its input, when hands change.
-    pub lag_max_ticks: u64,
-    /// Ticks between the newest one known and the first one of the new owner: what passes while a decision is on its way. Each further
-    /// attempt has twice as many.
+    /// Interval at which the stop of a service is requested until it has exited, ms.
+    pub stop_retry_ms: u64,
+    /// Maximum lag at the hand-over, ticks: of the candidate behind the active stage, and of the
+    /// active stage behind its input.
+    pub max_lag_ticks: u64,
+    /// Ticks between the newest known one and the first one of the new owner.
+    ///
+    /// They cover the delivery time of the decision. Each further attempt doubles them.
     pub margin_ticks: u64,
 }
 
-/// A swap that somebody asks for.
+/// Request for a swap or a shadow.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Request {
-    /// The number under which it is answered.
+    /// Number of the request, repeated in its report.
     pub id: u64,
-    /// The stage that is to fill the slot.
+    /// Stage for the slot.
     pub stage: String,
-    /// The candidate computes beside the active stage until it is promoted or cancelled.
+    /// Whether the candidate only computes in parallel until it is promoted or cancelled.
     pub shadow_only: bool,
-    /// Until when it waits for a tick of the slot, ms; `u64::MAX` for a shadow.
-    pub until_ms: u64,
-    /// How often the slot was to change hands for it before, and the decision came too late.
-    pub attempts_before: u32,
+    /// Deadline for a tick of the slot, ms; `u64::MAX` for a shadow.
+    pub deadline_ms: u64,
+    /// Number of earlier attempts in which the decision came too late.
+    pub previous_attempts: u32,
 }
 
-impl Limits {
-    /// The margin of an attempt, ticks.
-    pub fn margin_ticks(&self, attempts_before: u32) -> u64 {
-        self.margin_ticks.saturating_mul(1 << attempts_before.min(16))
+impl SwapLimits {
+    /// Returns the margin of an attempt, ticks.
+    pub fn margin_ticks(&self, previous_attempts: u32) -> u64 {
+        self.margin_ticks.saturating_mul(1 << previous_attempts.min(16))
     }
 }
 
-/// What the coordinator hears. What the supervisor is asked to start, it answers once; of every service it tells the death, once.
+/// Input of the coordinator.
+///
+/// The supervisor reports the result of each requested start once, and the exit of each service
+/// once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Event {
-    /// Somebody wants another stage in the slot.
+    /// A client requests another stage for the slot.
     Request(Request),
-    /// The candidate in the shadow is to take over.
+    /// The shadow is to take over.
     Promote {
-        /// Until when that waits for a tick of the slot, ms.
-        until_ms: u64,
+        /// Deadline for a tick of the slot, ms.
+        deadline_ms: u64,
     },
-    /// The shadow is not wanted any more; one that was promoted meanwhile is.
+    /// The shadow is cancelled. A shadow that was promoted in the meantime is kept.
     Cancel,
-    /// The candidate runs.
+    /// The candidate process runs.
     Spawned {
-        /// Its incarnation.
+        /// Incarnation of the candidate.
         incarnation: u32,
     },
     /// The candidate could not be started.
     SpawnFailed {
-        /// Why, for people.
+        /// Cause, for the report.
         cause: String,
     },
     /// The candidate has opened its topics.
     Ready {
-        /// Its incarnation.
+        /// Incarnation of the candidate.
         incarnation: u32,
     },
-    /// A service says how it is.
+    /// A service reports its health.
     Health {
-        /// Its incarnation.
+        /// Incarnation of the service.
         incarnation: u32,
-        /// How it stands to the slot.
+        /// Ownership state of the service.
         status: OwnershipStatus,
-        /// It has given out what cannot be: NaN, infinity, or a state that is none.
-        flawed: bool,
+        /// Whether the service has returned an invalid output: NaN, infinity, or an invalid state.
+        invalid_output: bool,
     },
-    /// A service has ended.
-    Died {
-        /// The incarnation that it was.
+    /// A service has exited.
+    Exited {
+        /// Incarnation of the service.
         incarnation: u32,
     },
-    /// The active stage runs again: the answer to [`Action::RestartActive`].
+    /// The active stage runs again, as requested by [`Action::RestartActive`].
     Restarted {
-        /// Its incarnation.
+        /// Incarnation of the new process.
         incarnation: u32,
     },
-    /// The slot's owner has ended and is not started again.
+    /// The owner of the slot has exited and is not restarted.
     Vacated,
-    /// Everything before this tick has been published in the slot.
+    /// All ticks before this one have been published in the slot.
     Published {
-        /// The tick that comes next.
+        /// First tick that is not published yet.
         next_tick: u64,
     },
-    /// The slot's input has come this far.
+    /// The input of the slot has advanced.
     NewestInput {
-        /// Its newest tick.
+        /// Newest tick of the input.
         tick: u64,
     },
-    /// The checkpoint of every reader of the slot has come this far: none of them needs what was published before.
-    ReadersKeep {
-        /// The tick that the last of them goes on with.
+    /// The checkpoints of all subscribers have reached a tick. No subscriber needs earlier outputs.
+    SubscribersCheckpointed {
+        /// Lowest tick from which a subscriber resumes.
         next_tick: u64,
     },
     /// Time has passed.
-    Time,
+    TimePassed,
 }
 
-/// What the supervisor is to do.
+/// Output of the coordinator: a task for the supervisor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Start the stage as a candidate: `OutputGate::candidate(its incarnation, epoch, …)`.
+    /// Starts the stage as a candidate, with `OutputGate::candidate(its incarnation, epoch, …)`.
     SpawnCandidate {
-        /// The stage.
+        /// Name of the stage.
         stage: String,
-        /// The decision in force.
+        /// Epoch in force.
         epoch: u32,
     },
-    /// Start the stage in the place of the owner that has ended, from the same checkpoint as [`Action::RestartActive`]:
-    /// `OutputGate::owner(its incarnation, epoch, from_tick, …)`. A candidate that is there by now is killed, and the former owner is not
-    /// started while the stage lives.
+    /// Starts the stage in place of an owner that has exited.
+    ///
+    /// It resumes from the same checkpoint as [`Action::RestartActive`], with
+    /// `OutputGate::owner(its incarnation, epoch, from_tick, …)`. An existing candidate is killed,
+    /// and the former owner is not restarted while the stage lives.
     SpawnOwner {
-        /// The stage.
+        /// Name of the stage.
         stage: String,
-        /// The decision under which it publishes.
+        /// Epoch under which it publishes.
         epoch: u32,
-        /// The first tick that it publishes.
+        /// First tick that it publishes.
         from_tick: u64,
     },
-    /// Tell every service of the slot, and its readers. An owner 0 is nobody.
-    PublishControl(Control),
-    /// End the candidate, by force if it has to be.
-    EndCandidate {
-        /// Its incarnation.
+    /// Publishes a decision to the services of the slot and its subscribers. Owner 0 means none.
+    PublishDecision(OwnershipDecision),
+    /// Stops the candidate, by force if necessary.
+    StopCandidate {
+        /// Incarnation of the candidate.
         incarnation: u32,
     },
-    /// End the stage that had the slot.
-    RetireOld {
-        /// Its incarnation.
+    /// Stops the stage that owned the slot before.
+    RetirePrevious {
+        /// Incarnation of that stage.
         incarnation: u32,
     },
-    /// Start the slot's owner anew from its last checkpoint, `OutputGate::owner(its incarnation, epoch, from_tick, …)`; end it first if it
-    /// still runs.
+    /// Restarts the owner of the slot from its last checkpoint, with `OutputGate::owner(its
+    /// incarnation, epoch, from_tick, …)`.
+    ///
+    /// A process that still runs is stopped first.
     RestartActive {
-        /// The decision under which it publishes.
+        /// Epoch under which it publishes.
         epoch: u32,
-        /// The first tick that it publishes.
+        /// First tick that it publishes.
         from_tick: u64,
     },
-    /// Tell whoever asked. After a commitment the slot's owner is the stage of the report.
-    Answer(Report),
+    /// Reports the result to the requester. After a commitment, the stage of the report owns the
+    /// slot.
+    Report(Report),
 }
 
-/// How a request ended.
+/// Result of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Report {
-    /// The request's number.
+    /// Number of the request.
     pub id: u64,
-    /// The stage that was to fill the slot.
+    /// Requested stage.
     pub stage: String,
-    /// Which way it ended.
-    pub outcome: Outcome,
-    /// Why it did not succeed.
-    pub reason: Option<Reason>,
-    /// The first tick of the new stage, if it took over.
+    /// Outcome of the request.
+    pub outcome: SwapOutcome,
+    /// Cause of a failure.
+    pub reason: Option<FailureReason>,
+    /// First tick of the new stage, if it took over.
     pub commit_tick: Option<u64>,
-    /// The decision in force.
+    /// Epoch in force.
     pub epoch: u32,
-    /// Time from the request to this answer, ms.
+    /// Time from the request to the report, ms.
     pub took_ms: u64,
 }
 
-/// Which way a request ended.
+/// Outcome of a swap request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Outcome {
-    /// The new stage has the slot.
+pub enum SwapOutcome {
+    /// The new stage owns the slot.
     Committed,
-    /// Nothing was begun.
+    /// The request was refused; nothing was started.
     Refused,
-    /// The old stage has the slot.
+    /// The previous stage owns the slot.
     Aborted,
 }
 
-/// Why a request did not succeed.
+/// Cause of a failed swap request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Reason {
-    /// Another swap of this slot is under way.
+pub enum FailureReason {
+    /// Another swap of the slot is in progress.
     Busy {
-        /// That request's number.
+        /// Number of that request.
         id: u64,
     },
-    /// The slot's own stage is being restarted.
+    /// The active stage does not run.
     ActiveDown,
-    /// It could not be started.
+    /// The candidate could not be started.
     SpawnFailed {
-        /// Why, for people.
+        /// Cause, for the report.
         cause: String,
     },
-    /// It did not open its topics in time.
+    /// The candidate did not open its topics in time.
     NotReady {
-        /// The time that it had, ms.
-        ready_ms: u64,
+        /// Timeout, ms.
+        ready_timeout_ms: u64,
     },
-    /// It did not catch up in time, or fell behind again.
+    /// The candidate did not catch up in time, or fell behind again.
     NotCaughtUp {
-        /// How far it was behind, where that is known.
+        /// Lag of the candidate, if known.
         lag_ticks: Option<u64>,
     },
-    /// The active stage itself did not keep up with its input: the change of hands would be a gap.
+    /// The active stage lags behind its input, so that the hand-over would leave a gap.
     ActiveBehind {
-        /// How far it is behind its input.
+        /// Lag of the active stage.
         lag_ticks: u64,
     },
-    /// It gave out what cannot be.
-    Flawed,
-    /// It ended.
-    CandidateDied,
-    /// It no longer kept the tick from which it was to publish.
+    /// The candidate returned an invalid output.
+    InvalidOutput,
+    /// The candidate exited.
+    CandidateExited,
+    /// The candidate no longer held its first tick.
     CandidateMissed,
     /// The active stage had passed the tick at which it was to stop.
     ActiveMissed,
-    /// The active stage ended, beside which the candidate was to run.
-    ActiveDied,
-    /// No tick came out of the slot.
+    /// The active stage exited while the candidate computed in parallel.
+    ActiveExited,
+    /// The slot produced no tick.
     NoTick,
-    /// It was not confirmed in time that the one has stopped and the other has begun.
+    /// The hand-over was not confirmed before its deadline.
     NotConfirmed {
-        /// The tick at which the slot was to change hands.
+        /// Tick of the hand-over.
         from_tick: u64,
     },
-    /// Somebody asked for that.
+    /// The request was cancelled.
     Cancelled,
 }
 
-impl fmt::Display for Reason {
+impl fmt::Display for FailureReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Busy { id } => write!(
                 f,
-                "request {id} for this slot is still under way; a swap ends by itself, a shadow by Ctrl-C where it was asked for"
+                "request {id} for this slot is in progress; wait until it has ended, or stop a shadow with Ctrl-C in its terminal"
             ),
             Self::ActiveDown => write!(
                 f,
-                "the slot's own stage does not run: there is nothing to compare with; `plumb swap` puts another in its place"
+                "the active stage of the slot does not run, so there is no output to compare with; replace it with `plumb swap`"
             ),
-            Self::SpawnFailed { cause } => write!(f, "the new stage could not be started: {cause}"),
-            Self::NotReady { ready_ms } => write!(
+            Self::SpawnFailed { cause } => write!(f, "cannot start the new stage: {cause}"),
+            Self::NotReady { ready_timeout_ms } => write!(
                 f,
-                "the new stage had not opened its topics after {ready_ms} ms; `plumb stage test` tells what it does"
+                "the new stage did not open its topics within {ready_timeout_ms} ms; check it with `plumb stage test`"
             ),
             Self::NotCaughtUp { lag_ticks: None } => {
                 write!(
                     f,
-                    "the new stage, or the active one, never said how far it is; `plumb ps` tells whether it runs"
+                    "the new stage or the active one never reported its position; `plumb ps` shows whether both run"
                 )
             }
             Self::NotCaughtUp { lag_ticks: Some(lag_ticks) } => write!(
                 f,
-                "the new stage is {lag_ticks} ticks behind; it is slower than its input: `plumb top` tells what else the machine does"
+                "the new stage is {lag_ticks} ticks behind and slower than its input; `plumb top` shows the load of the machine"
             ),
             Self::ActiveBehind { lag_ticks } => {
-                write!(f, "the active stage is {lag_ticks} ticks behind its input; ask again when it keeps up")
+                write!(f, "the active stage is {lag_ticks} ticks behind its input; retry when it has caught up")
             }
-            Self::Flawed => {
-                write!(f, "the new stage gave out what cannot be an output; `plumb stage test` tells after which input")
+            Self::InvalidOutput => {
+                write!(f, "the new stage returned an invalid output; `plumb stage test` shows the input that causes it")
             }
-            Self::CandidateDied => write!(f, "the new stage ended before it had taken over"),
-            Self::CandidateMissed => write!(f, "the decision reached the new stage too late; ask again"),
-            Self::ActiveMissed => write!(f, "the decision reached the active stage too late; ask again"),
-            Self::ActiveDied => write!(f, "the active stage ended meanwhile and is restarted; ask again"),
+            Self::CandidateExited => write!(f, "the new stage exited before it had taken over"),
+            Self::CandidateMissed => write!(f, "the decision reached the new stage too late; retry"),
+            Self::ActiveMissed => write!(f, "the decision reached the active stage too late; retry"),
+            Self::ActiveExited => write!(f, "the active stage exited during the swap and is being restarted; retry"),
             Self::NoTick => write!(
                 f,
-                "no tick has come out of the slot; does the source give samples? `plumb topic hz imu` tells; ask again when it does"
+                "the slot produced no tick; check with `plumb topic hz imu` that the source delivers samples, and retry"
             ),
             Self::NotConfirmed { from_tick } => write!(
                 f,
-                "the change of hands at tick {from_tick} was not confirmed in time; does the source still give samples, and the active stage still run? `plumb ps` tells; ask again"
+                "the hand-over at tick {from_tick} was not confirmed in time; check with `plumb ps` that the source and the active stage run, and retry"
             ),
-            Self::Cancelled => write!(f, "cancelled as asked"),
+            Self::Cancelled => write!(f, "cancelled as requested"),
         }
     }
 }

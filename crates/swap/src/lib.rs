@@ -1,24 +1,32 @@
-//! The swap of the stage in a slot of a running system: who publishes, what a reader takes, who decides.
+//! Swap of the stage in a slot of a running system: ownership, delivery to subscribers, and
+//! coordination.
 //!
-//! Input, output: messages, decisions and events as plain values. Time: a reader and a service decide by ticks alone; only the
-//! coordinator has deadlines, on a clock that is told to it. Failure: a swap that fails gives the slot back to the stage that had it.
+//! - Input, output: messages, decisions and events as plain values.
+//! - Time: subscribers and services decide by ticks alone. Only the coordinator has deadlines, and
+//!   its caller passes the time.
+//! - Failure: a failed swap returns the slot to the previous stage.
 //!
-//! | module | where it lives | what it does |
+//! | module | runs in | purpose |
 //! | --- | --- | --- |
-//! | [`output_gate`] | in each service | publishes, or keeps, what the stage gives out |
-//! | [`reorder_buffer`] | at each reader of a topic | makes one stream of all that publish it: each tick once, in order |
-//! | [`sequence`] | at each reader | counts what is missing and what came again |
-//! | [`coordinator`] | in the supervisor, one for each slot | starts the candidate, decides who owns the slot from which tick, ends who does not |
-//! | [`event`] | between coordinator and supervisor | what happens, what is to be done, how it went |
+//! | [`output_gate`] | each service | publishes or holds back the outputs of the stage |
+//! | [`reorder_buffer`] | each subscriber | merges all publishers into one ordered stream |
+//! | [`sequence`] | each subscriber | counts missing and repeated ticks |
+//! | [`coordinator`] | the supervisor, per slot | swaps the stage and decides the owner of each tick |
+//! | [`event`] | between coordinator and supervisor | events, actions and reports |
 //!
-//! The rule for all: *a tick belongs to the owner named by the decision of the highest epoch that begins at or before it.*
+//! One rule decides ownership: *a tick belongs to the owner named by the decision of the highest
+//! epoch that starts at or before it.*
 //!
-//! What the system must add so that no tick is lost:
-//! - A publisher's messages arrive in order, and what it has sent arrives although it has died. Across publishers any order will do.
-//! - [`OutputGate`] and [`ReorderBuffer`] keep more ticks than the source can give in `commit_ms` and the time a decision takes to arrive, plus the margin.
-//! - A service restarts from a checkpoint that [`Coordinator::admits`], and its input reaches back to it.
-//! - A reader that restarts finds what it lacks at publishers that live: a stage restarts from a checkpoint that is no newer than its
-//!   readers', and the coordinator hears of theirs ([`Event::ReadersKeep`]) before it retires the old stage.
+//! No tick is lost if the system guarantees the following:
+//! - The messages of one publisher arrive in order, even if the publisher has exited. Messages of
+//!   different publishers may arrive in any order.
+//! - [`OutputGate`] and [`ReorderBuffer`] hold more ticks than the source produces in
+//!   `commit_timeout_ms`, in the delivery time of a decision, and in the margin.
+//! - A service restarts from a checkpoint that [`Coordinator::admits_checkpoint`] accepted, and its
+//!   inputs still hold the ticks from there on.
+//! - A restarted subscriber finds its missing ticks at living publishers. Therefore a stage
+//!   restarts from a checkpoint no newer than those of its subscribers, and the coordinator
+//!   receives theirs ([`Event::SubscribersCheckpointed`]) before it retires the previous stage.
 #![forbid(unsafe_code)]
 
 pub mod coordinator;
@@ -30,60 +38,61 @@ pub mod sequence;
 use messages::Ticked;
 use serde::{Deserialize, Serialize};
 
-pub use coordinator::{Coordinator, State};
-pub use event::{Action, Event, Limits, Outcome, Reason, Report, Request};
-pub use output_gate::{Answer, OutputGate};
+pub use coordinator::{Coordinator, SwapState};
+pub use event::{Action, Event, FailureReason, Report, Request, SwapLimits, SwapOutcome};
+pub use output_gate::{DecisionResponse, OutputGate};
 pub use reorder_buffer::ReorderBuffer;
 pub use sequence::Sequence;
 
-/// The supervisor's first decision: every slot belongs to whom `launch.toml` names.
+/// Epoch of the supervisor's first decisions, which assign each slot to the stage in the launch
+/// file.
 pub const FIRST_EPOCH: u32 = 1;
 
-/// Whether a service begins as the owner of its slot.
+/// Initial role of a service in its slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Role {
-    /// It publishes from this tick on.
+    /// Publishes from a tick on.
     Owner {
-        /// The first tick.
+        /// First published tick.
         from_tick: u64,
     },
-    /// It computes beside the owner until a decision names it.
+    /// Computes in parallel with the owner until a decision names it.
     Candidate,
 }
 
-/// A decision about a slot.
+/// Decision about the ownership of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Control {
-    /// Its number; grows with every decision about the slot.
+pub struct OwnershipDecision {
+    /// Number of the decision; increases with every decision about the slot.
     pub epoch: u32,
-    /// The incarnation that owns the slot.
+    /// Incarnation that owns the slot; 0 for none.
     pub owner: u32,
-    /// The first tick that it owns.
+    /// First tick of the owner.
     pub from_tick: u64,
 }
 
-/// How a service stands to its slot, as its health says.
+/// Ownership state of a service, as its health reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct OwnershipStatus {
-    /// The tick that it computes next.
+    /// Next tick to compute.
     pub next_tick: u64,
-    /// The last decision that it answered.
+    /// Epoch of the last decision that the service handled.
     pub decided_epoch: u32,
-    /// It could not do what that decision asked, and goes on as before.
+    /// Whether that decision came too late and changed nothing.
     pub missed: bool,
-    /// The first tick that it has published under that decision.
+    /// First tick published under that decision.
     pub published_from: Option<u64>,
 }
 
-/// A message of a slot: what its order and its owner are read from.
+/// A message with the fields that decide its order and ownership.
 pub trait Stamped {
-    /// The tick that it comes from.
+    /// Returns the tick of the message.
     fn tick(&self) -> u64;
-    /// The decision under which it was published.
+    /// Returns the epoch of the decision under which the message was published.
     fn epoch(&self) -> u32;
-    /// The incarnation of its publisher.
+    /// Returns the incarnation of the publisher.
     fn incarnation(&self) -> u32;
-    /// Writes the publisher and the decision into it.
+    /// Sets publisher and epoch.
     fn stamp(&mut self, epoch: u32, incarnation: u32);
 }
 

@@ -1,39 +1,45 @@
-//! What a service does with its outputs: publish them while it owns the slot, keep the last of them in any case.
+//! Gate for the outputs of a service: publishes them while it owns the slot, and keeps the latest
+//! in any case.
 //!
-//! Input: outputs in the order of ticks, and decisions. Output: what is to be published, stamped. Time: none. Failure: a decision
-//! that comes too late to be obeyed changes nothing and is answered [`Answer::Missed`].
+//! - Input: outputs in tick order, and decisions.
+//! - Output: stamped messages to publish.
+//! - Failure: a decision that arrives too late changes nothing and returns
+//!   [`DecisionResponse::Missed`].
 
 use std::collections::VecDeque;
 
-use crate::{Control, OwnershipStatus, Stamped};
+use crate::{OwnershipDecision, OwnershipStatus, Stamped};
 
-/// What a service answers to a decision.
+/// Response of a service to a decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Answer {
-    /// It does, or will do, what was decided.
+pub enum DecisionResponse {
+    /// The decision is or will be carried out.
     Armed,
-    /// It can do so no more: it has published beyond, or no longer keeps what it is to publish. Nothing has changed.
+    /// The decision came too late and changed nothing.
+    ///
+    /// The service has published beyond its tick, or no longer holds the outputs it would have to
+    /// publish.
     Missed,
 }
 
-/// Ticks from one on, as far as the next span begins.
+/// Ownership from a tick up to the start of the next span.
 #[derive(Debug, Clone, Copy)]
 struct OwnershipSpan {
     from_tick: u64,
     epoch: u32,
-    mine: bool,
+    is_own: bool,
 }
 
-/// The outputs of one service.
+/// Output gate of a service.
 #[derive(Debug, Clone)]
 pub struct OutputGate<O> {
     incarnation: u32,
     capacity: usize,
-    kept: VecDeque<O>,
-    /// Everything given out from this tick on is kept.
-    kept_from: Option<u64>,
+    history: VecDeque<O>,
+    /// First tick from which `history` is complete.
+    history_start: Option<u64>,
     next_tick: u64,
-    /// In the order of ticks; epochs grow with them.
+    /// Spans in tick order; their epochs increase.
     spans: Vec<OwnershipSpan>,
     decided_epoch: u32,
     missed: bool,
@@ -41,21 +47,23 @@ pub struct OutputGate<O> {
 }
 
 impl<O: Stamped + Clone> OutputGate<O> {
-    /// A service that owns the slot from `from_tick` on by the decision `epoch`, and keeps its last `capacity` outputs.
+    /// Creates the gate of an owner from `from_tick` on, by the decision `epoch`. It keeps the last
+    /// `capacity` outputs.
     pub fn owner(incarnation: u32, epoch: u32, from_tick: u64, capacity: usize) -> Self {
         let mut gate = Self::candidate(incarnation, epoch, capacity);
-        gate.spans.push(OwnershipSpan { from_tick, epoch, mine: true });
-        gate.kept_from = Some(0);
+        gate.spans.push(OwnershipSpan { from_tick, epoch, is_own: true });
+        gate.history_start = Some(0);
         gate
     }
 
-    /// A service that publishes nothing until a decision after `epoch` names it.
+    /// Creates the gate of a candidate, which publishes nothing until a decision after `epoch`
+    /// names it.
     pub fn candidate(incarnation: u32, epoch: u32, capacity: usize) -> Self {
         Self {
             incarnation,
             capacity: capacity.max(1),
-            kept: VecDeque::new(),
-            kept_from: None,
+            history: VecDeque::new(),
+            history_start: None,
             next_tick: 0,
             spans: Vec::new(),
             decided_epoch: epoch,
@@ -64,60 +72,67 @@ impl<O: Stamped + Clone> OutputGate<O> {
         }
     }
 
-    /// Takes the next output; publishes it if its tick is owned. Outputs come in the order of ticks; one that comes again is left out.
-    pub fn take(&mut self, output: O, publish: &mut dyn FnMut(O)) {
+    /// Adds the next output and publishes it if the service owns its tick. A repeated tick is
+    /// ignored.
+    pub fn push(&mut self, output: O, publish: &mut dyn FnMut(O)) {
         let tick = output.tick();
         if tick < self.next_tick {
             return;
         }
-        if self.kept.is_empty() {
-            self.kept_from = Some(tick);
-        } else if self.kept.len() == self.capacity {
-            self.kept_from = self.kept.pop_front().map(|forgotten| forgotten.tick().saturating_add(1));
+        if self.history.is_empty() {
+            self.history_start = Some(tick);
+        } else if self.history.len() == self.capacity {
+            self.history_start = self.history.pop_front().map(|dropped| dropped.tick().saturating_add(1));
         }
         self.next_tick = tick.saturating_add(1);
         self.publish(output.clone(), publish);
-        self.kept.push_back(output);
+        self.history.push_back(output);
     }
 
-    /// Obeys a decision; `None` for one that came again, late or out of order. What is kept and owned by it is published at once.
-    pub fn decide(&mut self, control: Control, publish: &mut dyn FnMut(O)) -> Option<Answer> {
-        let Control { epoch, owner, from_tick } = control;
+    /// Applies a decision; returns `None` for one that is repeated, late or out of order.
+    ///
+    /// If the service becomes the owner, the outputs in its history from that tick on are published
+    /// immediately.
+    pub fn apply(&mut self, decision: OwnershipDecision, publish: &mut dyn FnMut(O)) -> Option<DecisionResponse> {
+        let OwnershipDecision { epoch, owner, from_tick } = decision;
         if epoch <= self.decided_epoch {
             return None;
         }
         (self.decided_epoch, self.published_from) = (epoch, None);
-        let mine = owner == self.incarnation;
-        let able =
-            if mine { self.kept_from.is_some_and(|kept| kept <= from_tick) } else { !self.has_published(from_tick) };
-        self.missed = !able;
-        if !able {
-            return Some(Answer::Missed);
+        let is_own = owner == self.incarnation;
+        let in_time = if is_own {
+            self.history_start.is_some_and(|start| start <= from_tick)
+        } else {
+            !self.has_published(from_tick)
+        };
+        self.missed = !in_time;
+        if !in_time {
+            return Some(DecisionResponse::Missed);
         }
         self.spans.retain(|span| span.from_tick < from_tick);
-        self.spans.push(OwnershipSpan { from_tick, epoch, mine });
-        if mine {
-            let due = self.kept.partition_point(|output| output.tick() < from_tick);
-            let due: Vec<O> = self.kept.range(due..).cloned().collect();
+        self.spans.push(OwnershipSpan { from_tick, epoch, is_own });
+        if is_own {
+            let first = self.history.partition_point(|output| output.tick() < from_tick);
+            let due: Vec<O> = self.history.range(first..).cloned().collect();
             due.into_iter().for_each(|output| self.publish(output, publish));
         }
-        self.forget_terms();
-        Some(Answer::Armed)
+        self.drop_ended_spans();
+        Some(DecisionResponse::Armed)
     }
 
-    /// How the service stands to its slot.
+    /// Returns the ownership state for the health report.
     pub fn status(&self) -> OwnershipStatus {
         let Self { next_tick, decided_epoch, missed, published_from, .. } = *self;
         OwnershipStatus { next_tick, decided_epoch, missed, published_from }
     }
 
-    /// Whether the next tick would be published.
-    pub fn publishes(&self) -> bool {
-        self.span(self.next_tick).is_some_and(|span| span.mine)
+    /// Returns `true` if the service owns the next tick.
+    pub fn owns_next_tick(&self) -> bool {
+        self.span(self.next_tick).is_some_and(|span| span.is_own)
     }
 
     fn publish(&mut self, mut output: O, publish: &mut dyn FnMut(O)) {
-        let Some(OwnershipSpan { epoch, mine: true, .. }) = self.span(output.tick()).copied() else { return };
+        let Some(OwnershipSpan { epoch, is_own: true, .. }) = self.span(output.tick()).copied() else { return };
         if epoch == self.decided_epoch {
             self.published_from.get_or_insert(output.tick());
         }
@@ -129,19 +144,19 @@ impl<O: Stamped + Clone> OutputGate<O> {
         self.spans.iter().rev().find(|span| span.from_tick <= tick)
     }
 
-    /// A tick at or after this one has been published.
+    /// Returns `true` if a tick at or after `from_tick` was published.
     fn has_published(&self, from_tick: u64) -> bool {
         let ends = self.spans.iter().skip(1).map(|next| next.from_tick).chain([u64::MAX]);
         self.spans
             .iter()
             .zip(ends)
-            .any(|(span, end)| span.mine && span.from_tick.max(from_tick) < end.min(self.next_tick))
+            .any(|(span, end)| span.is_own && span.from_tick.max(from_tick) < end.min(self.next_tick))
     }
 
-    /// Leaves out spans that ended before the first tick kept.
-    fn forget_terms(&mut self) {
-        let kept_from = self.kept_from.unwrap_or(0);
-        let past = self.spans.iter().skip(1).take_while(|next| next.from_tick <= kept_from).count();
+    /// Drops spans that ended before the history starts.
+    fn drop_ended_spans(&mut self) {
+        let history_start = self.history_start.unwrap_or(0);
+        let past = self.spans.iter().skip(1).take_while(|next| next.from_tick <= history_start).count();
         self.spans.drain(..past);
     }
 }

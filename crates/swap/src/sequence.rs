@@ -1,43 +1,47 @@
-//! A stream in the order of ticks: what is next, what is missing, what came again.
+//! Position and counters of a stream of ticks.
 
 use messages::{Flags, Header};
 
-/// A stream in the order of ticks: what is next, what is missing, what came again.
+/// Position and counters of a stream of ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sequence {
-    /// The tick that comes next when nothing is lost.
+    /// Tick that comes next if none is lost.
     pub next_tick: u64,
-    /// Ticks in the stream.
+    /// Number of delivered ticks.
     pub ticks: u64,
-    /// Ticks that never came.
+    /// Number of ticks that were skipped.
     pub lost: u64,
-    /// Messages left out because their sender sent them again, or too late.
+    /// Messages discarded because their publisher had sent their tick before, or sent it too late.
     pub duplicated: u64,
-    /// Messages left out because another sender had sent their tick, or owns it.
+    /// Messages discarded because another publisher had sent their tick, or owns it.
     pub repeated: u64,
-    /// The incarnation that sent the last tick; 0 before the first.
-    pub sender: u32,
+    /// Incarnation that published the last tick; 0 before the first.
+    pub publisher: u32,
 }
 
 impl Sequence {
-    /// Admits a tick to the stream and tells how many before it are missing; `None` for one that has had its turn.
+    /// Admits a tick and returns the number of ticks missing before it; `None` if it was delivered
+    /// or skipped before.
     pub fn admit(&mut self, header: &Header) -> Option<u64> {
         if header.tick < self.next_tick {
-            self.refuse(header.incarnation == self.sender);
+            self.reject(header.incarnation == self.publisher);
             return None;
         }
-        self.sender = header.incarnation;
-        Some(self.pass(header.tick))
+        self.publisher = header.incarnation;
+        Some(self.advance(header.tick))
     }
 
-    /// Leaves out a message. Twice the same of one sender is a fault; what another one says again is none.
-    pub fn refuse(&mut self, same_sender: bool) {
-        let count = if same_sender { &mut self.duplicated } else { &mut self.repeated };
+    /// Counts a discarded message.
+    ///
+    /// A repetition by the same publisher is a fault; one by another publisher is expected after a
+    /// restart or swap.
+    pub fn reject(&mut self, same_publisher: bool) {
+        let count = if same_publisher { &mut self.duplicated } else { &mut self.repeated };
         *count += 1;
     }
 
-    /// Counts a tick that has its turn and tells how many before it are missing.
-    pub fn pass(&mut self, tick: u64) -> u64 {
+    /// Advances past a tick and returns the number of ticks missing before it.
+    pub fn advance(&mut self, tick: u64) -> u64 {
         let missing = tick.saturating_sub(self.next_tick);
         self.lost += missing;
         self.ticks += 1;
@@ -45,8 +49,8 @@ impl Sequence {
         missing
     }
 
-    /// A header of the tick just admitted that says what is missing before it.
-    pub fn mark(&self, header: Header, missing: u64) -> Header {
+    /// Returns the header of the tick just admitted, with the loss counter and flag set.
+    pub fn mark_header(&self, header: Header, missing: u64) -> Header {
         let flags = header.flags | Flags::LOST_BEFORE.when(missing > 0);
         Header { lost_upstream: self.lost, flags, ..header }
     }

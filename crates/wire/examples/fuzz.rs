@@ -1,53 +1,58 @@
-//! Hands damaged messages to every decoder: `cargo run --release -p wire --example fuzz -- 10000000 [SEED]`.
+//! Feeds mutated messages to every decoder: `cargo run --release -p wire --example fuzz -- 10000000
+//! [SEED]`.
 //!
-//! A corpus of sound messages of every type is cut, joined, flipped, overwritten and lengthened; each result goes to one decoder. What
-//! a decoder takes must come back the same when it is written and read again. Ends with the counts; a panic ends it with an error.
-#![allow(clippy::unwrap_used, reason = "a panic is what is looked for")]
+//! Valid messages of every type are truncated, spliced, flipped, overwritten and extended. Each
+//! result is passed to one decoder. An accepted message must be equal after encoding and decoding
+//! it again.
+//!
+//! Output: the number of accepted messages, and of errors by kind. A panic ends the run with an
+//! error.
+#![allow(clippy::unwrap_used, reason = "the fuzzer looks for panics")]
 
 #[path = "../tests/all/common/mod.rs"]
 mod common;
 
 use std::time::Instant;
 
-use common::{Dice, Drawn, for_every_message};
+use common::{RandomMessage, TestRng, for_every_message};
 use wire::{
-    Refusal, Refusals,
+    DecodeError, DecodeErrorCounts,
     command::ControlMessage,
     v1::{Envelope, GatewayReport, ServiceStatus, Services, SwapAnswer, SwapRequest},
 };
 
-/// Whether the bytes were taken.
-type Decoder = fn(&[u8]) -> Result<(), Refusal>;
+/// Returns `Ok` if the bytes are accepted.
+type Decoder = fn(&[u8]) -> Result<(), DecodeError>;
 
-fn message<M: Drawn>(bytes: &[u8]) -> Result<(), Refusal> {
-    let taken = M::decoded(bytes)?;
-    let again = M::decoded(&taken.encoded())?;
-    // As bytes, so that NaN is equal to itself.
-    assert!(again.encoded() == taken.encoded(), "{}: {taken:?} came back as {again:?}", M::NAME);
+fn decode_message<M: RandomMessage>(bytes: &[u8]) -> Result<(), DecodeError> {
+    let accepted = M::from_bytes(bytes)?;
+    let again = M::from_bytes(&accepted.to_bytes())?;
+    // Bytes are compared, so that NaN is equal to itself.
+    assert!(again.to_bytes() == accepted.to_bytes(), "{}: {accepted:?} decoded again as {again:?}", M::NAME);
     Ok(())
 }
 
-fn batch<M: Drawn>(bytes: &[u8]) -> Result<(), Refusal> {
-    wire::open::<M>(bytes).map(|(_, samples)| assert!(samples.len() <= wire::SAMPLES_MAX))
+fn decode_batch<M: RandomMessage>(bytes: &[u8]) -> Result<(), DecodeError> {
+    wire::decode_batch::<M>(bytes).map(|(_, samples)| assert!(samples.len() <= wire::MAX_SAMPLES))
 }
 
-fn letter<L: ControlMessage>(bytes: &[u8]) -> Result<(), Refusal> {
-    L::decoded(bytes).map(drop)
+fn decode_control_message<L: ControlMessage>(bytes: &[u8]) -> Result<(), DecodeError> {
+    L::from_bytes(bytes).map(drop)
 }
 
-/// Sound bytes with the decoder that takes them.
-type Sound = (Vec<u8>, Decoder);
+/// Valid bytes with the decoder of their type.
+type Seed = (Vec<u8>, Decoder);
 
-fn corpus() -> Vec<Sound> {
-    fn of<M: Drawn>() -> Vec<Sound> {
-        let mut dice = Dice::new(11);
-        let messages: Vec<M> = (0..4).map(|_| M::drawn(&mut dice)).collect();
-        let joined = wire::seal(&Envelope { sequence: 1, ..Envelope::default() }, &wire::samples(&messages));
-        let alone = messages.iter().map(|sound| (sound.encoded(), message::<M> as Decoder));
-        alone.chain([(joined, batch::<M> as Decoder)]).collect()
+fn corpus() -> Vec<Seed> {
+    fn seeds<M: RandomMessage>() -> Vec<Seed> {
+        let mut rng = TestRng::new(11);
+        let messages: Vec<M> = (0..4).map(|_| M::random(&mut rng)).collect();
+        let batch = wire::encode_batch(&Envelope { sequence: 1, ..Envelope::default() }, &wire::encode_samples(&messages));
+        let single = messages.iter().map(|message| (message.to_bytes(), decode_message::<M> as Decoder));
+        single.chain([(batch, decode_batch::<M> as Decoder)]).collect()
     }
-    fn alone<L: ControlMessage>(sound: &L) -> Sound {
-        (sound.encoded(), letter::<L>)
+    fn control<L: ControlMessage>(message: &L) -> Seed {
+        (message.to_bytes(), decode_control_message::<L>)
     }
     let request = SwapRequest {
         request_id: "1".into(),
@@ -61,32 +66,32 @@ fn corpus() -> Vec<Sound> {
         Services { t_now_ns: 1, services: vec![ServiceStatus { service: "fuser".into(), ..ServiceStatus::default() }] };
     let report = GatewayReport { envelope: Some(Envelope::default()), ..GatewayReport::default() };
     let answer = SwapAnswer { request_id: "1".into(), ..SwapAnswer::default() };
-    let letters = [alone(&request), alone(&services), alone(&report), alone(&answer)];
-    for_every_message!(of()).concat().into_iter().chain(letters).collect()
+    let control_messages = [control(&request), control(&services), control(&report), control(&answer)];
+    for_every_message!(seeds()).concat().into_iter().chain(control_messages).collect()
 }
 
-/// One to four damages.
-fn damaged(corpus: &[Sound], dice: &mut Dice) -> Sound {
-    let pick = |dice: &mut Dice| &corpus[dice.below(corpus.len() as u64) as usize];
-    // Now and then to a decoder of another type.
-    let (mut bytes, own) = pick(dice).clone();
-    let decoder = if dice.below(8) == 0 { pick(dice).1 } else { own };
-    for _ in 0..=dice.below(4) {
-        let place = |dice: &mut Dice, bytes: &[u8]| dice.below(bytes.len() as u64 + 1) as usize;
-        let at = place(dice, &bytes);
-        match dice.below(7) {
+/// Applies one to four mutations to a random seed.
+fn mutated(corpus: &[Seed], rng: &mut TestRng) -> Seed {
+    let pick = |rng: &mut TestRng| &corpus[rng.below(corpus.len() as u64) as usize];
+    // One in eight inputs goes to the decoder of a random type.
+    let (mut bytes, own) = pick(rng).clone();
+    let decoder = if rng.below(8) == 0 { pick(rng).1 } else { own };
+    for _ in 0..=rng.below(4) {
+        let position = |rng: &mut TestRng, bytes: &[u8]| rng.below(bytes.len() as u64 + 1) as usize;
+        let at = position(rng, &bytes);
+        match rng.below(7) {
             0 => bytes.truncate(at),
-            1 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << dice.below(8)),
-            2 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte = dice.word() as u8),
+            1 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << rng.below(8)),
+            2 => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte = rng.next_u64() as u8),
             3 => {
                 bytes.truncate(at);
-                let other = &pick(dice).0;
-                bytes.extend_from_slice(&other[place(dice, other)..]);
+                let other = &pick(rng).0;
+                bytes.extend_from_slice(&other[position(rng, other)..]);
             }
-            // A length or a number without end.
-            4 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, dice.below(11) as usize))),
-            5 => drop(bytes.splice(at..at, (0..dice.below(9)).map(|i| (i * 37) as u8))),
-            _ if dice.below(512) == 0 => bytes.resize(wire::BYTES_MAX + dice.below(2) as usize, dice.word() as u8),
+            // Lengths and varints without an end.
+            4 => drop(bytes.splice(at..at, std::iter::repeat_n(0xff, rng.below(11) as usize))),
+            5 => drop(bytes.splice(at..at, (0..rng.below(9)).map(|i| (i * 37) as u8))),
+            _ if rng.below(512) == 0 => bytes.resize(wire::MAX_MESSAGE_BYTES + rng.below(2) as usize, rng.next_u64() as u8),
             _ => bytes.rotate_left(at),
         }
     }
@@ -94,22 +99,22 @@ fn damaged(corpus: &[Sound], dice: &mut Dice) -> Sound {
 }
 
 fn main() {
-    let mut arguments = std::env::args().skip(1).map(|word| word.parse::<u64>().unwrap());
+    let mut arguments = std::env::args().skip(1).map(|argument| argument.parse::<u64>().unwrap());
     let (executions, seed) = (arguments.next().unwrap_or(1_000_000), arguments.next().unwrap_or(1));
-    let (corpus, mut dice) = (corpus(), Dice::new(seed));
-    let (mut taken, mut refusals, start) = (0u64, Refusals::default(), Instant::now());
+    let (corpus, mut rng) = (corpus(), TestRng::new(seed));
+    let (mut accepted, mut errors, start) = (0u64, DecodeErrorCounts::default(), Instant::now());
     for _ in 0..executions {
-        let (bytes, decode) = damaged(&corpus, &mut dice);
+        let (bytes, decode) = mutated(&corpus, &mut rng);
         match decode(&bytes) {
-            Ok(()) => taken += 1,
-            Err(refusal) => refusals.count(&refusal),
+            Ok(()) => accepted += 1,
+            Err(error) => errors.count(&error),
         }
     }
     let seconds = start.elapsed().as_secs_f64();
     println!(
-        "{executions} executions of seed {seed}, {:.0}/s: {taken} taken, {} refused",
+        "{executions} executions of seed {seed}, {:.0}/s: {accepted} accepted, {} rejected",
         executions as f64 / seconds,
-        refusals.total()
+        errors.total()
     );
-    println!("{refusals:?}");
+    println!("{errors:?}");
 }

@@ -1,4 +1,4 @@
-//! Samples in an envelope by which a loss is proved: `<Message>Batch` of the schema, whatever the message.
+//! Batches of samples in an envelope whose counts reveal losses: `<Message>Batch` of the schema.
 
 use graph::Topic;
 use prost::{
@@ -7,82 +7,96 @@ use prost::{
 };
 
 use crate::{
-    BYTES_MAX, Payload, Refusal, SAMPLES_MAX,
-    refusal::{malformed, within_samples, within_size},
+    MAX_MESSAGE_BYTES, Payload, DecodeError, MAX_SAMPLES,
+    error::{malformed, check_sample_count, check_size},
     v1::Envelope,
 };
 
-/// The fields of every batch.
-const ENVELOPE: u32 = 1;
-const SAMPLES: u32 = 2;
-/// Of an envelope at most: six numbers of 64 bits, two names, its tag and its length.
-const ENVELOPE_BYTES: usize = 74;
+/// Field numbers of every batch message.
+const ENVELOPE_FIELD: u32 = 1;
+const SAMPLES_FIELD: u32 = 2;
+/// Maximum encoded size of an envelope: six 64-bit numbers, two enums, tag and length.
+const MAX_ENVELOPE_BYTES: usize = 74;
 
-/// The name of a message's batch in the schema, with its package.
+/// Returns the fully qualified name of a message's batch type in the schema.
 pub fn batch_name<M: Payload>() -> String {
     format!("plumbline.v1.{}Batch", M::NAME)
 }
 
-/// Samples as they stand in a batch; [`seal`] puts the envelope to them.
-pub fn samples<'m, M: Payload + 'm>(messages: impl IntoIterator<Item = &'m M>) -> Vec<u8> {
+/// Encodes samples as fields of a batch. [`encode_batch`] adds the envelope.
+pub fn encode_samples<'m, M: Payload + 'm>(messages: impl IntoIterator<Item = &'m M>) -> Vec<u8> {
     let messages = messages.into_iter();
-    // A message on the wire is about as long as on the bus.
+    // A message has about the same size in protobuf as on the bus.
     let mut bytes = Vec::with_capacity(messages.size_hint().0 * (size_of::<M>() + 16));
-    messages.for_each(|message| encoding::message::encode(SAMPLES, &message.form(), &mut bytes));
+    messages.for_each(|message| encoding::message::encode(SAMPLES_FIELD, &message.to_proto(), &mut bytes));
     bytes
 }
 
-/// A batch: the envelope and the samples. The order of a message's fields is of no consequence.
-pub fn seal(envelope: &Envelope, samples: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(samples.len() + ENVELOPE_BYTES);
-    encoding::message::encode(ENVELOPE, envelope, &mut bytes);
+/// Encodes a batch from an envelope and samples encoded by [`encode_samples`].
+///
+/// The envelope may come before or after the samples, since protobuf fields have no fixed order.
+pub fn encode_batch(envelope: &Envelope, samples: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(samples.len() + MAX_ENVELOPE_BYTES);
+    encoding::message::encode(ENVELOPE_FIELD, envelope, &mut bytes);
     bytes.extend_from_slice(samples);
     bytes
 }
 
-/// The envelope and the samples of bytes from anywhere, checked.
-pub fn open<M: Payload>(bytes: &[u8]) -> Result<(Envelope, Vec<M>), Refusal> {
-    within_size(bytes)?;
+/// Decodes and validates a batch from untrusted bytes.
+///
+/// # Errors
+///
+/// Returns an error if the bytes exceed [`MAX_MESSAGE_BYTES`], are not a batch of `M`, lack the
+/// envelope, have more than [`MAX_SAMPLES`] samples, or contain an invalid sample.
+pub fn decode_batch<M: Payload>(bytes: &[u8]) -> Result<(Envelope, Vec<M>), DecodeError> {
+    check_size(bytes)?;
     let failed = malformed(M::NAME);
     let (mut envelope, mut samples, mut rest) = (None, Vec::new(), bytes);
-    // Field by field, so that the number of samples is known to be small before there is room for them.
+    // Fields are decoded one by one, so that the number of samples is checked before they are
+    // stored.
     while !rest.is_empty() {
         let (tag, wire_type) = encoding::decode_key(&mut rest).map_err(&failed)?;
         match tag {
-            ENVELOPE => {
+            ENVELOPE_FIELD => {
                 let envelope = envelope.get_or_insert_with(Envelope::default);
                 encoding::message::merge(wire_type, envelope, &mut rest, DecodeContext::default()).map_err(&failed)?;
             }
-            SAMPLES => {
-                let mut form = M::Form::default();
-                encoding::message::merge(wire_type, &mut form, &mut rest, DecodeContext::default()).map_err(&failed)?;
-                within_samples(M::NAME, samples.len() + 1)?;
-                samples.push(M::of_form(form)?);
+            SAMPLES_FIELD => {
+                let mut sample = M::Proto::default();
+                encoding::message::merge(wire_type, &mut sample, &mut rest, DecodeContext::default()).map_err(&failed)?;
+                check_sample_count(M::NAME, samples.len() + 1)?;
+                samples.push(M::from_proto(sample)?);
             }
-            _ => skip(wire_type, tag, &mut rest).map_err(&failed)?,
+            _ => skip_unknown_field(wire_type, tag, &mut rest).map_err(&failed)?,
         }
     }
-    Ok((envelope.ok_or(Refusal::Missing { field: "envelope" })?, samples))
+    Ok((envelope.ok_or(DecodeError::Missing { field: "envelope" })?, samples))
 }
 
-/// The same for a topic, the samples as the bytes that they are on the bus, one after the other.
-pub fn open_topic(topic: Topic, bytes: &[u8]) -> Result<(Envelope, Vec<u8>), Refusal> {
-    messages::dispatch!(topic, M => open::<M>(bytes)
+/// Decodes a batch of a topic. The samples are returned as concatenated bus messages.
+///
+/// # Errors
+///
+/// See [`decode_batch`].
+pub fn decode_topic_batch(topic: Topic, bytes: &[u8]) -> Result<(Envelope, Vec<u8>), DecodeError> {
+    messages::dispatch!(topic, M => decode_batch::<M>(bytes)
         .map(|(envelope, samples)| (envelope, bytemuck::cast_slice(&samples).to_vec())))
 }
 
-/// A field of a later version.
-fn skip(wire_type: WireType, tag: u32, rest: &mut &[u8]) -> Result<(), prost::DecodeError> {
+/// Skips a field that a later version of the schema may have added.
+fn skip_unknown_field(wire_type: WireType, tag: u32, rest: &mut &[u8]) -> Result<(), prost::DecodeError> {
     encoding::skip_field(wire_type, tag, rest, DecodeContext::default())
 }
 
-/// How many messages of this size go into a batch.
-pub fn room(message_bytes: usize) -> usize {
-    (BYTES_MAX / 2 / message_bytes.max(1)).clamp(1, SAMPLES_MAX)
+/// Returns the number of messages of a given encoded size to send in one batch.
+///
+/// Such a batch has at most half of [`MAX_MESSAGE_BYTES`].
+pub fn capacity(message_bytes: usize) -> usize {
+    (MAX_MESSAGE_BYTES / 2 / message_bytes.max(1)).clamp(1, MAX_SAMPLES)
 }
 
 impl Envelope {
-    /// Its bytes alone, as part of a message that has more fields.
+    /// Encodes the envelope as the leading part of a message with further fields.
     pub fn bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }

@@ -1,21 +1,21 @@
-//! What the cockpit's page is told and asks for.
+//! Messages exchanged with the cockpit page.
 
 use prost::encoding::{self, WireType};
 
 use crate::{
-    Refusal,
-    command::{ControlMessage, NAME_MAX, text},
+    DecodeError,
+    command::{ControlMessage, MAX_NAME_BYTES, check_text},
     v1::{PageCommand, Picture, ToPage, page_command::Kind},
 };
 
-/// The field of `Pictures`.
-const PICTURES: u32 = 1;
+/// Field number of `Pictures.pictures`.
+const PICTURES_FIELD: u32 = 1;
 
-/// Encoded pictures as one message `Pictures`.
-pub fn pictures<'p>(encoded: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
+/// Encodes a `Pictures` message from `Picture` messages that are encoded already.
+pub fn encode_pictures<'p>(encoded: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     let mut bytes = Vec::new();
     for picture in encoded {
-        encoding::encode_key(PICTURES, WireType::LengthDelimited, &mut bytes);
+        encoding::encode_key(PICTURES_FIELD, WireType::LengthDelimited, &mut bytes);
         encoding::encode_varint(picture.len() as u64, &mut bytes);
         bytes.extend_from_slice(picture);
     }
@@ -25,15 +25,15 @@ pub fn pictures<'p>(encoded: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
 impl ControlMessage for ToPage {
     const NAME: &'static str = "ToPage";
 
-    fn check(&self) -> Result<(), Refusal> {
-        self.said.as_ref().ok_or(Refusal::Missing { field: "said" }).map(drop)
+    fn validate(&self) -> Result<(), DecodeError> {
+        self.said.as_ref().ok_or(DecodeError::Missing { field: "said" }).map(drop)
     }
 }
 
 impl ControlMessage for Picture {
     const NAME: &'static str = "Picture";
 
-    fn check(&self) -> Result<(), Refusal> {
+    fn validate(&self) -> Result<(), DecodeError> {
         Ok(())
     }
 }
@@ -41,20 +41,20 @@ impl ControlMessage for Picture {
 impl ControlMessage for PageCommand {
     const NAME: &'static str = "PageCommand";
 
-    fn check(&self) -> Result<(), Refusal> {
+    fn validate(&self) -> Result<(), DecodeError> {
         let Self { request_id, token, slot, stage, what, .. } = self;
         for (field, value) in
             [("request_id", request_id), ("token", token), ("slot", slot), ("stage", stage), ("what", what)]
         {
-            text(value, field, NAME_MAX)?;
+            check_text(value, field, MAX_NAME_BYTES)?;
         }
-        let is_of_a_slot = matches!(self.kind(), Kind::Swap | Kind::Shadow | Kind::Cancel);
-        let is_of_a_stage = matches!(self.kind(), Kind::Swap | Kind::Shadow);
-        let missing = |field| Err(Refusal::Missing { field });
+        let needs_slot = matches!(self.kind(), Kind::Swap | Kind::Shadow | Kind::Cancel);
+        let needs_stage = matches!(self.kind(), Kind::Swap | Kind::Shadow);
+        let missing = |field| Err(DecodeError::Missing { field });
         match self {
             Self { request_id, .. } if request_id.is_empty() => missing("request_id"),
-            Self { slot, .. } if slot.is_empty() && is_of_a_slot => missing("slot"),
-            Self { stage, .. } if stage.is_empty() && is_of_a_stage => missing("stage"),
+            Self { slot, .. } if slot.is_empty() && needs_slot => missing("slot"),
+            Self { stage, .. } if stage.is_empty() && needs_stage => missing("stage"),
             _ if self.kind() == Kind::Unspecified => missing("kind"),
             _ => Ok(()),
         }
@@ -71,34 +71,34 @@ mod tests {
     }
 
     #[test]
-    fn encoded_pictures_are_one_message() {
+    fn pictures_concatenate_into_one_message() {
         let all = [7, 300].map(|number| Picture { number, ..Picture::default() });
-        let encoded = all.clone().map(|picture| picture.encoded());
-        let read: crate::v1::Pictures = prost::Message::decode(&*pictures(encoded.iter().map(Vec::as_slice))).unwrap();
+        let encoded = all.clone().map(|picture| picture.to_bytes());
+        let read: crate::v1::Pictures = prost::Message::decode(&*encode_pictures(encoded.iter().map(Vec::as_slice))).unwrap();
         assert_eq!(read.pictures, all);
     }
 
     #[test]
-    fn a_command_lacks_nothing_and_is_short() {
-        assert_eq!(PageCommand::decoded(&command().encoded()).unwrap(), command());
+    fn page_command_rejects_missing_and_oversized_fields() {
+        assert_eq!(PageCommand::from_bytes(&command().to_bytes()).unwrap(), command());
         let cancel = PageCommand { kind: Kind::Cancel.into(), stage: String::new(), ..command() };
-        assert_eq!(PageCommand::decoded(&cancel.encoded()).unwrap(), cancel);
+        assert_eq!(PageCommand::from_bytes(&cancel.to_bytes()).unwrap(), cancel);
         let look = PageCommand { kind: Kind::Look.into(), slot: String::new(), ..cancel };
-        assert_eq!(PageCommand::decoded(&look.encoded()).unwrap(), look);
+        assert_eq!(PageCommand::from_bytes(&look.to_bytes()).unwrap(), look);
         let calibrate = PageCommand { kind: Kind::Calibrate.into(), what: "mag".into(), ..look };
-        assert_eq!(PageCommand::decoded(&calibrate.encoded()).unwrap(), calibrate);
+        assert_eq!(PageCommand::from_bytes(&calibrate.to_bytes()).unwrap(), calibrate);
         for wrong in [
             PageCommand { kind: 0, ..command() },
             PageCommand { kind: 9, ..command() },
             PageCommand { stage: String::new(), ..command() },
             PageCommand { slot: String::new(), ..command() },
             PageCommand { request_id: String::new(), ..command() },
-            PageCommand { token: "x".repeat(NAME_MAX + 1), ..command() },
+            PageCommand { token: "x".repeat(MAX_NAME_BYTES + 1), ..command() },
             PageCommand { stage: "a\u{7}b".into(), ..command() },
-            PageCommand { what: "x".repeat(NAME_MAX + 1), ..calibrate },
+            PageCommand { what: "x".repeat(MAX_NAME_BYTES + 1), ..calibrate },
         ] {
-            assert!(PageCommand::decoded(&wrong.encoded()).is_err(), "{wrong:?}");
+            assert!(PageCommand::from_bytes(&wrong.to_bytes()).is_err(), "{wrong:?}");
         }
-        assert!(PageCommand::decoded(&[0xff; 40]).is_err());
+        assert!(PageCommand::from_bytes(&[0xff; 40]).is_err());
     }
 }

@@ -1,66 +1,75 @@
-//! What a running system can be asked, read from bytes that come from anywhere.
+//! Requests to a running system and their responses, decoded from untrusted bytes.
 
 use prost::Message;
 
 use crate::{
-    Refusal,
-    refusal::{malformed, within_size},
+    DecodeError,
+    error::{malformed, check_size},
     v1::{Envelope, GatewayReport, Services, SwapAnswer, SwapRequest},
 };
 
-/// Letters of a name at most.
-pub const NAME_MAX: usize = 64;
-/// Parameters in a request at most.
-pub const PARAMETERS_MAX: usize = 32;
-/// Services in an answer at most.
-const SERVICES_MAX: usize = 64;
-/// Letters of what is said to people at most.
-const REASON_MAX: usize = 4096;
+/// Maximum length of a name, bytes.
+pub const MAX_NAME_BYTES: usize = 64;
+/// Maximum number of parameters in a swap request.
+pub const MAX_PARAMETERS: usize = 32;
+/// Maximum number of services or topics in a message.
+const MAX_SERVICES: usize = 64;
+/// Maximum length of a reason, bytes.
+const MAX_REASON_BYTES: usize = 4096;
 
-/// A message that is sent alone.
+/// Protobuf message that is sent without an envelope.
 pub trait ControlMessage: Message + Default {
-    /// Its name in `plumbline.v1`.
+    /// Name of the message in the package `plumbline.v1`.
     const NAME: &'static str;
 
-    /// Refuses what it cannot say.
-    fn check(&self) -> Result<(), Refusal>;
+    /// Checks the values of the fields.
+    ///
+    /// # Errors
+    ///
+    /// Returns the first missing or invalid field.
+    fn validate(&self) -> Result<(), DecodeError>;
 
-    /// The message as bytes.
-    fn encoded(&self) -> Vec<u8> {
+    /// Encodes the message.
+    fn to_bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }
 
-    /// The message of bytes from anywhere, checked.
-    fn decoded(bytes: &[u8]) -> Result<Self, Refusal> {
-        within_size(bytes)?;
-        let letter = Self::decode(bytes).map_err(malformed(Self::NAME))?;
-        letter.check()?;
-        Ok(letter)
+    /// Decodes and validates a message from untrusted bytes.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the bytes exceed the size limit, are not a message of this type, or have
+    /// an invalid field.
+    fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
+        check_size(bytes)?;
+        let message = Self::decode(bytes).map_err(malformed(Self::NAME))?;
+        message.validate()?;
+        Ok(message)
     }
 }
 
 impl ControlMessage for SwapRequest {
     const NAME: &'static str = "SwapRequest";
 
-    fn check(&self) -> Result<(), Refusal> {
+    fn validate(&self) -> Result<(), DecodeError> {
         for (field, name) in [("request_id", &self.request_id), ("slot", &self.slot), ("stage", &self.stage)] {
-            text(name, field, NAME_MAX)?;
+            check_text(name, field, MAX_NAME_BYTES)?;
             if name.is_empty() {
-                return Err(Refusal::Missing { field });
+                return Err(DecodeError::Missing { field });
             }
         }
-        if self.set.len() > PARAMETERS_MAX {
-            return Err(Refusal::TooMany { message: Self::NAME, what: "parameters", max: PARAMETERS_MAX });
+        if self.set.len() > MAX_PARAMETERS {
+            return Err(DecodeError::TooMany { message: Self::NAME, what: "parameters", max: MAX_PARAMETERS });
         }
         for (name, value) in &self.set {
-            text(name, "set", NAME_MAX)?;
-            finite(*value, "set")?;
+            check_text(name, "set", MAX_NAME_BYTES)?;
+            check_finite(*value, "set")?;
         }
         if self.expected_epoch == 0 {
-            return Err(Refusal::Missing { field: "expected_epoch" });
+            return Err(DecodeError::Missing { field: "expected_epoch" });
         }
         if self.t_deadline_ns == 0 {
-            return Err(Refusal::Missing { field: "t_deadline_ns" });
+            return Err(DecodeError::Missing { field: "t_deadline_ns" });
         }
         Ok(())
     }
@@ -69,44 +78,44 @@ impl ControlMessage for SwapRequest {
 impl ControlMessage for SwapAnswer {
     const NAME: &'static str = "SwapAnswer";
 
-    fn check(&self) -> Result<(), Refusal> {
-        text(&self.reason, "reason", REASON_MAX)?;
-        finite(self.gap_s, "gap_s")?;
-        finite(self.jump_rad, "jump_rad")
+    fn validate(&self) -> Result<(), DecodeError> {
+        check_text(&self.reason, "reason", MAX_REASON_BYTES)?;
+        check_finite(self.gap_s, "gap_s")?;
+        check_finite(self.jump_rad, "jump_rad")
     }
 }
 
 impl ControlMessage for Services {
     const NAME: &'static str = "Services";
 
-    fn check(&self) -> Result<(), Refusal> {
-        if self.services.len() > SERVICES_MAX {
-            return Err(Refusal::TooMany { message: Self::NAME, what: "services", max: SERVICES_MAX });
+    fn validate(&self) -> Result<(), DecodeError> {
+        if self.services.len() > MAX_SERVICES {
+            return Err(DecodeError::TooMany { message: Self::NAME, what: "services", max: MAX_SERVICES });
         }
-        self.services.iter().try_for_each(|service| text(&service.service, "service", NAME_MAX))
+        self.services.iter().try_for_each(|service| check_text(&service.service, "service", MAX_NAME_BYTES))
     }
 }
 
 impl ControlMessage for GatewayReport {
     const NAME: &'static str = "GatewayReport";
 
-    fn check(&self) -> Result<(), Refusal> {
-        if self.topics.len() > SERVICES_MAX {
-            return Err(Refusal::TooMany { message: Self::NAME, what: "topics", max: SERVICES_MAX });
+    fn validate(&self) -> Result<(), DecodeError> {
+        if self.topics.len() > MAX_SERVICES {
+            return Err(DecodeError::TooMany { message: Self::NAME, what: "topics", max: MAX_SERVICES });
         }
-        self.envelope.ok_or(Refusal::Missing { field: "envelope" }).map(|_: Envelope| ())
+        self.envelope.ok_or(DecodeError::Missing { field: "envelope" }).map(|_: Envelope| ())
     }
 }
 
-/// Refuses a text that is long or has control characters.
-pub(crate) fn text(text: &str, field: &'static str, max: usize) -> Result<(), Refusal> {
+/// Rejects a text that exceeds `max` bytes or has control characters other than line feeds.
+pub(crate) fn check_text(text: &str, field: &'static str, max: usize) -> Result<(), DecodeError> {
     if text.len() <= max && !text.chars().any(|letter| letter.is_control() && letter != '\n') {
         return Ok(());
     }
     let value = format!("{} bytes", text.len());
-    Err(Refusal::OutOfRange { field, value, expected: "a short text without control characters" })
+    Err(DecodeError::OutOfRange { field, value, expected: "a short text without control characters" })
 }
 
-fn finite(number: f64, field: &'static str) -> Result<(), Refusal> {
-    if number.is_finite() { Ok(()) } else { Err(Refusal::NotFinite { field }) }
+fn check_finite(number: f64, field: &'static str) -> Result<(), DecodeError> {
+    if number.is_finite() { Ok(()) } else { Err(DecodeError::NotFinite { field }) }
 }

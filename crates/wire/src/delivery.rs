@@ -1,41 +1,44 @@
-//! Whether all that was sent under a key has arrived.
+//! Loss accounting for the messages received under a key.
 //!
-//! Input: envelopes in the order in which they come. Output: counts of what came and of what is missing, exact. Time: none.
-//! Failure: none; what comes again, or too late, is counted and is not a new message.
+//! Input: envelopes in order of arrival.
+//!
+//! Output: exact counts of received and missing messages and samples.
+//!
+//! Failure: repeated and late messages are counted and otherwise ignored.
 
 use std::fmt;
 
 use crate::v1::Envelope;
 
-/// The messages of a key.
+/// Counts of the messages received under a key, in the gateway's current and earlier incarnations.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DeliveryTracker {
-    /// Messages that came.
+    /// Number of messages received.
     pub messages: u64,
-    /// The samples in them.
+    /// Number of samples in the messages received.
     pub samples: u64,
-    /// Messages lost on the way.
+    /// Number of messages lost in transit.
     pub lost_messages: u64,
-    /// The samples in them.
+    /// Number of samples in the lost messages.
     pub lost_samples: u64,
-    /// Messages that came again, or too late.
+    /// Number of messages received again or too late.
     pub repeated: u64,
-    /// Lives of the gateway after the first.
+    /// Number of restarts of the gateway.
     pub restarts: u64,
-    /// Samples that were left out on board to keep to a rate.
+    /// Number of samples omitted on board to limit the rate.
     pub decimated: u64,
-    /// Samples that were dropped on board because nobody took them in time.
+    /// Number of samples dropped on board because the bus or the gateway's queue overflowed.
     pub dropped: u64,
-    /// The incarnation, the number and the samples before it that the next message is to have.
+    /// Start time, sequence number and preceding samples expected in the next envelope.
     next: Option<(u64, u64, u64)>,
 }
 
 impl DeliveryTracker {
-    /// The heads of the columns that it is shown in; samples are decimated and dropped on board.
-    pub const HEAD: &str = " messages  samples  lost messages  lost samples  decimated  dropped";
+    /// Column headings of the `Display` output.
+    pub const HEADER: &str = " messages  samples  lost messages  lost samples  decimated  dropped";
 
-    /// Takes a message; whether it is a new one.
-    pub fn take(&mut self, envelope: &Envelope, samples: u64) -> bool {
+    /// Records a message. Returns `false` if it is repeated or late.
+    pub fn record(&mut self, envelope: &Envelope, samples: u64) -> bool {
         let Envelope { sequence, start_ns, samples_before, decimated, dropped, .. } = *envelope;
         if let Some((known_start_ns, next, samples_next)) = self.next {
             if start_ns < known_start_ns || (start_ns == known_start_ns && sequence < next) {
@@ -74,22 +77,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_counted_in_messages_and_samples() {
-        let mut track = DeliveryTracker::default();
-        // It joins a stream under way, misses two messages of five samples each, and hears one again.
+    fn tracker_counts_lost_messages_and_samples() {
+        let mut tracker = DeliveryTracker::default();
+        // The tracker joins mid-stream, misses two messages of five samples and receives one twice.
         for (sequence, before) in [(7, 35), (8, 40), (11, 55), (11, 55), (12, 60)] {
-            track.take(&message(1, sequence, before), 5);
+            tracker.record(&message(1, sequence, before), 5);
         }
-        assert_eq!((track.messages, track.samples), (4, 20));
-        assert_eq!((track.lost_messages, track.lost_samples, track.repeated), (2, 10, 1));
+        assert_eq!((tracker.messages, tracker.samples), (4, 20));
+        assert_eq!((tracker.lost_messages, tracker.lost_samples, tracker.repeated), (2, 10, 1));
     }
 
     #[test]
-    fn a_gateway_that_was_restarted_counts_anew() {
-        let mut track = DeliveryTracker::default();
+    fn gateway_restart_is_not_counted_as_loss() {
+        let mut tracker = DeliveryTracker::default();
         [message(1, 100, 100), message(2, 0, 0), message(1, 101, 101), message(2, 1, 1)].iter().for_each(|envelope| {
-            track.take(envelope, 1);
+            tracker.record(envelope, 1);
         });
-        assert_eq!((track.messages, track.lost_messages, track.restarts, track.repeated), (3, 0, 1, 1));
+        assert_eq!((tracker.messages, tracker.lost_messages, tracker.restarts, tracker.repeated), (3, 0, 1, 1));
     }
 }

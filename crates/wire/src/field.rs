@@ -1,161 +1,162 @@
-//! A field of a payload as a field of the schema, and back.
+//! Conversion of payload fields to and from fields of the schema.
 
 use messages::{Chart, CourseReference, EventKind, Flags, Header, State};
 
 use crate::{
-    Refusal,
+    DecodeError,
     v1::{self, Complex, Quaternion, Vector3},
 };
 
-/// A unit quaternion's length may differ from 1 by this: sixteen digits and the sums of a long flight are far better.
+/// Tolerance of a unit quaternion's norm, far above the rounding error of a long flight.
 const NORM_TOLERANCE: f64 = 1e-6;
 
-/// A field of a payload whose form in the schema is `P`.
+/// Payload field that is represented by `P` in the schema.
 pub(crate) trait Field<P>: Sized {
-    fn put(self) -> P;
-    fn take(form: P, field: &'static str) -> Result<Self, Refusal>;
-    /// Refuses what a checked message cannot hold.
-    fn checked(self, _field: &'static str) -> Result<Self, Refusal> {
+    fn to_proto(self) -> P;
+    fn from_proto(value: P, field: &'static str) -> Result<Self, DecodeError>;
+    /// Rejects values that a validated message cannot contain.
+    fn validated(self, _field: &'static str) -> Result<Self, DecodeError> {
         Ok(self)
     }
 }
 
-macro_rules! as_it_is {
+macro_rules! identity_fields {
     ($($kind:ty),*) => { $(impl Field<$kind> for $kind {
-        fn put(self) -> $kind { self }
-        fn take(form: $kind, _: &'static str) -> Result<Self, Refusal> { Ok(form) }
+        fn to_proto(self) -> $kind { self }
+        fn from_proto(value: $kind, _: &'static str) -> Result<Self, DecodeError> { Ok(value) }
     })* };
 }
 
-as_it_is!(u32, u64, i64);
+identity_fields!(u32, u64, i64);
 
 impl Field<f64> for f64 {
-    fn put(self) -> f64 {
+    fn to_proto(self) -> f64 {
         self
     }
 
-    fn take(form: f64, _: &'static str) -> Result<Self, Refusal> {
-        Ok(form)
+    fn from_proto(value: f64, _: &'static str) -> Result<Self, DecodeError> {
+        Ok(value)
     }
 
-    fn checked(self, field: &'static str) -> Result<Self, Refusal> {
-        if self.is_finite() { Ok(self) } else { Err(Refusal::NotFinite { field }) }
+    fn validated(self, field: &'static str) -> Result<Self, DecodeError> {
+        if self.is_finite() { Ok(self) } else { Err(DecodeError::NotFinite { field }) }
     }
 }
 
-macro_rules! numbers {
-    ($form:ident { $($name:ident),* } of $count:literal) => {
-        impl Field<Option<$form>> for [f64; $count] {
-            fn put(self) -> Option<$form> {
+macro_rules! vector_fields {
+    ($proto:ident { $($name:ident),* } of $count:literal) => {
+        impl Field<Option<$proto>> for [f64; $count] {
+            fn to_proto(self) -> Option<$proto> {
                 let [$($name),*] = self;
-                Some($form { $($name),* })
+                Some($proto { $($name),* })
             }
 
-            fn take(form: Option<$form>, field: &'static str) -> Result<Self, Refusal> {
-                let $form { $($name),* } = form.ok_or(Refusal::Missing { field })?;
+            fn from_proto(value: Option<$proto>, field: &'static str) -> Result<Self, DecodeError> {
+                let $proto { $($name),* } = value.ok_or(DecodeError::Missing { field })?;
                 Ok([$($name),*])
             }
 
-            fn checked(self, field: &'static str) -> Result<Self, Refusal> {
-                self.iter().try_for_each(|number| number.checked(field).map(drop))?;
-                if $count == 4 { unit(self, field) } else { Ok(self) }
+            fn validated(self, field: &'static str) -> Result<Self, DecodeError> {
+                self.iter().try_for_each(|number| number.validated(field).map(drop))?;
+                if $count == 4 { check_unit(self, field) } else { Ok(self) }
             }
         }
     };
 }
 
-numbers!(Complex { re, im } of 2);
-numbers!(Vector3 { x, y, z } of 3);
-numbers!(Quaternion { w, x, y, z } of 4);
+vector_fields!(Complex { re, im } of 2);
+vector_fields!(Vector3 { x, y, z } of 3);
+vector_fields!(Quaternion { w, x, y, z } of 4);
 
-fn unit<const N: usize>(quaternion: [f64; N], field: &'static str) -> Result<[f64; N], Refusal> {
+fn check_unit<const N: usize>(quaternion: [f64; N], field: &'static str) -> Result<[f64; N], DecodeError> {
     let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
     if (norm - 1.0).abs() <= NORM_TOLERANCE {
         return Ok(quaternion);
     }
-    Err(Refusal::OutOfRange { field, value: format!("of the length {norm}"), expected: "a unit quaternion" })
+    Err(DecodeError::OutOfRange { field, value: format!("a quaternion of norm {norm}"), expected: "norm 1 within 1e-6" })
 }
 
 impl Field<u64> for Flags {
-    fn put(self) -> u64 {
+    fn to_proto(self) -> u64 {
         self.0
     }
 
-    fn take(form: u64, _: &'static str) -> Result<Self, Refusal> {
-        Ok(Self(form))
+    fn from_proto(value: u64, _: &'static str) -> Result<Self, DecodeError> {
+        Ok(Self(value))
     }
 }
 
-/// What is named by its place from 0 on board is named by its place from 1 in the schema, where 0 is nothing said.
-fn place_put(place: u64, last: i32) -> i32 {
-    i32::try_from(place).ok().and_then(|place| place.checked_add(1)).filter(|place| *place <= last).unwrap_or(0)
+/// Converts an index from 0 on board to an enum value from 1. The schema reserves 0 for
+/// unspecified.
+fn enum_to_proto(index: u64, last: i32) -> i32 {
+    i32::try_from(index).ok().and_then(|index| index.checked_add(1)).filter(|value| *value <= last).unwrap_or(0)
 }
 
-fn place_taken(form: i32, last: i32, field: &'static str) -> Result<u64, Refusal> {
-    let place = u64::try_from(form).ok().filter(|_| form <= last).and_then(|place| place.checked_sub(1));
-    place.ok_or_else(|| Refusal::OutOfRange {
+fn enum_from_proto(value: i32, last: i32, field: &'static str) -> Result<u64, DecodeError> {
+    let index = u64::try_from(value).ok().filter(|_| value <= last).and_then(|value| value.checked_sub(1));
+    index.ok_or_else(|| DecodeError::OutOfRange {
         field,
-        value: form.to_string(),
-        expected: "one of the names of the schema",
+        value: value.to_string(),
+        expected: "a value of the enum",
     })
 }
 
-macro_rules! named {
+macro_rules! enum_fields {
     ($($kind:ident($inner:ty) up to $last:expr),*) => { $(impl Field<i32> for $kind {
-        fn put(self) -> i32 { place_put(self.0.into(), $last as i32) }
-        fn take(form: i32, field: &'static str) -> Result<Self, Refusal> {
-            Ok(Self(place_taken(form, $last as i32, field)? as $inner))
+        fn to_proto(self) -> i32 { enum_to_proto(self.0.into(), $last as i32) }
+        fn from_proto(value: i32, field: &'static str) -> Result<Self, DecodeError> {
+            Ok(Self(enum_from_proto(value, $last as i32, field)? as $inner))
         }
     })* };
 }
 
-named!(
+enum_fields!(
     Chart(u64) up to v1::Chart::Inverted,
     CourseReference(u64) up to v1::CourseReference::True,
     State(u32) up to v1::State::Finished
 );
 
-/// It has no name for 0 on board, either.
+/// Event kinds count from 1 on board, too, so that the value is the same in the schema.
 impl Field<i32> for EventKind {
-    fn put(self) -> i32 {
+    fn to_proto(self) -> i32 {
         i32::try_from(self.0).ok().filter(|kind| *kind <= v1::EventKind::Finished as i32).unwrap_or(0)
     }
 
-    fn take(form: i32, field: &'static str) -> Result<Self, Refusal> {
-        Ok(Self(place_taken(form, v1::EventKind::Finished as i32, field)? as u32 + 1))
+    fn from_proto(value: i32, field: &'static str) -> Result<Self, DecodeError> {
+        Ok(Self(enum_from_proto(value, v1::EventKind::Finished as i32, field)? as u32 + 1))
     }
 }
 
-/// A service.
+/// Index of a service.
 impl Field<i32> for u32 {
-    fn put(self) -> i32 {
-        place_put(self.into(), v1::Service::Cockpit as i32)
+    fn to_proto(self) -> i32 {
+        enum_to_proto(self.into(), v1::Service::Cockpit as i32)
     }
 
-    fn take(form: i32, field: &'static str) -> Result<Self, Refusal> {
-        Ok(place_taken(form, v1::Service::Cockpit as i32, field)? as Self)
+    fn from_proto(value: i32, field: &'static str) -> Result<Self, DecodeError> {
+        Ok(enum_from_proto(value, v1::Service::Cockpit as i32, field)? as Self)
     }
 }
 
 impl Field<Option<v1::Header>> for Header {
-    fn put(self) -> Option<v1::Header> {
+    fn to_proto(self) -> Option<v1::Header> {
         let Self { tick, t_start_ns, t_end_ns, t_born_ns, t_sent_ns, lost_upstream, flags, epoch, incarnation } = self;
-        let flags = flags.put();
+        let flags = flags.to_proto();
         Some(v1::Header { tick, t_start_ns, t_end_ns, t_born_ns, t_sent_ns, lost_upstream, flags, epoch, incarnation })
     }
 
-    fn take(form: Option<v1::Header>, field: &'static str) -> Result<Self, Refusal> {
+    fn from_proto(value: Option<v1::Header>, field: &'static str) -> Result<Self, DecodeError> {
         let v1::Header { tick, t_start_ns, t_end_ns, t_born_ns, t_sent_ns, lost_upstream, flags, epoch, incarnation } =
-            form.ok_or(Refusal::Missing { field })?;
+            value.ok_or(DecodeError::Missing { field })?;
         let flags = Flags(flags);
         Ok(Self { tick, t_start_ns, t_end_ns, t_born_ns, t_sent_ns, lost_upstream, flags, epoch, incarnation })
     }
 
-    fn checked(self, _: &'static str) -> Result<Self, Refusal> {
+    fn validated(self, _: &'static str) -> Result<Self, DecodeError> {
         if self.t_end_ns >= self.t_start_ns {
             return Ok(self);
         }
-        let value = format!("{} before the interval's start", self.t_end_ns);
-        Err(Refusal::OutOfRange { field: "t_end_ns", value, expected: "a time after t_start_ns" })
+        let value = self.t_end_ns.to_string();
+        Err(DecodeError::OutOfRange { field: "t_end_ns", value, expected: "t_start_ns or later" })
     }
 }

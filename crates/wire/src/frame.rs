@@ -1,12 +1,12 @@
-//! In which frame samples are, as an envelope says it.
+//! Coordinate frame and quaternion order of the samples in an envelope.
 
 use attitude::frames::{Frame, QuaternionOrder};
 
 use crate::v1::{self, Envelope};
 
 impl Envelope {
-    /// This envelope, of samples in this frame.
-    pub fn in_frame(mut self, frame: Frame, order: QuaternionOrder) -> Self {
+    /// Sets the frame and quaternion order of the samples.
+    pub fn with_frame(mut self, frame: Frame, order: QuaternionOrder) -> Self {
         self.set_frame(match frame {
             Frame::EnuRfu => v1::Frame::EnuRfu,
             Frame::EnuFlu => v1::Frame::EnuFlu,
@@ -20,8 +20,10 @@ impl Envelope {
         self
     }
 
-    /// The frame of the samples, and how their sender orders a quaternion without names; `None` where it says neither, or one of a later version.
-    pub fn frame_said(&self) -> Option<(Frame, QuaternionOrder)> {
+    /// Returns the frame of the samples and the quaternion order of the publishing vehicle.
+    ///
+    /// Returns `None` if either is unspecified or unknown to this version.
+    pub fn frame_and_order(&self) -> Option<(Frame, QuaternionOrder)> {
         let frame = match v1::Frame::try_from(self.frame).ok()? {
             v1::Frame::Unspecified => return None,
             v1::Frame::EnuRfu => Frame::EnuRfu,
@@ -43,13 +45,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_frame_and_order_comes_back_and_nothing_said_is_none() {
+    fn frame_and_order_round_trip_through_envelope() {
         for (_, frame) in Frame::NAMES {
             for (_, order) in QuaternionOrder::NAMES {
-                assert_eq!(Envelope::default().in_frame(frame, order).frame_said(), Some((frame, order)));
+                assert_eq!(Envelope::default().with_frame(frame, order).frame_and_order(), Some((frame, order)));
             }
         }
-        assert_eq!(Envelope::default().frame_said(), None);
-        assert_eq!(Envelope { frame: 99, quaternion_order: 1, ..Envelope::default() }.frame_said(), None);
+        assert_eq!(Envelope::default().frame_and_order(), None);
+        assert_eq!(Envelope { frame: 99, quaternion_order: 1, ..Envelope::default() }.frame_and_order(), None);
     }
 }

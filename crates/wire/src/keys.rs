@@ -1,51 +1,54 @@
-//! Where everything is found: `plumbline/v1/<vehicle>/…`.
+//! Zenoh keys, `plumbline/v1/<vehicle>/…`.
 //!
-//! | key | what |
+//! | key | use |
 //! | --- | --- |
-//! | `<topic>` | telemetry; a query gives the last message |
-//! | `gateway` | how the gateway is; likewise |
-//! | `schema` | query: the descriptors |
-//! | `services` | query: how the services are |
-//! | `command/swap` | query: swap what fills a slot |
-//! | `@carry` | ticks for slots on another host; a query with `from` and `to` gives those that are kept |
+//! | `<topic>` | telemetry; a query returns the last message |
+//! | `gateway` | report of the gateway; a query returns the last report |
+//! | `schema` | query: descriptors of the schema |
+//! | `services` | query: status of the services |
+//! | `command/swap` | query: swap of the stage in a slot |
+//! | `@carry` | ticks for slots on another host; a query with `from` and `to` returns the cached ones |
 //! | `@live`, `@live/<service>` | liveliness of the vehicle and of each service |
 //!
-//! `@` keeps the tokens and the ticks out of what `*` and `**` select: who looks at everything is not sent what two hosts of one system say to
-//! each other. Nothing else may begin with it.
+//! Wildcards `*` and `**` do not match chunks that begin with `@`. A subscriber to all telemetry
+//! therefore does not receive liveliness tokens or the ticks exchanged between hosts of one system.
+//! No other key may begin with `@`.
 
-/// What comes before the vehicle.
+/// Prefix of every key, before the vehicle.
 pub const PREFIX: &str = "plumbline/v1";
-/// The topic of the gateway's own report.
+/// Key of the gateway's report.
 pub const GATEWAY: &str = "gateway";
-/// The query for the descriptors.
+/// Key of the query for the descriptors.
 pub const SCHEMA: &str = "schema";
-/// The query for the services.
+/// Key of the query for the status of the services.
 pub const SERVICES: &str = "services";
-/// The query that swaps what fills a slot.
+/// Key of the query that requests a swap.
 pub const SWAP: &str = "command/swap";
-/// Ticks for slots on another host.
+/// Key of the ticks for slots on another host.
 pub const CARRY: &str = "@carry";
-/// Liveliness of the vehicle.
-pub const LIVE: &str = "@live";
+/// Key of the vehicle's liveliness token.
+pub const LIVELINESS: &str = "@live";
 
-/// A key of a vehicle; `*` for the vehicle selects them all.
+/// Returns the key `rest` of a vehicle. The vehicle `*` selects all vehicles.
 pub fn key(vehicle: &str, rest: &str) -> String {
     format!("{PREFIX}/{vehicle}/{rest}")
 }
 
-/// The liveliness of a service.
-pub fn live(vehicle: &str, service: &str) -> String {
-    key(vehicle, &format!("{LIVE}/{service}"))
+/// Returns the key of a service's liveliness token.
+pub fn service_liveliness(vehicle: &str, service: &str) -> String {
+    key(vehicle, &format!("{LIVELINESS}/{service}"))
 }
 
-/// The vehicle of a key, and what comes after it.
-pub fn parts(key: &str) -> Option<(&str, &str)> {
+/// Splits a key into the vehicle and the remainder.
+///
+/// Returns `None` if the prefix or the vehicle name is invalid.
+pub fn parse(key: &str) -> Option<(&str, &str)> {
     let (vehicle, rest) = key.strip_prefix(PREFIX)?.strip_prefix('/')?.split_once('/')?;
-    is_vehicle(vehicle).then_some((vehicle, rest))
+    is_vehicle_name(vehicle).then_some((vehicle, rest))
 }
 
-/// 1 to 32 of a-z, 0-9, - and _.
-pub fn is_vehicle(name: &str) -> bool {
+/// Returns `true` if the name has 1 to 32 characters of a-z, 0-9, `-` and `_`.
+pub fn is_vehicle_name(name: &str) -> bool {
     let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
     (1..=32).contains(&name.len()) && name.bytes().all(allowed)
 }
@@ -55,13 +58,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_is_taken_apart_as_it_was_put_together() {
-        assert_eq!(parts(&key("drone-1", "attitude")), Some(("drone-1", "attitude")));
-        assert_eq!(parts(&live("drone-1", "fuser")), Some(("drone-1", "@live/fuser")));
+    fn key_parses_into_vehicle_and_remainder() {
+        assert_eq!(parse(&key("drone-1", "attitude")), Some(("drone-1", "attitude")));
+        assert_eq!(parse(&service_liveliness("drone-1", "fuser")), Some(("drone-1", "@live/fuser")));
         for foreign in
             ["", "plumbline/v1", "plumbline/v1/a", "plumbline/v1//attitude", "plumbline/v2/a/b", "plumbline/v1/A/b"]
         {
-            assert_eq!(parts(foreign), None, "{foreign}");
+            assert_eq!(parse(foreign), None, "{foreign}");
         }
     }
 }

@@ -1,25 +1,31 @@
-//! The messages beyond the board: protobuf, and the keys under which it goes over the network.
+//! Protobuf encoding of the messages that leave the board, and the Zenoh keys they are sent under.
 //!
-//! Input: messages of the topics, or bytes from anywhere. Output: bytes, or checked messages. Time: none. Failure: bytes that are no
-//! message are refused with what is wrong with them, and counted by kind; nothing here panics or takes memory beyond
-//! [`BYTES_MAX`] times a small factor, whatever the bytes are.
+//! Input: messages of the topics, or untrusted bytes.
 //!
-//! The schema is `proto/plumbline/v1/*.proto`, that of viewers `proto/foxglove/*.proto`; this is the only crate that names prost.
-//! `src/generated` is made of them by a test: after a change in `proto`, `cargo test -p wire generated` first, then whoever uses the new field.
+//! Output: bytes, or validated messages.
 //!
-//! | module | what it holds |
+//! Failure: invalid bytes are rejected with a [`DecodeError`], which can be counted by kind. No
+//! input causes a panic. Memory use is bounded by a small multiple of [`MAX_MESSAGE_BYTES`].
+//!
+//! The schema is in `proto/plumbline/v1/*.proto`, the schema of third-party viewers in
+//! `proto/foxglove/*.proto`. Only this crate depends on prost. A test generates `src/generated`
+//! from the schemas: after a change in `proto`, run `cargo test -p wire generated` before using the
+//! new fields.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | [`payload`] | a topic's message as protobuf, and back |
-//! | [`batch`] | samples in an envelope by which a loss is proved |
-//! | `frame` | in which frame samples are |
-//! | [`measurement`] | what a program sends that has sensors |
-//! | [`command`] | what a running system can be asked |
-//! | [`cockpit`] | what the cockpit's page is told and asks for |
-//! | [`keys`] | where everything is found |
-//! | [`refusal`] | why bytes are no message |
-//! | [`schema`] | the descriptors, for whoever has no copy of the files |
-//! | [`viewer`] | the attitude in the schemas that viewers know |
-//! | [`channel`] | topics as channels of flights and viewers |
+//! | [`payload`] | conversion between topic messages and protobuf |
+//! | [`batch`] | samples in an envelope whose counts reveal losses |
+//! | [`delivery`] | loss accounting of a subscriber |
+//! | `frame` | coordinate frame of the samples in an envelope |
+//! | [`measurement`] | measurements sent by a program to a `protobuf` source |
+//! | [`command`] | requests to a running system, and their responses |
+//! | [`cockpit`] | messages exchanged with the cockpit page |
+//! | [`keys`] | Zenoh keys |
+//! | [`error`] | decode errors and their counts |
+//! | [`schema`] | descriptors of the schema, for clients without the `.proto` files |
+//! | [`viewer`] | attitude and position in the schemas of third-party viewers |
+//! | [`channel`] | topics as channels of flight recordings and viewers |
 #![forbid(unsafe_code)]
 
 pub mod batch;
@@ -32,21 +38,22 @@ mod frame;
 pub mod keys;
 pub mod measurement;
 pub mod payload;
-pub mod refusal;
+pub mod error;
 pub mod schema;
 pub mod viewer;
 
-/// The types of `proto/plumbline/v1`, as generated; the schemas say what they mean.
+/// Generated types of `proto/plumbline/v1`. They are documented in the schemas.
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated")]
 pub mod v1 {
     include!("generated/plumbline.v1.rs");
 }
 
-pub use batch::{open, open_topic, samples, seal};
+pub use batch::{decode_batch, decode_topic_batch, encode_batch, encode_samples};
 pub use payload::Payload;
-pub use refusal::{Refusal, Refusals};
+pub use error::{DecodeError, DecodeErrorCounts};
 
-/// Bytes of a message at most; the largest that is sent, a batch of checkpoints, has less than half.
-pub const BYTES_MAX: usize = 64 * 1024;
-/// Samples in a message at most.
-pub const SAMPLES_MAX: usize = 256;
+/// Maximum size of a message, bytes. The largest message sent, a batch of checkpoints, has less
+/// than half of it.
+pub const MAX_MESSAGE_BYTES: usize = 64 * 1024;
+/// Maximum number of samples in a batch.
+pub const MAX_SAMPLES: usize = 256;

@@ -1,4 +1,7 @@
-//! A topic's message as protobuf, and back: the same to the last bit, but that −0 arrives as 0, which protobuf leaves out.
+//! Conversion of topic messages to and from protobuf.
+//!
+//! The conversion is exact to the bit, except that −0 is received as 0, because protobuf omits
+//! default values.
 
 use messages::{
     AccelPoint, AttitudeOutput, CHECKPOINT_WORDS, Checkpoint, Control, Credit, Difference, FusedState, GnssFix,
@@ -7,74 +10,85 @@ use messages::{
 };
 use prost::Message as _;
 
-use crate::{Refusal, field::Field, refusal, v1};
+use crate::{DecodeError, field::Field, error, v1};
 
-/// A message with a form in the schema.
+/// Topic message that has a protobuf counterpart in the schema.
 pub trait Payload: Message {
-    /// The form's name in `plumbline.v1`.
+    /// Name of the protobuf message in the package `plumbline.v1`.
     const NAME: &'static str;
-    /// The form.
-    type Form: prost::Message + Default;
+    /// Protobuf message.
+    type Proto: prost::Message + Default;
 
-    /// The form of this message.
-    fn form(&self) -> Self::Form;
+    /// Converts the message to protobuf.
+    fn to_proto(&self) -> Self::Proto;
 
-    /// The message of a form, checked.
-    fn of_form(form: Self::Form) -> Result<Self, Refusal>;
+    /// Converts and validates a protobuf message.
+    ///
+    /// # Errors
+    ///
+    /// Returns the first missing or invalid field.
+    fn from_proto(proto: Self::Proto) -> Result<Self, DecodeError>;
 
-    /// The message as bytes.
-    fn encoded(&self) -> Vec<u8> {
-        self.form().encode_to_vec()
+    /// Encodes the message as protobuf.
+    fn to_bytes(&self) -> Vec<u8> {
+        self.to_proto().encode_to_vec()
     }
 
-    /// The message of bytes from anywhere, checked.
-    fn decoded(bytes: &[u8]) -> Result<Self, Refusal> {
-        refusal::within_size(bytes)?;
-        Self::of_form(Self::Form::decode(bytes).map_err(refusal::malformed(Self::NAME))?)
+    /// Decodes and validates a message from untrusted bytes.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the bytes exceed the size limit, are not a message of this type, or have
+    /// an invalid field.
+    fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
+        error::check_size(bytes)?;
+        Self::from_proto(Self::Proto::decode(bytes).map_err(error::malformed(Self::NAME))?)
     }
 }
 
-/// A quaternion of which nothing is known.
-const UNKNOWN: v1::Quaternion = v1::Quaternion { w: f64::NAN, x: f64::NAN, y: f64::NAN, z: f64::NAN };
+const UNKNOWN_QUATERNION: v1::Quaternion = v1::Quaternion { w: f64::NAN, x: f64::NAN, y: f64::NAN, z: f64::NAN };
 
-/// Numbers of `any` may be NaN: what a sensor says, and what may be unknown. So may quaternions of `later`, which recorded flights need not have.
+/// Implements [`Payload`] field by field.
+///
+/// `unchecked` fields may be NaN: raw sensor values, and values that may be unknown. `optional`
+/// quaternions may be missing, as they are in recordings of earlier versions, and are then NaN.
 macro_rules! payloads {
-    ($($name:ident { $($field:ident),* } $(any { $($any:ident),* })? $(later { $($later:ident),* })?;)*) => { $(
+    ($($name:ident { $($field:ident),* } $(unchecked { $($unchecked:ident),* })? $(optional { $($optional:ident),* })?;)*) => { $(
         impl Payload for $name {
             const NAME: &'static str = stringify!($name);
-            type Form = v1::$name;
+            type Proto = v1::$name;
 
-            fn form(&self) -> v1::$name {
+            fn to_proto(&self) -> v1::$name {
                 v1::$name {
-                    $($field: Field::put(self.$field),)*
-                    $($($any: Field::put(self.$any),)*)?
-                    $($($later: Field::put(self.$later),)*)?
+                    $($field: Field::to_proto(self.$field),)*
+                    $($($unchecked: Field::to_proto(self.$unchecked),)*)?
+                    $($($optional: Field::to_proto(self.$optional),)*)?
                 }
             }
 
-            fn of_form(form: v1::$name) -> Result<Self, Refusal> {
+            fn from_proto(proto: v1::$name) -> Result<Self, DecodeError> {
                 Ok(Self {
-                    $($field: take_checked(form.$field, stringify!($field))?,)*
-                    $($($any: Field::take(form.$any, stringify!($any))?,)*)?
-                    $($($later: Field::take(form.$later.or(Some(UNKNOWN)), stringify!($later))?,)*)?
+                    $($field: decode_field(proto.$field, stringify!($field))?,)*
+                    $($($unchecked: Field::from_proto(proto.$unchecked, stringify!($unchecked))?,)*)?
+                    $($($optional: Field::from_proto(proto.$optional.or(Some(UNKNOWN_QUATERNION)), stringify!($optional))?,)*)?
                 })
             }
         }
     )* };
 }
 
-fn take_checked<P, F: Field<P>>(form: P, field: &'static str) -> Result<F, Refusal> {
-    F::take(form, field)?.checked(field)
+fn decode_field<P, F: Field<P>>(proto: P, field: &'static str) -> Result<F, DecodeError> {
+    F::from_proto(proto, field)?.validated(field)
 }
 
 payloads! {
-    SensorReading { t_sensor_ns } any { rate_rad_s, force_m_s2, field_ut };
-    ReceiverReading {} any { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
+    SensorReading { t_sensor_ns } unchecked { rate_rad_s, force_m_s2, field_ut };
+    ReceiverReading {} unchecked { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
     ImuSample { header, rate_rad_s, force_m_s2 };
     MagSample { header, field_ut };
-    GnssFix { header, velocity_m_s } any { velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
+    GnssFix { header, velocity_m_s } unchecked { velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
     Reference { tick, scored, quaternion };
-    TakenReading { number, tick, t_sensor_ns, offset_ns } any {
+    TakenReading { number, tick, t_sensor_ns, offset_ns } unchecked {
         rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad,
         altitude_m, quaternion, brings, incarnation
     };
@@ -89,7 +103,7 @@ payloads! {
         rate_rad_s, inclination_sd_rad, reset_counter, jump
     };
     Credit { ticks, ends };
-    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation } later { turn };
+    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation } optional { turn };
     Health {
         ticks, lost, duplicated, repeated, next_tick, refused, late_wakes, flags, service, state, incarnation, pid, epoch, missed,
         published_from, flawed, clock_offset_ns, clock_jitter_ns, clock_steps
@@ -98,31 +112,31 @@ payloads! {
 
 impl Payload for Control {
     const NAME: &'static str = "Control";
-    type Form = v1::Control;
+    type Proto = v1::Control;
 
-    fn form(&self) -> v1::Control {
+    fn to_proto(&self) -> v1::Control {
         let Self { from_tick, epoch, service, owner, reserved: _ } = *self;
-        v1::Control { from_tick, epoch, service: service.put(), owner }
+        v1::Control { from_tick, epoch, service: service.to_proto(), owner }
     }
 
-    fn of_form(form: v1::Control) -> Result<Self, Refusal> {
-        let v1::Control { from_tick, epoch, service, owner } = form;
-        Ok(Self { from_tick, epoch, service: Field::take(service, "service")?, owner, reserved: 0 })
+    fn from_proto(proto: v1::Control) -> Result<Self, DecodeError> {
+        let v1::Control { from_tick, epoch, service, owner } = proto;
+        Ok(Self { from_tick, epoch, service: Field::from_proto(service, "service")?, owner, reserved: 0 })
     }
 }
 
 impl Payload for Checkpoint {
     const NAME: &'static str = "Checkpoint";
-    type Form = v1::Checkpoint;
+    type Proto = v1::Checkpoint;
 
-    fn form(&self) -> v1::Checkpoint {
+    fn to_proto(&self) -> v1::Checkpoint {
         let Self { next_tick, checksum, service, incarnation, slot_words, common_words, stage_words, swapped, .. } =
             *self;
         let len = self.words.iter().rposition(|word| *word != 0).map_or(0, |last| last + 1);
         v1::Checkpoint {
             next_tick,
             checksum,
-            service: service.put(),
+            service: service.to_proto(),
             incarnation,
             stage: self.stage().into(),
             slot_words,
@@ -133,16 +147,16 @@ impl Payload for Checkpoint {
         }
     }
 
-    /// The checksum goes with the message and is not looked at here: whoever goes on from it does.
-    fn of_form(form: v1::Checkpoint) -> Result<Self, Refusal> {
-        let v1::Checkpoint { next_tick, checksum, service, incarnation, swapped, .. } = form;
-        let v1::Checkpoint { slot_words, common_words, stage_words, .. } = form;
+    /// The checksum is passed through. The process that restores the checkpoint verifies it.
+    fn from_proto(proto: v1::Checkpoint) -> Result<Self, DecodeError> {
+        let v1::Checkpoint { next_tick, checksum, service, incarnation, swapped, .. } = proto;
+        let v1::Checkpoint { slot_words, common_words, stage_words, .. } = proto;
         let mut words = [0; CHECKPOINT_WORDS];
-        let stage = text_taken(&form.stage, Self::NAME, "stage")?;
-        let too_many = Refusal::TooMany { message: Self::NAME, what: "words", max: CHECKPOINT_WORDS };
-        let room = words.get_mut(..form.words.len()).ok_or(too_many)?;
-        room.copy_from_slice(&form.words);
-        let service = Field::take(service, "service")?;
+        let stage = fixed_text(&proto.stage, Self::NAME, "stage")?;
+        let too_many = DecodeError::TooMany { message: Self::NAME, what: "words", max: CHECKPOINT_WORDS };
+        let destination = words.get_mut(..proto.words.len()).ok_or(too_many)?;
+        destination.copy_from_slice(&proto.words);
+        let service = Field::from_proto(service, "service")?;
         Ok(Self {
             next_tick,
             checksum,
@@ -160,9 +174,9 @@ impl Payload for Checkpoint {
 
 impl Payload for SystemEvent {
     const NAME: &'static str = "SystemEvent";
-    type Form = v1::SystemEvent;
+    type Proto = v1::SystemEvent;
 
-    fn form(&self) -> v1::SystemEvent {
+    fn to_proto(&self) -> v1::SystemEvent {
         let Self { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = *self;
         let Self { epoch, filling, adopted_filling, alone, cut, .. } = *self;
         v1::SystemEvent {
@@ -171,8 +185,8 @@ impl Payload for SystemEvent {
             tick,
             ticks,
             adopted_tick,
-            kind: kind.put(),
-            service: service.put(),
+            kind: kind.to_proto(),
+            service: service.to_proto(),
             incarnation,
             epoch,
             filling,
@@ -181,43 +195,43 @@ impl Payload for SystemEvent {
             cut,
             stage: self.stage().into(),
             settings: self.settings_text().into(),
-            why: self.why().into(),
+            why: self.reason().into(),
         }
     }
 
-    fn of_form(form: v1::SystemEvent) -> Result<Self, Refusal> {
-        let v1::SystemEvent { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = form;
-        let v1::SystemEvent { epoch, filling, adopted_filling, alone, cut, .. } = form;
-        let about_none = service == v1::Service::Unspecified as i32;
+    fn from_proto(proto: v1::SystemEvent) -> Result<Self, DecodeError> {
+        let v1::SystemEvent { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = proto;
+        let v1::SystemEvent { epoch, filling, adopted_filling, alone, cut, .. } = proto;
+        let has_no_service = service == v1::Service::Unspecified as i32;
         Ok(Self {
             number,
             t_told_ns,
             tick,
             ticks,
             adopted_tick,
-            kind: Field::take(kind, "kind")?,
-            service: if about_none { Self::NOBODY } else { Field::take(service, "service")? },
+            kind: Field::from_proto(kind, "kind")?,
+            service: if has_no_service { Self::NONE_U32 } else { Field::from_proto(service, "service")? },
             incarnation,
             epoch,
             filling,
             adopted_filling,
             alone,
             cut,
-            stage: text_taken(&form.stage, Self::NAME, "stage")?,
-            settings: text_taken(&form.settings, Self::NAME, "settings")?,
-            why: text_taken(&form.why, Self::NAME, "why")?,
+            stage: fixed_text(&proto.stage, Self::NAME, "stage")?,
+            settings: fixed_text(&proto.settings, Self::NAME, "settings")?,
+            why: fixed_text(&proto.why, Self::NAME, "why")?,
         })
     }
 }
 
-/// A text that is filled up with zeros.
-fn text_taken<const N: usize>(text: &str, message: &'static str, field: &'static str) -> Result<[u8; N], Refusal> {
-    let letters = text.as_bytes();
-    if letters.contains(&0) {
-        return Err(Refusal::OutOfRange { field, value: format!("{text:?}"), expected: "a text without zeros" });
+/// Copies a text into an array and pads it with zeros.
+fn fixed_text<const N: usize>(text: &str, message: &'static str, field: &'static str) -> Result<[u8; N], DecodeError> {
+    let bytes = text.as_bytes();
+    if bytes.contains(&0) {
+        return Err(DecodeError::OutOfRange { field, value: format!("{text:?}"), expected: "a text without NUL" });
     }
-    let mut place = [0; N];
-    let too_many = Refusal::TooMany { message, what: "letters", max: N };
-    place.get_mut(..letters.len()).ok_or(too_many)?.copy_from_slice(letters);
-    Ok(place)
+    let mut padded = [0; N];
+    let too_many = DecodeError::TooMany { message, what: "bytes", max: N };
+    padded.get_mut(..bytes.len()).ok_or(too_many)?.copy_from_slice(bytes);
+    Ok(padded)
 }

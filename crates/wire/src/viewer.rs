@@ -1,11 +1,14 @@
-//! The attitude as viewers know it: messages of the published schemas `foxglove.*`, so that it is seen without any setting.
+//! Attitude and position in the published schemas `foxglove.*`, which viewers display without
+//! setup.
 //!
-//! Input: a time since 1970 and a rotation x, y, z, w. Output: bytes. Frames are named by the caller. Failure: none.
+//! Input: time since 1970 and a rotation or position. The caller names the frames.
+//!
+//! Output: encoded messages.
 
 use prost::Message as _;
 use prost_types::Timestamp;
 
-/// The types of `proto/foxglove`, as generated.
+/// Generated types of `proto/foxglove`.
 #[allow(missing_docs, unreachable_pub, clippy::all, reason = "generated")]
 mod foxglove {
     include!("generated/foxglove.rs");
@@ -13,14 +16,14 @@ mod foxglove {
 
 use foxglove::{FrameTransform, LocationFix, Pose, PoseInFrame, Quaternion, Vector3};
 
-/// The name of the schema of [`frame_transform`].
+/// Name of the schema of [`frame_transform`].
 pub const FRAME_TRANSFORM: &str = "foxglove.FrameTransform";
-/// The name of the schema of [`pose_in_frame`].
+/// Name of the schema of [`pose_in_frame`].
 pub const POSE_IN_FRAME: &str = "foxglove.PoseInFrame";
-/// The name of the schema of [`location_fix`].
+/// Name of the schema of [`location_fix`].
 pub const LOCATION_FIX: &str = "foxglove.LocationFix";
 
-/// The frame `child` turned in the frame `parent`, both with one origin: child → parent.
+/// Encodes the rotation from the frame `child` to the frame `parent`, which share an origin.
 pub fn frame_transform(t_ns: u64, parent: &str, child: &str, xyzw: [f64; 4]) -> Vec<u8> {
     FrameTransform {
         timestamp: Some(timestamp(t_ns)),
@@ -32,20 +35,20 @@ pub fn frame_transform(t_ns: u64, parent: &str, child: &str, xyzw: [f64; 4]) -> 
     .encode_to_vec()
 }
 
-/// The same rotation as a pose at the origin of the frame `frame`.
+/// Encodes a rotation as a pose at the origin of `frame`.
 pub fn pose_in_frame(t_ns: u64, frame: &str, xyzw: [f64; 4]) -> Vec<u8> {
     let pose = Pose { position: Some(Vector3::default()), orientation: Some(quaternion(xyzw)) };
     PoseInFrame { timestamp: Some(timestamp(t_ns)), frame_id: frame.into(), pose: Some(pose) }.encode_to_vec()
 }
 
-/// Where the frame `frame` is: latitude, longitude in degrees, altitude in m.
+/// Encodes the position of `frame`: latitude and longitude in degrees, altitude in metres.
 pub fn location_fix(t_ns: u64, frame: &str, [latitude, longitude, altitude]: [f64; 3]) -> Vec<u8> {
     let (timestamp, frame_id) = (Some(timestamp(t_ns)), frame.into());
     LocationFix { timestamp, frame_id, latitude, longitude, altitude, ..LocationFix::default() }.encode_to_vec()
 }
 
 fn timestamp(t_ns: u64) -> Timestamp {
-    // Seconds of 64 bits of nanoseconds have 35 bits.
+    // The seconds of a 64-bit number of nanoseconds fit into 35 bits.
     Timestamp { seconds: (t_ns / 1_000_000_000).cast_signed(), nanos: (t_ns % 1_000_000_000) as i32 }
 }
 

@@ -1,33 +1,44 @@
-//! The slot `accel`: from `imu` to `accel`, where up seems to be at each tick.
+//! The slot `accel`: reads `imu` and publishes the measured up direction of each tick on `accel`.
 //!
-//! Input: checked IMU samples. Output: the point w_acc. Time: none. Failure: a force that cannot be used keeps the last point, with
-//! trust 0 and its flag.
+//! Input: checked IMU samples.
+//!
+//! Output: the point w_acc.
+//!
+//! Failure: a force that cannot be used keeps the previous point, with trust 0 and its flag.
 #![forbid(unsafe_code)]
 
-use attitude::accel::{Accelerometer, FORCE_MIN_M_S2};
+use attitude::accel::{Accelerometer, MIN_FORCE_M_S2};
 use host::AnyStage;
 use launch::Service;
 use messages::{AccelPoint, Flags, Header, ImuSample};
 use runtime::{
-    EachTick, RuntimeError, ServiceConfig, ServiceContext, Work,
-    quantities::{chart_of, pair},
+    SingleInputSlot, RuntimeError, ServiceConfig, ServiceContext, TickProcessor,
+    convert::{chart_to_payload, complex_to_payload},
     serve,
-    stage::{self, Filled},
+    stage::{self, ResettingStage},
 };
 
-/// The work of the slot.
+/// Processing of the slot `accel`.
 #[derive(Debug)]
-pub struct AccelWork {
-    filled: Filled<AnyStage<Accelerometer>>,
+pub struct AccelProcessor {
+    stage: ResettingStage<AnyStage<Accelerometer>>,
 }
 
-/// The slot with the stage that `config` names.
-pub fn slot(config: &ServiceConfig) -> Result<EachTick<AccelWork>, RuntimeError> {
-    let filled = Filled::new(stage::chosen(Service::Accel, &config.launch, Accelerometer::named)?);
-    Ok(EachTick::new(AccelWork { filled }))
+/// Creates the slot with the stage that `config` names.
+///
+/// # Errors
+///
+/// Returns an error if the stage cannot be built.
+pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
+    let stage = ResettingStage::new(stage::build_stage(Service::Accel, &config.launch, Accelerometer::from_name)?);
+    Ok(SingleInputSlot::new(AccelProcessor { stage }))
 }
 
-/// The service.
+/// Runs the service until the end of the system.
+///
+/// # Errors
+///
+/// Returns an error if the service cannot join the system, build its stage or continue.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Accel)?;
     let slot = slot(&context.config)?;
@@ -35,32 +46,32 @@ pub fn run() -> Result<(), RuntimeError> {
     serve(context, slot, &[&imu])
 }
 
-impl Work for AccelWork {
+impl TickProcessor for AccelProcessor {
     type Input = ImuSample;
     type Output = AccelPoint;
     type Stage = AnyStage<Accelerometer>;
 
-    fn work(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
-        let (seen, anew) = self.filled.step(&input.force_m_s2.into())?;
-        header.flags |= Flags::RESET.when(anew);
-        header.flags |= Flags::FORCE_SMALL.when(seen.norm_m_s2 < FORCE_MIN_M_S2);
+    fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
+        let (inclination, was_reset) = self.stage.step(&input.force_m_s2.into())?;
+        header.flags |= Flags::RESET.when(was_reset);
+        header.flags |= Flags::FORCE_SMALL.when(inclination.norm_m_s2 < MIN_FORCE_M_S2);
         Some(AccelPoint {
             header,
-            w: pair(seen.up.w),
-            chart: chart_of(seen.up.chart),
-            norm_m_s2: seen.norm_m_s2,
-            trust: seen.trust,
+            w: complex_to_payload(inclination.up.w),
+            chart: chart_to_payload(inclination.up.chart),
+            norm_m_s2: inclination.norm_m_s2,
+            trust: inclination.trust,
             force_m_s2: input.force_m_s2,
         })
     }
 
-    fn filled(&self) -> &Filled<AnyStage<Accelerometer>> {
-        &self.filled
+    fn resetting_stage(&self) -> &ResettingStage<AnyStage<Accelerometer>> {
+        &self.stage
     }
 
-    fn filled_mut(&mut self) -> &mut Filled<AnyStage<Accelerometer>> {
-        &mut self.filled
+    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Accelerometer>> {
+        &mut self.stage
     }
 
-    fn visit_own(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}
+    fn visit_own_state(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}
 }

@@ -22,7 +22,7 @@ export const STALE_MS = 400;
 const DIFFERENCE_S = 0.5;
 const NONE = 2 ** 53;
 /** The reason of a shadow that was told to end. */
-export const ENDED_AS_ASKED = "cancelled as asked";
+export const ENDED_AS_ASKED = "cancelled as requested";
 
 const EXTREMES = {
   QUANTITY_FORCE_M_S2: "force_m_s2", QUANTITY_FIELD_UT: "field_ut", QUANTITY_RATE_X_RAD_S: "rate_x_rad_s", QUANTITY_RATE_Y_RAD_S: "rate_y_rad_s",

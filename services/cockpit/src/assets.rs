@@ -23,7 +23,7 @@ const FILES: &[(&str, &[u8])] = of_the_page! {
 
 /// The page.
 #[derive(Debug)]
-pub(crate) struct Page(HashMap<&'static str, Asset>);
+pub(crate) struct PageFiles(HashMap<&'static str, Asset>);
 
 #[derive(Debug)]
 struct Asset {
@@ -33,7 +33,7 @@ struct Asset {
     gzip: Option<Bytes>,
 }
 
-impl Page {
+impl PageFiles {
     /// Every file, and the schema that its reader of protobuf goes by.
     pub(crate) fn new() -> Self {
         let files = FILES.iter().map(|(name, bytes)| (*name, Bytes::from_static(bytes)));
@@ -42,28 +42,28 @@ impl Page {
     }
 
     /// A file, by its path in the address.
-    pub(crate) fn answer(&self, path: &str, headers: &HeaderMap) -> Response {
+    pub(crate) fn respond(&self, path: &str, headers: &HeaderMap) -> Response {
         let name = path.trim_start_matches('/');
         let Some(asset) = self.0.get(if name.is_empty() { "index.html" } else { name }) else {
             return response(StatusCode::NOT_FOUND, Body::from("there is no such file\n"));
         };
-        let is_said =
+        let header_contains =
             |name, what: &str| headers.get_all(name).iter().any(|it| it.to_str().is_ok_and(|it| it.contains(what)));
-        let has_it = asset.tag.to_str().is_ok_and(|tag| is_said(header::IF_NONE_MATCH, tag));
-        let zipped = asset.gzip.clone().filter(|_| is_said(header::ACCEPT_ENCODING, "gzip"));
-        let mut answer = match &zipped {
-            _ if has_it => response(StatusCode::NOT_MODIFIED, Body::empty()),
+        let is_cached = asset.tag.to_str().is_ok_and(|tag| header_contains(header::IF_NONE_MATCH, tag));
+        let compressed = asset.gzip.clone().filter(|_| header_contains(header::ACCEPT_ENCODING, "gzip"));
+        let mut reply = match &compressed {
+            _ if is_cached => response(StatusCode::NOT_MODIFIED, Body::empty()),
             Some(gzip) => response(StatusCode::OK, Body::from(gzip.clone())),
             None => response(StatusCode::OK, Body::from(asset.plain.clone())),
         };
-        let fields = answer.headers_mut();
+        let fields = reply.headers_mut();
         fields.insert(header::ETAG, asset.tag.clone());
         fields.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         fields.insert(header::CONTENT_TYPE, HeaderValue::from_static(asset.kind));
-        if zipped.is_some() && !has_it {
+        if compressed.is_some() && !is_cached {
             fields.insert(header::CONTENT_ENCODING, HeaderValue::from_static("gzip"));
         }
-        answer
+        reply
     }
 }
 
@@ -80,12 +80,12 @@ impl Asset {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         let gzip = encoder.write_all(&bytes).and_then(|()| encoder.finish()).ok();
         let gzip = gzip.filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
-        Self { kind, tag: tag(&bytes), plain: bytes, gzip }
+        Self { kind, tag: etag(&bytes), plain: bytes, gzip }
     }
 }
 
 /// A tag of the bytes: FNV-1a, 64 bits. It tells files of ours apart, and nothing is trusted by it.
-fn tag(bytes: &[u8]) -> HeaderValue {
+fn etag(bytes: &[u8]) -> HeaderValue {
     let hash = bytes
         .iter()
         .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3));
@@ -100,17 +100,17 @@ fn response(status: StatusCode, body: Body) -> Response {
 
 /// The schema as the page's reader goes by it: of each message the fields by their numbers, of each enum and of the flags the names.
 fn schema() -> Value {
-    let (fields, names) = wire::schema::rules();
+    let (fields, names) = wire::schema::fields_and_enum_values();
     let (mut messages, mut enums) = (Map::new(), Map::new());
     for field in fields {
         let message = messages.entry(field.message).or_insert_with(|| json!({}));
         let rule = json!([field.name, field.kind, field.is_repeated, field.has_presence]);
         message[field.number.to_string()] = rule;
     }
-    for (of, name, number) in names {
-        enums.entry(of).or_insert_with(|| json!({}))[number.to_string()] = name.into();
+    for (enum_name, name, number) in names {
+        enums.entry(enum_name).or_insert_with(|| json!({}))[number.to_string()] = name.into();
     }
-    let flags: Vec<_> = Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::USUAL.any(*flag)])).collect();
+    let flags: Vec<_> = Flags::NAMES.iter().map(|(flag, name)| json!([name, Flags::INFORMATIONAL.any(*flag)])).collect();
     json!({ "messages": messages, "enums": enums, "flags": flags })
 }
 
@@ -120,21 +120,21 @@ mod tests {
 
     use super::*;
 
-    fn get(page: &Page, path: &str, headers: &[(header::HeaderName, &'static str)]) -> Response {
+    fn get(page: &PageFiles, path: &str, headers: &[(header::HeaderName, &'static str)]) -> Response {
         let headers = headers.iter().map(|(name, value)| (name.clone(), HeaderValue::from_static(value)));
-        page.answer(path, &headers.collect())
+        page.respond(path, &headers.collect())
     }
 
     #[test]
-    fn a_file_that_the_browser_has_is_not_sent_again_and_others_go_compressed() {
-        let page = Page::new();
+    fn cached_file_is_not_sent_again_and_others_are_compressed() {
+        let page = PageFiles::new();
         for path in ["/", "/style.css", "/main.js", "/schema.json"] {
             let answer = get(&page, path, &[(header::ACCEPT_ENCODING, "gzip, br")]);
             assert_eq!(answer.status(), StatusCode::OK);
             assert_eq!(answer.headers()["content-encoding"], "gzip", "{path}");
             let mut headers = HeaderMap::new();
             headers.insert(header::IF_NONE_MATCH, answer.headers()[header::ETAG].clone());
-            assert_eq!(page.answer(path, &headers).status(), StatusCode::NOT_MODIFIED);
+            assert_eq!(page.respond(path, &headers).status(), StatusCode::NOT_MODIFIED);
             assert!(!get(&page, path, &[]).headers().contains_key("content-encoding"));
         }
         for path in ["/../Cargo.toml", "/nothing.js", "//etc/passwd"] {
@@ -143,19 +143,19 @@ mod tests {
     }
 
     #[test]
-    fn the_page_is_small_and_its_own() {
+    fn page_is_small_and_loads_nothing_external() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/page");
-        let mut there: Vec<_> =
+        let mut present: Vec<_> =
             fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name().into_string().unwrap()).collect();
-        there.sort();
-        assert_eq!(there, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "every file is there");
+        present.sort();
+        assert_eq!(present, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "every file is there");
         let mut total = 0;
         for (path, bytes) in FILES {
             total += bytes.len();
             let text = String::from_utf8_lossy(bytes);
-            let outside =
+            let forbidden =
                 ["http://", "https://", "//cdn", "innerHTML", "eval(", "document.write", "<script>", "style=\""];
-            let found: Vec<_> = outside.iter().filter(|it| text.contains(**it)).collect();
+            let found: Vec<_> = forbidden.iter().filter(|it| text.contains(**it)).collect();
             let is_namespace =
                 path.ends_with(".svg") || text.matches("http://").count() == text.matches("http://www.w3.org/").count();
             assert!(found.is_empty() || found == [&"http://"] && is_namespace, "{path}: {found:?}");

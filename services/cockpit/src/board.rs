@@ -4,15 +4,15 @@ use std::time::{Duration, Instant};
 
 use bus::{Observer, SystemName, Tap};
 use calibrate::{Kind, Known};
-use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, ask};
+use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::{Service, Topic};
 use launch::{Launch, Source as LaunchSource};
 use observe::readings;
 use runtime::ServiceConfig;
 
 use crate::{
-    calibration::Wish,
-    source::{Description, Desk, Source, SourceState},
+    calibration::CalibrationRequest,
+    source::{SystemDescription, CommandTarget, Source, SourceState},
 };
 
 /// What is looked at; of the path, an output before what it was made of.
@@ -30,50 +30,50 @@ pub const TOPICS: [Topic; 11] = [
     Topic::Event,
 ];
 /// Between two attempts to find a system, or topics that are not yet there.
-const TRY_INTERVAL: Duration = Duration::from_millis(300);
+const RETRY_INTERVAL: Duration = Duration::from_millis(300);
 
 /// The bus of a system.
 #[derive(Debug)]
-pub struct Board {
+pub struct LocalSystem {
     system: String,
-    seat: Option<Seat>,
-    tried: Option<Instant>,
+    attachment: Option<Attachment>,
+    last_attempt: Option<Instant>,
     state: SourceState,
     /// Looked at beside [`TOPICS`].
-    more: Option<Topic>,
+    extra_topic: Option<Topic>,
 }
 
 #[derive(Debug)]
-struct Seat {
+struct Attachment {
     taps: Vec<(Topic, Tap)>,
     missing: Vec<Topic>,
     observer: Observer,
 }
 
-impl Board {
+impl LocalSystem {
     /// The system of that name, which need not run yet.
     pub fn new(system: &str) -> Self {
         let state = SourceState::Connecting(format!("the system {system:?} does not run; `plumb up` starts it"));
-        Self { system: system.into(), seat: None, tried: None, state, more: None }
+        Self { system: system.into(), attachment: None, last_attempt: None, state, extra_topic: None }
     }
 
     /// Now and then: whether the run is still the same, and topics that have come.
-    fn attend(&mut self) {
-        if self.tried.is_some_and(|tried| tried.elapsed() < TRY_INTERVAL) {
+    fn update_connection(&mut self) {
+        if self.last_attempt.is_some_and(|tried| tried.elapsed() < RETRY_INTERVAL) {
             return;
         }
-        self.tried = Some(Instant::now());
-        if self.seat.as_ref().is_some_and(|seat| !seat.observer.is_running()) {
-            self.seat = None;
-            let why = format!("the system {:?} has ended; `plumb up` starts it again", self.system);
-            self.state = SourceState::Ended(why);
+        self.last_attempt = Some(Instant::now());
+        if self.attachment.as_ref().is_some_and(|seat| !seat.observer.is_running()) {
+            self.attachment = None;
+            let reason = format!("the system {:?} has ended; `plumb up` starts it again", self.system);
+            self.state = SourceState::Ended(reason);
             return;
         }
-        if self.seat.is_none() {
-            match SystemName::new(&self.system).and_then(|name| Observer::sit(&name, "cockpit")) {
+        if self.attachment.is_none() {
+            match SystemName::new(&self.system).and_then(|name| Observer::attach(&name, "cockpit")) {
                 Ok(observer) => {
-                    let missing = TOPICS.into_iter().chain(self.more).collect();
-                    self.seat = Some(Seat { taps: Vec::new(), missing, observer });
+                    let missing = TOPICS.into_iter().chain(self.extra_topic).collect();
+                    self.attachment = Some(Attachment { taps: Vec::new(), missing, observer });
                 }
                 Err(error) => {
                     // One that has ended is still told so.
@@ -84,7 +84,7 @@ impl Board {
                 }
             }
         }
-        if let Some(Seat { taps, missing, observer }) = &mut self.seat {
+        if let Some(Attachment { taps, missing, observer }) = &mut self.attachment {
             missing.retain(|topic| match observer.tap(*topic) {
                 Ok(tap) => {
                     taps.push((*topic, tap));
@@ -98,13 +98,13 @@ impl Board {
     }
 }
 
-impl Source for Board {
-    fn look(&mut self, take: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
-        self.attend();
-        let Some(seat) = &self.seat else { return self.state.clone() };
-        let failed = seat.taps.iter().find_map(|(topic, tap)| tap.drain(&mut |bytes| take(*topic, bytes)).err());
+impl Source for LocalSystem {
+    fn look(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState {
+        self.update_connection();
+        let Some(attachment) = &self.attachment else { return self.state.clone() };
+        let failed = attachment.taps.iter().find_map(|(topic, tap)| tap.drain(&mut |bytes| on_message(*topic, bytes)).err());
         if let Some(error) = failed {
-            self.seat = None;
+            self.attachment = None;
             self.state = SourceState::Connecting(error.to_string());
         }
         self.state.clone()
@@ -114,9 +114,9 @@ impl Source for Board {
         true
     }
 
-    fn read(&mut self, topic: Option<Topic>) {
-        self.more = topic;
-        if let Some(Seat { taps, missing, .. }) = &mut self.seat {
+    fn set_readings_topic(&mut self, topic: Option<Topic>) {
+        self.extra_topic = topic;
+        if let Some(Attachment { taps, missing, .. }) = &mut self.attachment {
             taps.retain(|(tapped, _)| TOPICS.contains(tapped));
             missing.retain(|missing| TOPICS.contains(missing));
             missing.extend(topic);
@@ -126,30 +126,30 @@ impl Source for Board {
 
 /// The supervisor of a system.
 #[derive(Debug)]
-pub struct SupervisorDesk {
+pub struct SupervisorClient {
     system: String,
 }
 
-impl SupervisorDesk {
+impl SupervisorClient {
     /// That of the system of this name.
     pub fn new(system: &str) -> Self {
         Self { system: system.into() }
     }
 
-    fn ask<A: serde::de::DeserializeOwned>(&self, request: &ControlRequest) -> Result<A, String> {
-        ask(&self.system, request).map_err(|error| error.to_string())
+    fn request<A: serde::de::DeserializeOwned>(&self, request: &ControlRequest) -> Result<A, String> {
+        send_request(&self.system, request).map_err(|error| error.to_string())
     }
 }
 
-impl Desk for SupervisorDesk {
-    fn description(&self) -> Result<Description, String> {
-        let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.ask(&ControlRequest::ServiceConfig)?;
+impl CommandTarget for SupervisorClient {
+    fn description(&self) -> Result<SystemDescription, String> {
+        let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
         let slots = Service::SLOTS.into_iter().filter(|slot| launch.services.contains(slot));
         let slots =
-            slots.map(|slot| (slot.name().to_owned(), launch.stages_of(slot).into_iter().map(str::to_owned).collect()));
-        Ok(Description {
+            slots.map(|slot| (slot.name().to_owned(), launch.stage_names(slot).into_iter().map(str::to_owned).collect()));
+        Ok(SystemDescription {
             system: launch.name.clone(),
-            source: source(&launch),
+            source: source_label(&launch),
             rate_hz,
             slots: slots.collect(),
             supervisor_pid: Some(supervisor_pid),
@@ -157,7 +157,7 @@ impl Desk for SupervisorDesk {
     }
 
     fn services(&self) -> Result<Vec<ServiceStatus>, String> {
-        self.ask(&ControlRequest::Ps)
+        self.request(&ControlRequest::Status)
     }
 
     fn takes_commands(&self) -> bool {
@@ -165,26 +165,26 @@ impl Desk for SupervisorDesk {
     }
 
     fn swap(&self, request: SwapRequest) -> Result<SwapReport, String> {
-        self.ask(&ControlRequest::Swap(request))
+        self.request(&ControlRequest::Swap(request))
     }
 
-    fn cancel(&self, slot: &str) -> Result<(), String> {
-        self.ask(&ControlRequest::Cancel { slot: slot.into() })
+    fn cancel_shadow(&self, slot: &str) -> Result<(), String> {
+        self.request(&ControlRequest::Cancel { slot: slot.into() })
     }
 
-    fn wish(&self, kind: Kind) -> Result<Wish, String> {
-        let config: ServiceConfig = self.ask(&ControlRequest::ServiceConfig)?;
+    fn calibration_request(&self, kind: Kind) -> Result<CalibrationRequest, String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
         let topic = readings::topic(&config).map_err(|error| error.to_string())?;
         let mut known = Known::default();
         readings::build_on_system(&mut known, &config).map_err(|error| error.to_string())?;
-        Ok(Wish { kind, known, topic })
+        Ok(CalibrationRequest { kind, prior: known, topic })
     }
 }
 
 /// What the system is fed with, for people.
-fn source(launch: &Launch) -> String {
+fn source_label(launch: &Launch) -> String {
     let ingest = &launch.ingest;
-    let at =
+    let with_port =
         |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
     match ingest.source {
         LaunchSource::Sim => format!("sim {}", ingest.sim.scenario),
@@ -194,10 +194,10 @@ fn source(launch: &Launch) -> String {
         }
         LaunchSource::Bus => "bus".into(),
         LaunchSource::Stdin => "stdin".into(),
-        LaunchSource::Udp => at("udp", ingest.live.udp.port.as_ref()),
-        LaunchSource::Tcp => at("tcp", ingest.live.tcp.port.as_ref()),
-        LaunchSource::Serial => at("serial", ingest.live.serial.port.as_ref()),
-        LaunchSource::Mavlink => at("mavlink", ingest.live.mavlink.port.as_ref()),
+        LaunchSource::Udp => with_port("udp", ingest.live.udp.port.as_ref()),
+        LaunchSource::Tcp => with_port("tcp", ingest.live.tcp.port.as_ref()),
+        LaunchSource::Serial => with_port("serial", ingest.live.serial.port.as_ref()),
+        LaunchSource::Mavlink => with_port("mavlink", ingest.live.mavlink.port.as_ref()),
         LaunchSource::Iio => format!("iio {}", ingest.live.iio.device),
     }
 }

@@ -11,19 +11,19 @@ use observe::readings;
 use wire::v1::{self, Vector3};
 
 /// Between two words of the coverage.
-const TOLD_INTERVAL: Duration = Duration::from_millis(200);
+const REPORT_INTERVAL: Duration = Duration::from_millis(200);
 /// Between two trials whether what there is suffices.
-const TRY_INTERVAL: Duration = Duration::from_secs(2);
+const SOLVE_INTERVAL: Duration = Duration::from_secs(2);
 /// One that finds nothing for so long is given up.
-const LIMIT: Duration = Duration::from_secs(600);
+const CALIBRATION_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// What is asked for, and what a system knows of its sensors.
 #[derive(Debug, Clone)]
-pub struct Wish {
+pub struct CalibrationRequest {
     /// What is calibrated.
     pub kind: Kind,
     /// What is known before.
-    pub known: Known,
+    pub prior: Known,
     /// Where the readings are.
     pub topic: Topic,
 }
@@ -34,37 +34,37 @@ pub(crate) struct Calibration {
     kind: Kind,
     topic: Topic,
     calibrator: Calibrator,
-    began: Instant,
-    told: Option<Instant>,
-    tried: Option<Instant>,
+    started: Instant,
+    last_report: Option<Instant>,
+    last_attempt: Option<Instant>,
 }
 
 impl Calibration {
-    pub(crate) fn new(wish: Wish) -> Self {
-        let calibrator = Calibrator::new(wish.kind, &wish.known);
-        Self { kind: wish.kind, topic: wish.topic, calibrator, began: Instant::now(), told: None, tried: None }
+    pub(crate) fn new(request: CalibrationRequest) -> Self {
+        let calibrator = Calibrator::new(request.kind, &request.prior);
+        Self { kind: request.kind, topic: request.topic, calibrator, started: Instant::now(), last_report: None, last_attempt: None }
     }
 
     /// Takes a message of a topic.
-    pub(crate) fn take(&mut self, topic: Topic, bytes: &[u8]) {
+    pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8]) {
         if topic == self.topic {
             readings::sample(topic, bytes).iter().for_each(|sample| self.calibrator.take(sample));
         }
     }
 
     /// It has found nothing for so long that it is given up.
-    pub(crate) fn is_over(&self) -> bool {
-        self.began.elapsed() > LIMIT
+    pub(crate) fn is_expired(&self) -> bool {
+        self.started.elapsed() > CALIBRATION_TIMEOUT
     }
 
     /// What pages are to be told, now and then.
-    pub(crate) fn news(&mut self) -> Option<v1::Calibration> {
-        if self.told.is_some_and(|told| told.elapsed() < TOLD_INTERVAL) {
+    pub(crate) fn progress(&mut self) -> Option<v1::Calibration> {
+        if self.last_report.is_some_and(|told| told.elapsed() < REPORT_INTERVAL) {
             return None;
         }
-        self.told = Some(Instant::now());
+        self.last_report = Some(Instant::now());
         let coverage = self.calibrator.coverage();
-        let mut said = v1::Calibration {
+        let mut progress = v1::Calibration {
             what: Kind::NAMES.iter().find(|(_, kind)| *kind == self.kind).map_or("", |(name, _)| name).into(),
             share: coverage.share,
             found: coverage.found,
@@ -73,13 +73,13 @@ impl Calibration {
             direction: self.calibrator.direction().map(|at| Vector3 { x: at.x, y: at.y, z: at.z }),
             report: String::new(),
         };
-        if coverage.share >= 1.0 && self.tried.is_none_or(|tried| tried.elapsed() >= TRY_INTERVAL) {
-            self.tried = Some(Instant::now());
+        if coverage.share >= 1.0 && self.last_attempt.is_none_or(|tried| tried.elapsed() >= SOLVE_INTERVAL) {
+            self.last_attempt = Some(Instant::now());
             match self.calibrator.finish() {
-                Ok(report) => said.report = report.to_string(),
-                Err(refusal) => said.missing = refusal.missing,
+                Ok(report) => progress.report = report.to_string(),
+                Err(error) => progress.missing = error.missing,
             }
         }
-        Some(said)
+        Some(progress)
     }
 }

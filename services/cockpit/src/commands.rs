@@ -5,8 +5,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use control::{Outcome, SwapReport, SwapRequest};
-use launch::Stage;
+use control::{SwapOutcome, SwapReport, SwapRequest};
+use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
 use wire::{
     command::ControlMessage,
@@ -15,49 +15,49 @@ use wire::{
 
 use crate::{
     hub::Hub,
-    source::Desk,
+    source::CommandTarget,
     token::{Role, Tokens},
 };
 
 /// Commands under way at once, shadows among them.
-pub(crate) const UNDER_WAY_MAX: usize = 8;
+pub(crate) const MAX_CONCURRENT_COMMANDS: usize = 8;
 
 /// Who takes a viewer's commands.
 pub(crate) struct Commands {
-    desk: Arc<dyn Desk>,
+    target: Arc<dyn CommandTarget>,
     tokens: Tokens,
-    room: Arc<Semaphore>,
+    permits: Arc<Semaphore>,
 }
 
 /// A viewer's commands.
-pub(crate) struct Session<'c> {
+pub(crate) struct CommandSession<'c> {
     commands: Option<&'c Commands>,
     hub: Arc<Hub>,
-    answers: Sender<SwapAnswer>,
+    replies: Sender<SwapAnswer>,
     /// The slots in which this viewer's shadows run.
     shadows: Arc<Mutex<Vec<String>>>,
 }
 
 impl Commands {
     /// `room`: for how many at once, of all viewers together.
-    pub(crate) fn new(desk: Arc<dyn Desk>, tokens: Tokens, room: Arc<Semaphore>) -> Self {
-        Self { desk, tokens, room }
+    pub(crate) fn new(target: Arc<dyn CommandTarget>, tokens: Tokens, permits: Arc<Semaphore>) -> Self {
+        Self { target, tokens, permits }
     }
 }
 
-impl<'c> Session<'c> {
-    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, answers: Sender<SwapAnswer>) -> Self {
-        Self { commands, hub, answers, shadows: Arc::default() }
+impl<'c> CommandSession<'c> {
+    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, replies: Sender<SwapAnswer>) -> Self {
+        Self { commands, hub, replies, shadows: Arc::default() }
     }
 
     /// Carries out what the viewer asks for; whether it may go on asking.
-    pub(crate) fn ask(&mut self, bytes: &[u8]) -> bool {
-        let Ok(command) = PageCommand::decoded(bytes) else { return false };
+    pub(crate) fn handle(&mut self, bytes: &[u8]) -> bool {
+        let Ok(command) = PageCommand::from_bytes(bytes) else { return false };
         if command.kind() == Kind::Look {
             return true;
         }
         let Some(commands) = self.commands else {
-            self.refuse(command, "nothing can be commanded from here");
+            self.reject(command, "nothing can be commanded from here");
             return true;
         };
         let remedy = match commands.tokens.role(&command.token) {
@@ -68,72 +68,72 @@ impl<'c> Session<'c> {
             ),
         };
         if let Some(remedy) = remedy {
-            self.refuse(command, remedy);
+            self.reject(command, remedy);
             return true;
         }
-        let Ok(permit) = commands.room.clone().try_acquire_owned() else {
-            self.refuse(command, "too many commands are under way; ask again");
+        let Ok(permit) = commands.permits.clone().try_acquire_owned() else {
+            self.reject(command, "too many commands are under way; ask again");
             return true;
         };
-        let (desk, answers, shadows) = (commands.desk.clone(), self.answers.clone(), self.shadows.clone());
+        let (target, replies, shadows) = (commands.target.clone(), self.replies.clone(), self.shadows.clone());
         let hub = self.hub.clone();
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
-            let answer = match command.kind() {
-                Kind::Calibrate => calibrate(&*desk, command, &hub),
-                _ => Some(carry_out(&*desk, command, &shadows)),
+            let reply = match command.kind() {
+                Kind::Calibrate => calibrate(&*target, command, &hub),
+                _ => Some(execute(&*target, command, &shadows)),
             };
             // A viewer who has gone needs no answer.
-            if let Some(answer) = answer {
-                let _ = answers.blocking_send(answer);
+            if let Some(answer) = reply {
+                let _ = replies.blocking_send(answer);
             }
         });
         true
     }
 
-    fn refuse(&self, command: PageCommand, why: &str) {
-        let _ = self.answers.try_send(refused(command, why.into()));
+    fn reject(&self, command: PageCommand, reason: &str) {
+        let _ = self.replies.try_send(rejection(command, reason.into()));
     }
 }
 
 /// A shadow ends with whoever asked for it.
-impl Drop for Session<'_> {
+impl Drop for CommandSession<'_> {
     fn drop(&mut self) {
         let Some(commands) = self.commands else { return };
         for slot in std::mem::take(&mut *lock(&self.shadows)) {
-            let desk = commands.desk.clone();
-            tokio::task::spawn_blocking(move || desk.cancel(&slot));
+            let target = commands.target.clone();
+            tokio::task::spawn_blocking(move || target.cancel_shadow(&slot));
         }
     }
 }
 
 /// Begins or ends a calibration; the answer where that cannot be.
-fn calibrate(desk: &dyn Desk, command: PageCommand, hub: &Hub) -> Option<SwapAnswer> {
+fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Option<SwapAnswer> {
     if command.what.is_empty() {
-        hub.calibrate(None);
+        hub.request_calibration(None);
         return None;
     }
     let kind = calibrate::Kind::NAMES.iter().find(|(name, _)| *name == command.what).map(|(_, kind)| *kind);
     let kind = kind.ok_or_else(|| "expected gyro, accel, mag, mounting or clock".to_owned());
-    match kind.and_then(|kind| desk.wish(kind)) {
-        Ok(wish) => {
-            hub.calibrate(Some(wish));
+    match kind.and_then(|kind| target.calibration_request(kind)) {
+        Ok(request) => {
+            hub.request_calibration(Some(request));
             None
         }
-        Err(why) => Some(refused(command, why)),
+        Err(why) => Some(rejection(command, why)),
     }
 }
 
-fn carry_out(desk: &dyn Desk, command: PageCommand, shadows: &Mutex<Vec<String>>) -> SwapAnswer {
+fn execute(target: &dyn CommandTarget, command: PageCommand, shadows: &Mutex<Vec<String>>) -> SwapAnswer {
     let shadow = match command.kind() {
         Kind::Cancel => {
-            return match desk.cancel(&command.slot) {
+            return match target.cancel_shadow(&command.slot) {
                 Ok(()) => {
                     let PageCommand { request_id, slot, .. } = command;
                     let outcome = swap_answer::Outcome::Aborted.into();
                     SwapAnswer { request_id, outcome, slot, reason: "cancelled".into(), ..SwapAnswer::default() }
                 }
-                Err(why) => refused(command, why),
+                Err(why) => rejection(command, why),
             };
         }
         kind => kind == Kind::Shadow,
@@ -143,30 +143,30 @@ fn carry_out(desk: &dyn Desk, command: PageCommand, shadows: &Mutex<Vec<String>>
     }
     let request = SwapRequest {
         slot: command.slot.clone(),
-        stage: Stage { stage: command.stage.clone(), set: BTreeMap::new() },
+        stage: StageConfig { stage: command.stage.clone(), set: BTreeMap::new() },
         shadow,
         expected_epoch: Some(command.expected_epoch).filter(|epoch| *epoch != 0),
-        limit_ms: (!shadow).then_some(SwapRequest::LIMIT_MS),
+        timeout_ms: (!shadow).then_some(SwapRequest::DEFAULT_TIMEOUT_MS),
     };
-    let answer = match desk.swap(request) {
-        Ok(report) => answer(command, report),
-        Err(why) => refused(command, why),
+    let reply = match target.swap(request) {
+        Ok(report) => swap_reply(command, report),
+        Err(why) => rejection(command, why),
     };
     if shadow {
-        let mut own = lock(shadows);
-        if let Some(place) = own.iter().position(|slot| *slot == answer.slot) {
-            own.remove(place);
+        let mut running = lock(shadows);
+        if let Some(index) = running.iter().position(|slot| *slot == reply.slot) {
+            running.remove(index);
         }
     }
-    answer
+    reply
 }
 
-fn answer(command: PageCommand, report: SwapReport) -> SwapAnswer {
+fn swap_reply(command: PageCommand, report: SwapReport) -> SwapAnswer {
     let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
     let outcome = match outcome {
-        Outcome::Committed => swap_answer::Outcome::Committed,
-        Outcome::Aborted => swap_answer::Outcome::Aborted,
-        Outcome::Refused => swap_answer::Outcome::Refused,
+        SwapOutcome::Committed => swap_answer::Outcome::Committed,
+        SwapOutcome::Aborted => swap_answer::Outcome::Aborted,
+        SwapOutcome::Refused => swap_answer::Outcome::Refused,
     };
     SwapAnswer {
         request_id: command.request_id,
@@ -183,7 +183,7 @@ fn answer(command: PageCommand, report: SwapReport) -> SwapAnswer {
     }
 }
 
-fn refused(command: PageCommand, reason: String) -> SwapAnswer {
+fn rejection(command: PageCommand, reason: String) -> SwapAnswer {
     let PageCommand { request_id, slot, stage, .. } = command;
     let outcome = swap_answer::Outcome::Refused.into();
     SwapAnswer { request_id, outcome, reason, slot, to: stage, ..SwapAnswer::default() }

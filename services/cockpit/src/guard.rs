@@ -2,7 +2,7 @@
 //!
 //! A page of somebody else's that is open in the same browser can send requests to the loopback, also by a name of its own that it lets point
 //! there. It cannot choose the headers `Host`, `Origin` and `Sec-Fetch-Site`: only requests that name the loopback, from no page or from ours, are answered, and
-//! at [`FOXGLOVE`] those from pages that the launch file names. With TLS the certificate says who is asked, and any `Host` will do.
+//! at [`FOXGLOVE_PATH`] those from pages that the launch file names. With TLS the certificate says who is asked, and any `Host` will do.
 
 use std::sync::Arc;
 
@@ -15,12 +15,12 @@ use axum::{
 };
 
 /// Where viewers of others connect.
-pub(crate) const FOXGLOVE: &str = "/foxglove";
+pub(crate) const FOXGLOVE_PATH: &str = "/foxglove";
 /// The names of the loopback.
-const HOSTS: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
+const LOOPBACK_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
 /// What a browser may do with an answer: nothing that is not the page's own, and in no frame.
-const HEADERS: [(&str, &str); 8] = [
+const SECURITY_HEADERS: [(&str, &str); 8] = [
     (
         "content-security-policy",
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; require-trusted-types-for 'script'; trusted-types 'none'",
@@ -36,31 +36,31 @@ const HEADERS: [(&str, &str); 8] = [
 
 /// What is answered.
 #[derive(Debug)]
-pub(crate) struct Rules {
-    /// The origins that [`FOXGLOVE`] answers, too.
+pub(crate) struct AccessRules {
+    /// The origins that [`FOXGLOVE_PATH`] answers, too.
     pub(crate) foxglove_origins: Vec<String>,
     /// TLS is spoken.
-    pub(crate) is_secured: bool,
+    pub(crate) uses_tls: bool,
 }
 
 /// Lets through what may be answered, and says what a browser may do with it.
-pub(crate) async fn guard(State(rules): State<Arc<Rules>>, request: Request, next: Next) -> Response {
-    let mut response = match admits(request.method(), request.uri(), request.headers(), &rules) {
+pub(crate) async fn guard(State(rules): State<Arc<AccessRules>>, request: Request, next: Next) -> Response {
+    let mut response = match check_request(request.method(), request.uri(), request.headers(), &rules) {
         Ok(()) => next.run(request).await,
         // Who is refused keeps no connection that others could have.
-        Err((status, why)) => (status, [(header::CONNECTION, "close")], why).into_response(),
+        Err((status, message)) => (status, [(header::CONNECTION, "close")], message).into_response(),
     };
-    for (name, value) in HEADERS {
+    for (name, value) in SECURITY_HEADERS {
         response.headers_mut().insert(HeaderName::from_static(name), HeaderValue::from_static(value));
     }
     response.map(Body::new)
 }
 
 /// Why a request is refused.
-type Refused = (StatusCode, &'static str);
-const FOREIGN: Refused = (StatusCode::FORBIDDEN, "a page of another origin gets nothing\n");
+type Rejection = (StatusCode, &'static str);
+const FOREIGN_ORIGIN: Rejection = (StatusCode::FORBIDDEN, "a page of another origin gets nothing\n");
 
-fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Result<(), Refused> {
+fn check_request(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &AccessRules) -> Result<(), Rejection> {
     if ![Method::GET, Method::HEAD].contains(method) {
         return Err((StatusCode::METHOD_NOT_ALLOWED, "only GET and HEAD are answered\n"));
     }
@@ -69,27 +69,27 @@ fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Res
     let (Some(host), None) = (hosts.next().and_then(|host| host.to_str().ok()), hosts.next()) else {
         return Err(wrong_host);
     };
-    let named = [Some(host), uri.authority().map(|authority| authority.as_str())];
-    if !rules.is_secured && !named.into_iter().flatten().all(is_loopback) {
+    let hosts = [Some(host), uri.authority().map(|authority| authority.as_str())];
+    if !rules.uses_tls && !hosts.into_iter().flatten().all(is_loopback) {
         return Err(wrong_host);
     }
-    let scheme: &[u8] = if rules.is_secured { b"https://" } else { b"http://" };
-    let own = |origin: &HeaderValue| origin.as_bytes().strip_prefix(scheme) == Some(host.as_bytes());
-    let named = |origin: &HeaderValue| {
-        uri.path() == FOXGLOVE && rules.foxglove_origins.iter().any(|other| other.as_bytes() == origin.as_bytes())
+    let scheme: &[u8] = if rules.uses_tls { b"https://" } else { b"http://" };
+    let is_own_origin = |origin: &HeaderValue| origin.as_bytes().strip_prefix(scheme) == Some(host.as_bytes());
+    let is_listed_origin = |origin: &HeaderValue| {
+        uri.path() == FOXGLOVE_PATH && rules.foxglove_origins.iter().any(|other| other.as_bytes() == origin.as_bytes())
     };
-    if !headers.get_all(header::ORIGIN).iter().all(|origin| own(origin) || named(origin)) {
-        return Err(FOREIGN);
+    if !headers.get_all(header::ORIGIN).iter().all(|origin| is_own_origin(origin) || is_listed_origin(origin)) {
+        return Err(FOREIGN_ORIGIN);
     }
     // An image or a script of a page has no Origin; browsers say of every request where it was made.
-    let says = |name: &str, words: &[&str]| {
-        headers.get_all(name).iter().any(|said| words.iter().any(|word| said.as_bytes() == word.as_bytes()))
+    let has_value = |name: &str, words: &[&str]| {
+        headers.get_all(name).iter().any(|value| words.iter().any(|word| value.as_bytes() == word.as_bytes()))
     };
-    let is_foreign = says("sec-fetch-site", &["cross-site", "same-site"]);
-    let opens_the_page =
-        uri.path() == "/" && says("sec-fetch-mode", &["navigate"]) && says("sec-fetch-dest", &["document"]);
-    if is_foreign && !opens_the_page && !headers.get_all(header::ORIGIN).iter().any(named) {
-        return Err(FOREIGN);
+    let is_cross_site = has_value("sec-fetch-site", &["cross-site", "same-site"]);
+    let is_page_navigation =
+        uri.path() == "/" && has_value("sec-fetch-mode", &["navigate"]) && has_value("sec-fetch-dest", &["document"]);
+    if is_cross_site && !is_page_navigation && !headers.get_all(header::ORIGIN).iter().any(is_listed_origin) {
+        return Err(FOREIGN_ORIGIN);
     }
     Ok(())
 }
@@ -97,8 +97,8 @@ fn admits(method: &Method, uri: &Uri, headers: &HeaderMap, rules: &Rules) -> Res
 /// The name of the loopback, with a port or without.
 fn is_loopback(host: &str) -> bool {
     let is_port = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
-    HOSTS.iter().any(|name| {
-        host.get(..name.len()).is_some_and(|own| own.eq_ignore_ascii_case(name))
+    LOOPBACK_NAMES.iter().any(|name| {
+        host.get(..name.len()).is_some_and(|prefix| prefix.eq_ignore_ascii_case(name))
             && match &host[name.len()..] {
                 "" => true,
                 rest => rest.strip_prefix(':').is_some_and(is_port),
@@ -115,12 +115,12 @@ mod tests {
         for (name, value) in headers {
             map.append(HeaderName::try_from(*name).unwrap(), HeaderValue::from_str(value).unwrap());
         }
-        let rules = Rules { foxglove_origins: vec!["https://app.foxglove.dev".into()], is_secured: false };
-        admits(&method, &uri.parse().unwrap(), &map, &rules).map_or_else(|(status, _)| status.as_u16(), |()| 200)
+        let rules = AccessRules { foxglove_origins: vec!["https://app.foxglove.dev".into()], uses_tls: false };
+        check_request(&method, &uri.parse().unwrap(), &map, &rules).map_or_else(|(status, _)| status.as_u16(), |()| 200)
     }
 
     #[test]
-    fn only_the_loopback_by_its_names_is_answered() {
+    fn only_loopback_host_names_are_accepted() {
         for host in ["127.0.0.1:8088", "localhost:9", "LOCALHOST", "[::1]:8088", "127.0.0.1"] {
             assert_eq!(status(Method::GET, "/", &[("host", host)]), 200, "{host}");
         }
@@ -142,13 +142,13 @@ mod tests {
     }
 
     #[test]
-    fn with_tls_any_host_will_do_and_no_page_but_the_own() {
+    fn tls_accepts_any_host_but_only_own_origin() {
         let status = |origin: &str| {
             let mut map = HeaderMap::new();
             map.insert("host", HeaderValue::from_static("alpha.example:8088"));
             map.insert("origin", HeaderValue::from_str(origin).unwrap());
-            let rules = Rules { foxglove_origins: Vec::new(), is_secured: true };
-            admits(&Method::GET, &Uri::from_static("/socket"), &map, &rules)
+            let rules = AccessRules { foxglove_origins: Vec::new(), uses_tls: true };
+            check_request(&Method::GET, &Uri::from_static("/socket"), &map, &rules)
                 .map_or_else(|(status, _)| status.as_u16(), |()| 200)
         };
         assert_eq!(status("https://alpha.example:8088"), 200);
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_of_another_origin_gets_nothing_and_nothing_is_posted() {
+    fn foreign_origins_and_other_methods_are_rejected() {
         let host = ("host", "localhost:8088");
         assert_eq!(status(Method::GET, "/socket", &[host, ("origin", "http://localhost:8088")]), 200);
         for origin in [
@@ -191,20 +191,20 @@ mod tests {
     }
 
     #[test]
-    fn an_image_of_another_page_gets_nothing_and_a_link_opens_the_page() {
+    fn cross_site_requests_are_rejected_except_page_navigation() {
         let host = ("host", "localhost:8088");
         for site in ["cross-site", "same-site"] {
-            let of = |uri: &str, headers: &[(&str, &str)]| {
+            let status_from_site = |uri: &str, headers: &[(&str, &str)]| {
                 status(Method::GET, uri, &[&[host, ("sec-fetch-site", site)], headers].concat())
             };
-            let opened = [("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "document")];
-            assert_eq!(of("/metrics?vehicle=x1", &[("sec-fetch-mode", "no-cors"), ("sec-fetch-dest", "image")]), 403);
-            assert_eq!(of("/", &[("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "iframe")]), 403);
-            assert_eq!(of("/metrics", &opened), 403);
-            assert_eq!(of("/", &opened), 200);
-            assert_eq!(of("/?vehicle=boat", &opened), 200);
+            let navigation = [("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "document")];
+            assert_eq!(status_from_site("/metrics?vehicle=x1", &[("sec-fetch-mode", "no-cors"), ("sec-fetch-dest", "image")]), 403);
+            assert_eq!(status_from_site("/", &[("sec-fetch-mode", "navigate"), ("sec-fetch-dest", "iframe")]), 403);
+            assert_eq!(status_from_site("/metrics", &navigation), 403);
+            assert_eq!(status_from_site("/", &navigation), 200);
+            assert_eq!(status_from_site("/?vehicle=boat", &navigation), 200);
             let viewer = ("origin", "https://app.foxglove.dev");
-            assert_eq!(of("/foxglove", &[viewer, ("sec-fetch-mode", "websocket")]), 200);
+            assert_eq!(status_from_site("/foxglove", &[viewer, ("sec-fetch-mode", "websocket")]), 200);
         }
         for site in ["same-origin", "none"] {
             assert_eq!(status(Method::GET, "/metrics", &[host, ("sec-fetch-site", site)]), 200);

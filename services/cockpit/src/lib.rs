@@ -58,25 +58,25 @@ use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use crate::{
-    board::Board,
+    board::LocalSystem,
     calibration::Calibration,
     hub::Hub,
-    picture::Thinner,
+    picture::Decimator,
     server::{Server, ServerError},
     sight::Look,
-    source::{Desk, Source, SourceState},
+    source::{CommandTarget, Source, SourceState},
     standing::Watch,
     token::{Role, TokenError, Tokens},
 };
 
 /// Between two pictures.
-pub const PICTURE_INTERVAL: Duration = Duration::from_millis(33);
+pub const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(33);
 /// Between two standings.
-const STANDING_INTERVAL: Duration = Duration::from_secs(1);
+const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// How much more than the services of the path the cockpit lets others have the machine.
 const NICENESS: i32 = 10;
 /// How long the supervisor is sought for, to be told the address.
-const DOOR_LIMIT: Duration = Duration::from_secs(30);
+const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Why the cockpit ended.
 #[derive(Debug, thiserror::Error)]
@@ -98,93 +98,93 @@ pub fn run() -> Result<(), CockpitError> {
     // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
     let _ = rustix::process::nice(NICENESS);
     let launch = context.config.launch.clone();
-    let (hub, desk) = (Arc::new(Hub::default()), Arc::new(board::SupervisorDesk::new(&launch.name)));
+    let (hub, supervisor) = (Arc::new(Hub::default()), Arc::new(board::SupervisorClient::new(&launch.name)));
     let tokens = Tokens::of_user()?;
     let server = Server::bind(launch.cockpit.listen, launch.cockpit.tls.as_ref())?;
-    let at = server.address(Some(tokens.of(Role::Operator)));
+    let address = server.address(Some(tokens.of(Role::Operator)));
     let name = launch.name.clone();
-    thread::spawn(move || tell_address(&name, &at));
-    let look = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(desk.clone()) };
+    thread::spawn(move || report_address(&name, &address));
+    let view = Look { system: launch.name.clone(), hub: hub.clone(), desk: Some(supervisor.clone()) };
     server.start(server::Site {
-        sight: Arc::new(look),
+        sight: Arc::new(view),
         tokens: Some(tokens),
         recording: None,
         foxglove_origins: launch.cockpit.foxglove_origins,
     })?;
-    let mut source = Board::new(&launch.name);
-    present(&mut source, desk, &hub, &mut |pictures| {
-        if context.ends() {
+    let mut source = LocalSystem::new(&launch.name);
+    publish_source(&mut source, supervisor, &hub, &mut |snapshots| {
+        if context.should_stop() {
             return Ok(false);
         }
-        context.publish_health(State::RUNNING, |health| health.ticks = pictures)?;
+        context.publish_health(State::RUNNING, |health| health.ticks = snapshots)?;
         Ok::<_, RuntimeError>(true)
     })?;
     Ok(())
 }
 
-/// Shows a source until `goes_on` says otherwise, which is asked before each picture and told how many there were.
-pub fn present<E>(
+/// Shows a source until `should_continue` says otherwise, which is asked before each picture and told how many there were.
+pub fn publish_source<E>(
     source: &mut dyn Source,
-    desk: Arc<dyn Desk>,
+    target: Arc<dyn CommandTarget>,
     hub: &Hub,
-    goes_on: &mut dyn FnMut(u64) -> Result<bool, E>,
+    should_continue: &mut dyn FnMut(u64) -> Result<bool, E>,
 ) -> Result<(), E> {
-    let mut thinner = Thinner::default();
-    let mut watch = Watch::new(desk, source.has_every_tick());
+    let mut decimator = Decimator::default();
+    let mut monitor = Watch::new(target, source.has_every_tick());
     #[cfg(feature = "foxglove")]
-    let mut feed = foxglove::feed::Feed::new(hub.live.clone());
-    let mut told = None::<Instant>;
+    let mut feed = foxglove::feed::Feed::new(hub.broadcaster.clone());
+    let mut last_status = None::<Instant>;
     let mut calibration = None::<Calibration>;
-    while goes_on(thinner.pictures())? {
-        let began = Instant::now();
+    while should_continue(decimator.snapshots())? {
+        let started = Instant::now();
         #[cfg(feature = "foxglove")]
         let now_ns = monotonic_ns();
         let state = source.look(&mut |topic, bytes| {
-            thinner.take(topic, bytes);
-            watch.take(topic, bytes);
-            calibration.iter_mut().for_each(|calibration| calibration.take(topic, bytes));
+            decimator.take(topic, bytes);
+            monitor.take(topic, bytes);
+            calibration.iter_mut().for_each(|calibration| calibration.push(topic, bytes));
             #[cfg(feature = "foxglove")]
             feed.take(topic, bytes, now_ns);
         });
         #[cfg(feature = "foxglove")]
         feed.source_is(&state);
-        if told.is_none_or(|told| told.elapsed() >= STANDING_INTERVAL) || watch.is_another(&state) {
-            told = Some(began);
-            hub.tell(watch.standing(state.clone()));
+        if last_status.is_none_or(|told| told.elapsed() >= STATUS_INTERVAL) || monitor.is_another(&state) {
+            last_status = Some(started);
+            hub.publish_status(monitor.standing(state.clone()));
         }
-        attend(&mut calibration, source, hub, state == SourceState::Live);
-        hub.show(thinner.picture(monotonic_ns()));
-        thread::sleep(PICTURE_INTERVAL.saturating_sub(began.elapsed()));
+        update_calibration(&mut calibration, source, hub, state == SourceState::Live);
+        hub.publish_snapshot(decimator.picture(monotonic_ns()));
+        thread::sleep(SNAPSHOT_INTERVAL.saturating_sub(started.elapsed()));
     }
     Ok(())
 }
 
 /// Begins and ends calibrations as they are asked for, and tells how the one under way does.
-fn attend(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
-    if let Some(wish) = hub.wished() {
-        source.read(wish.as_ref().map(|wish| wish.topic));
-        if wish.is_none() {
-            hub.tell_calibration(wire::v1::Calibration::default());
+fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
+    if let Some(request) = hub.take_calibration_request() {
+        source.set_readings_topic(request.as_ref().map(|wish| wish.topic));
+        if request.is_none() {
+            hub.publish_calibration(wire::v1::Calibration::default());
         }
-        *calibration = wish.map(Calibration::new);
+        *calibration = request.map(Calibration::new);
     }
-    let Some(under_way) = calibration else { return };
-    let news = under_way.news();
-    let is_given_up = !is_live || under_way.is_over();
-    if is_given_up || news.as_ref().is_some_and(|news| !news.report.is_empty()) {
-        source.read(None);
+    let Some(active) = calibration else { return };
+    let progress = active.progress();
+    let is_aborted = !is_live || active.is_expired();
+    if is_aborted || progress.as_ref().is_some_and(|news| !news.report.is_empty()) {
+        source.set_readings_topic(None);
         *calibration = None;
     }
-    if let Some(news) = if is_given_up { Some(wire::v1::Calibration::default()) } else { news } {
-        hub.tell_calibration(news);
+    if let Some(progress) = if is_aborted { Some(wire::v1::Calibration::default()) } else { progress } {
+        hub.publish_calibration(progress);
     }
 }
 
 /// Tells the supervisor where the page is, once it answers.
-fn tell_address(system: &str, at: &str) {
-    let news = ControlRequest::At { service: Service::Cockpit.name().into(), at: at.into() };
-    let deadline = Instant::now() + DOOR_LIMIT;
-    while control::ask::<()>(system, &news).is_err() && Instant::now() < deadline {
+fn report_address(system: &str, address: &str) {
+    let request = ControlRequest::Address { service: Service::Cockpit.name().into(), address: address.into() };
+    let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;
+    while control::send_request::<()>(system, &request).is_err() && Instant::now() < deadline {
         thread::sleep(Duration::from_millis(100));
     }
 }

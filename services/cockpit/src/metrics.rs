@@ -8,31 +8,31 @@ use std::fmt::Write as _;
 use messages::Flags;
 use wire::v1::{CourseReference, LatencyUs, ServiceStanding, standing::State};
 
-use crate::hub::Newest;
+use crate::hub::LatestState;
 
 /// What the text is.
 pub(crate) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 /// Services that are told of, and letters of a label, at most.
-const SERVICES_MAX: usize = 64;
-const LABEL_MAX: usize = 128;
+const MAX_SERVICES: usize = 64;
+const MAX_LABEL: usize = 128;
 /// What a service does, in a word, while it does its work.
-const UP: [&str; 3] = ["ready", "running", "finished"];
+const WORKING_STATES: [&str; 3] = ["ready", "running", "finished"];
 /// The process that starts the services; it has no ticks of its own.
 const SUPERVISOR: &str = "supervisor";
 
 /// The text of a system of this name, at `now_ns` of CLOCK_MONOTONIC.
-pub(crate) fn text(system: &str, newest: &Newest, now_ns: u64) -> String {
+pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String {
     let mut text = Exposition(String::new());
-    about(&mut text, system, newest);
+    system_info(&mut text, system, newest);
     if newest.standing.state() == State::Live {
         services(&mut text, &newest.standing.services);
-        path(&mut text, newest, now_ns);
+        attitude_path(&mut text, newest, now_ns);
     }
     text.0
 }
 
 /// Whose figures these are.
-fn about(text: &mut Exposition, system: &str, Newest { standing, .. }: &Newest) {
+fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }: &LatestState) {
     let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
     text.gauge(
         "plumbline_build_info",
@@ -45,8 +45,8 @@ fn about(text: &mut Exposition, system: &str, Newest { standing, .. }: &Newest) 
         (State::Ended, [("state", "ended")]),
         (State::Recording, [("state", "recording")]),
     ];
-    let known = states.iter().filter(|_| standing.state() != State::Unspecified);
-    let samples = known.map(|(state, label)| (&label[..], f64::from(u8::from(*state == standing.state()))));
+    let connected_states = states.iter().filter(|_| standing.state() != State::Unspecified);
+    let samples = connected_states.map(|(state, label)| (&label[..], f64::from(u8::from(*state == standing.state()))));
     text.gauge(
         "plumbline_connection_state",
         "1 for what the system is to this program, 0 for what it is not.",
@@ -61,12 +61,12 @@ fn about(text: &mut Exposition, system: &str, Newest { standing, .. }: &Newest) 
 
 /// What each service does and costs.
 fn services(text: &mut Exposition, all: &[ServiceStanding]) {
-    let all: Vec<_> = all.iter().filter_map(|one| Some((one, one.status.as_ref()?))).take(SERVICES_MAX).collect();
+    let all: Vec<_> = all.iter().filter_map(|one| Some((one, one.status.as_ref()?))).take(MAX_SERVICES).collect();
     let names: Vec<_> = all.iter().map(|(_, status)| [("service", status.service.as_str())]).collect();
-    let each = || names.iter().map(|name| &name[..]).zip(&all);
-    let counted = || each().filter(|(_, (_, status))| status.service != SUPERVISOR);
+    let labelled = || names.iter().map(|name| &name[..]).zip(&all);
+    let with_ticks = || labelled().filter(|(_, (_, status))| status.service != SUPERVISOR);
 
-    let up = each().map(|(name, (_, status))| (name, f64::from(u8::from(UP.contains(&status.state.as_str())))));
+    let up = labelled().map(|(name, (_, status))| (name, f64::from(u8::from(WORKING_STATES.contains(&status.state.as_str())))));
     text.gauge(
         "plumbline_service_up",
         "1 while the service does its work, 0 while it starts, is silent or has ended.",
@@ -79,15 +79,15 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
         .collect();
     let samples = stages.iter().map(|labels| (&labels[..], 1.0));
     text.gauge("plumbline_service_stage_info", "The stage that fills the service's slot.", samples);
-    let samples = counted().map(|(name, (_, status))| (name, f64::from(status.restarts)));
+    let samples = with_ticks().map(|(name, (_, status))| (name, f64::from(status.restarts)));
     text.counter("plumbline_service_restarts_total", "Times the service was started again.", samples);
-    let samples = counted().map(|(name, (_, status))| (name, status.ticks as f64));
+    let samples = with_ticks().map(|(name, (_, status))| (name, status.ticks as f64));
     text.counter("plumbline_service_ticks_total", "Ticks that the service has published.", samples);
-    let samples = counted().map(|(name, (_, status))| (name, status.lost as f64));
+    let samples = with_ticks().map(|(name, (_, status))| (name, status.lost as f64));
     text.counter("plumbline_service_lost_ticks_total", "Ticks that never came to the service.", samples);
-    let samples = counted().map(|(name, (_, status))| (name, status.troubles.len() as f64));
+    let samples = with_ticks().map(|(name, (_, status))| (name, status.troubles.len() as f64));
     text.gauge("plumbline_service_troubles", "What is wrong with what the service reads: how many things.", samples);
-    let samples = each().filter_map(|(name, (one, _))| Some((name, one.rate_hz?)));
+    let samples = labelled().filter_map(|(name, (one, _))| Some((name, one.rate_hz?)));
     text.gauge("plumbline_service_rate_hertz", "Ticks published a second.", samples);
     let quantiles: Vec<_> = all
         .iter()
@@ -102,19 +102,19 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
         "From the last input of a tick to the service's output, over the last second.",
         samples,
     );
-    let samples = each().filter_map(|(name, (one, _))| Some((name, one.cpu_percent? / 100.0)));
+    let samples = labelled().filter_map(|(name, (one, _))| Some((name, one.cpu_percent? / 100.0)));
     text.gauge("plumbline_service_cpu_ratio", "Share of one core over the last second.", samples);
-    let samples = each().filter_map(|(name, (one, _))| Some((name, (one.resident_mib? * 1_048_576.0).round())));
+    let samples = labelled().filter_map(|(name, (one, _))| Some((name, (one.resident_mib? * 1_048_576.0).round())));
     text.gauge("plumbline_service_resident_bytes", "Resident memory of the process.", samples);
 }
 
 /// What comes out of the path, and what is found of what goes in.
-fn path(text: &mut Exposition, Newest { standing, attitude, bias_rad_s }: &Newest, now_ns: u64) {
+fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_rad_s }: &LatestState, now_ns: u64) {
     let warnings = standing.warnings.len() as f64;
     text.gauge(
         "plumbline_input_warnings",
         "What the judge of the input has found: how many things.",
-        bare(Some(warnings)),
+        unlabelled(Some(warnings)),
     );
     let latencies = standing.latency_us.as_ref().map(quantiles).into_iter().flatten();
     let latencies: Vec<_> = latencies.map(|(quantile, s)| ([("quantile", quantile)], s)).collect();
@@ -124,31 +124,31 @@ fn path(text: &mut Exposition, Newest { standing, attitude, bias_rad_s }: &Newes
 
     let header = attitude.as_ref().and_then(|attitude| attitude.header.as_ref());
     let age_s = header.map(|header| now_ns.saturating_sub(header.t_sent_ns) as f64 * 1e-9);
-    text.gauge("plumbline_attitude_age_seconds", "Time since the newest attitude was published.", bare(age_s));
-    text.gauge("plumbline_attitude_tick", "The newest attitude's tick.", bare(header.map(|header| header.tick as f64)));
+    text.gauge("plumbline_attitude_age_seconds", "Time since the newest attitude was published.", unlabelled(age_s));
+    text.gauge("plumbline_attitude_tick", "The newest attitude's tick.", unlabelled(header.map(|header| header.tick as f64)));
     let resets = attitude.as_ref().map(|attitude| attitude.reset_counter as f64);
-    text.counter("plumbline_attitude_resets_total", "Times the attitude or the course was set anew.", bare(resets));
+    text.counter("plumbline_attitude_resets_total", "Times the attitude or the course was set anew.", unlabelled(resets));
 
     // Before the accelerometer was heard an attitude is only a start.
-    let is_start = header.is_none_or(|header| Flags(header.flags).any(Flags::UNALIGNED));
-    let known = attitude.as_ref().filter(|_| !is_start);
-    let angle = |angle: fn(&wire::v1::AttitudeOutput) -> f64| bare(known.map(angle));
+    let is_unaligned = header.is_none_or(|header| Flags(header.flags).any(Flags::UNALIGNED));
+    let aligned = attitude.as_ref().filter(|_| !is_unaligned);
+    let angle = |angle: fn(&wire::v1::AttitudeOutput) -> f64| unlabelled(aligned.map(angle));
     text.gauge("plumbline_attitude_roll_radians", "Right side down.", angle(|attitude| attitude.roll_rad));
     text.gauge("plumbline_attitude_pitch_radians", "Nose up.", angle(|attitude| attitude.pitch_rad));
     text.gauge("plumbline_attitude_yaw_radians", "Counter-clockwise from above.", angle(|attitude| attitude.yaw_rad));
-    let reference = known.and_then(|attitude| match attitude.course_reference() {
+    let reference = aligned.and_then(|attitude| match attitude.course_reference() {
         CourseReference::Unspecified => None,
         CourseReference::Arbitrary => Some([("reference", "arbitrary")]),
         CourseReference::Magnetic => Some([("reference", "magnetic")]),
         CourseReference::True => Some([("reference", "true")]),
     });
-    let course = reference.as_ref().zip(known).map(|(label, attitude)| (&label[..], attitude.course_rad));
+    let course = reference.as_ref().zip(aligned).map(|(label, attitude)| (&label[..], attitude.course_rad));
     text.gauge("plumbline_attitude_course_radians", "Course, clockwise from above, from the reference.", course);
     let help = "Standard deviation of the inclination.";
-    let inclination_sd_rad = known.map(|attitude| attitude.inclination_sd_rad).filter(|sd_rad| is_known(*sd_rad));
-    text.gauge("plumbline_attitude_inclination_sd_radians", help, bare(inclination_sd_rad));
-    let course_sd_rad = known.map(|attitude| attitude.course_sd_rad).filter(|sd_rad| is_known(*sd_rad));
-    text.gauge("plumbline_attitude_course_sd_radians", "Standard deviation of the course.", bare(course_sd_rad));
+    let inclination_sd_rad = aligned.map(|attitude| attitude.inclination_sd_rad).filter(|sd_rad| is_known(*sd_rad));
+    text.gauge("plumbline_attitude_inclination_sd_radians", help, unlabelled(inclination_sd_rad));
+    let course_sd_rad = aligned.map(|attitude| attitude.course_sd_rad).filter(|sd_rad| is_known(*sd_rad));
+    text.gauge("plumbline_attitude_course_sd_radians", "Standard deviation of the course.", unlabelled(course_sd_rad));
 
     // A stage that does not estimate it says zero.
     let bias = bias_rad_s.filter(|bias| bias.iter().any(|part| *part != 0.0));
@@ -170,7 +170,7 @@ fn quantiles(latency_us: &LatencyUs) -> [(&'static str, f64); 3] {
 type Labels<'l> = &'l [(&'l str, &'l str)];
 
 /// A sample without labels, where there is one.
-fn bare(value: Option<f64>) -> Option<(Labels<'static>, f64)> {
+fn unlabelled(value: Option<f64>) -> Option<(Labels<'static>, f64)> {
     value.map(|value| (&[][..], value))
 }
 
@@ -198,7 +198,7 @@ impl Exposition {
         let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
         for (labels, value) in samples {
             let labels: Vec<_> =
-                labels.iter().map(|(label, value)| format!("{label}=\"{}\"", escaped(value))).collect();
+                labels.iter().map(|(label, value)| format!("{label}=\"{}\"", escape_label(value))).collect();
             let labels = if labels.is_empty() { String::new() } else { format!("{{{}}}", labels.join(",")) };
             let _ = writeln!(self.0, "{name}{labels} {value}");
         }
@@ -206,9 +206,9 @@ impl Exposition {
 }
 
 /// A label's value as it stands between quotes.
-fn escaped(value: &str) -> String {
+fn escape_label(value: &str) -> String {
     let mut text = String::new();
-    for letter in value.chars().take(LABEL_MAX) {
+    for letter in value.chars().take(MAX_LABEL) {
         match letter {
             '\\' => text.push_str("\\\\"),
             '"' => text.push_str("\\\""),
@@ -250,7 +250,7 @@ mod tests {
     }
 
     /// Everything is known.
-    fn whole() -> Newest {
+    fn complete() -> LatestState {
         let header = Some(Header { tick: 7, t_sent_ns: 1_000_000_000, ..Header::default() });
         let attitude = AttitudeOutput {
             header,
@@ -269,21 +269,21 @@ mod tests {
             latency_us: latency(),
             ..Standing::default()
         };
-        Newest { standing, attitude: Some(attitude), bias_rad_s: Some([0.001, 0.0, -0.002]) }
+        LatestState { standing, attitude: Some(attitude), bias_rad_s: Some([0.001, 0.0, -0.002]) }
     }
 
-    fn lines(newest: &Newest) -> Vec<String> {
-        text("a\"b\\c\nd", newest, 3_500_000_000).lines().map(str::to_owned).collect()
+    fn lines(newest: &LatestState) -> Vec<String> {
+        render("a\"b\\c\nd", newest, 3_500_000_000).lines().map(str::to_owned).collect()
     }
 
-    fn names(newest: &Newest) -> BTreeSet<String> {
+    fn names(newest: &LatestState) -> BTreeSet<String> {
         let named = |line: &String| Some(line.strip_prefix("# TYPE ")?.split(' ').next()?.to_owned());
         lines(newest).iter().filter_map(named).collect()
     }
 
     #[test]
-    fn figures_have_base_units_and_labels_are_escaped() {
-        let lines = lines(&whole());
+    fn samples_have_base_units_and_labels_are_escaped() {
+        let lines = lines(&complete());
         for line in [
             concat!("plumbline_build_info{version=\"", env!("CARGO_PKG_VERSION"), "\",system=\"a\\\"b\\\\c\\nd\"} 1"),
             "plumbline_connection_state{state=\"live\"} 1",
@@ -304,46 +304,46 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_absent_and_never_0() {
+    fn unknown_values_are_omitted_instead_of_0() {
         let about = ["plumbline_build_info"].map(String::from).into();
-        assert_eq!(names(&Newest::default()), about, "before anything is known");
-        let mut ended = whole();
+        assert_eq!(names(&LatestState::default()), about, "before anything is known");
+        let mut ended = complete();
         ended.standing.state = State::Ended.into();
         assert!(names(&ended).iter().all(|name| !name.contains("attitude") && !name.contains("service")), "{ended:?}");
-        let mut little = whole();
-        little.bias_rad_s = Some([0.0; 3]);
-        little.standing.services[0].cpu_percent = None;
-        little.standing.services[1].cpu_percent = None;
-        little.standing.services[0].latency_us = Some(LatencyUs { p50: f64::NAN, p99: f64::INFINITY, max: 1.0 });
-        if let Some(attitude) = &mut little.attitude {
+        let mut sparse = complete();
+        sparse.bias_rad_s = Some([0.0; 3]);
+        sparse.standing.services[0].cpu_percent = None;
+        sparse.standing.services[1].cpu_percent = None;
+        sparse.standing.services[0].latency_us = Some(LatencyUs { p50: f64::NAN, p99: f64::INFINITY, max: 1.0 });
+        if let Some(attitude) = &mut sparse.attitude {
             attitude.course_sd_rad = std::f64::consts::PI;
         }
-        let left: BTreeSet<_> = names(&whole()).difference(&names(&little)).cloned().collect();
+        let left: BTreeSet<_> = names(&complete()).difference(&names(&sparse)).cloned().collect();
         let unknown = [
             "plumbline_attitude_course_sd_radians",
             "plumbline_gyro_bias_radians_per_second",
             "plumbline_service_cpu_ratio",
         ];
         assert_eq!(left, unknown.map(String::from).into());
-        assert!(!lines(&little).iter().any(|line| line.ends_with("NaN") || line.ends_with("inf")));
+        assert!(!lines(&sparse).iter().any(|line| line.ends_with("NaN") || line.ends_with("inf")));
         let supervisor = |line: &&String| line.contains("_total") && line.contains(SUPERVISOR);
-        assert_eq!(lines(&whole()).iter().find(supervisor), None, "it counts no ticks");
-        if let Some(header) = little.attitude.as_mut().and_then(|attitude| attitude.header.as_mut()) {
+        assert_eq!(lines(&complete()).iter().find(supervisor), None, "it counts no ticks");
+        if let Some(header) = sparse.attitude.as_mut().and_then(|attitude| attitude.header.as_mut()) {
             header.flags = Flags::UNALIGNED.0;
         }
-        assert!(!names(&little).contains("plumbline_attitude_roll_radians"), "a start is no attitude");
+        assert!(!names(&sparse).contains("plumbline_attitude_roll_radians"), "a start is no attitude");
     }
 
     #[test]
-    fn the_text_is_bounded_whatever_the_system_says() {
-        let mut many = whole();
+    fn text_length_is_bounded() {
+        let mut many = complete();
         many.standing.services = vec![service(&"x".repeat(10_000), &"y".repeat(10_000)); 10_000];
-        let length = text(&"\n".repeat(10_000), &many, 0).len();
+        let length = render(&"\n".repeat(10_000), &many, 0).len();
         assert!(length < 512 * 1024, "{length} bytes");
     }
 
     #[test]
-    fn what_the_dashboard_asks_for_is_there_and_what_is_there_is_asked_for() {
+    fn dashboard_queries_match_exported_metrics() {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/grafana/plumbline.json");
         let dashboard: serde_json::Value = serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap();
         let panels = dashboard["panels"].as_array().unwrap();
@@ -351,12 +351,12 @@ mod tests {
         let expressions: Vec<_> = targets.map(|target| target["expr"].as_str().unwrap()).collect();
         let is_name = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
         let words = expressions.iter().flat_map(|expression| expression.split(|letter| !is_name(letter)));
-        let asked: BTreeSet<_> = words.filter(|word| word.starts_with("plumbline_")).map(str::to_owned).collect();
-        let there = names(&whole());
-        let missing: Vec<_> = asked.difference(&there).collect();
+        let queried: BTreeSet<_> = words.filter(|word| word.starts_with("plumbline_")).map(str::to_owned).collect();
+        let exported = names(&complete());
+        let missing: Vec<_> = queried.difference(&exported).collect();
         assert!(missing.is_empty(), "not in /metrics: {missing:?}");
-        let unasked: Vec<_> = there.difference(&asked).filter(|name| !name.ends_with("_info")).collect();
-        assert!(unasked.is_empty(), "in no panel: {unasked:?}");
+        let unqueried: Vec<_> = exported.difference(&queried).filter(|name| !name.ends_with("_info")).collect();
+        assert!(unqueried.is_empty(), "in no panel: {unqueried:?}");
         assert!(expressions.len() > 15 && panels.iter().all(|panel| panel["title"].is_string()));
     }
 }

@@ -14,42 +14,42 @@ use wire::{
 };
 
 /// Events in a picture at most.
-pub const EVENTS_MAX: usize = 256;
+pub const MAX_EVENTS: usize = 256;
 /// Reference attitudes kept for the attitudes of their ticks.
-const REFERENCES: usize = 4096;
+const MAX_REFERENCES: usize = 4096;
 /// Attitudes whose error is looked at in one picture, at most.
-const ATTITUDES_MAX: usize = 4096;
+const MAX_ATTITUDES: usize = 4096;
 /// The quantities of the schema, and 0 for none.
-const QUANTITIES: usize = Quantity::LatencyS as usize + 1;
+const QUANTITY_COUNT: usize = Quantity::LatencyS as usize + 1;
 
 /// What came since the picture before.
 #[derive(Debug)]
-pub struct Thinner {
-    pictures: u64,
+pub struct Decimator {
+    snapshots: u64,
     picture: Picture,
-    extremes: [Option<[f64; 2]>; QUANTITIES],
-    /// By their ticks modulo [`REFERENCES`].
+    extremes: [Option<[f64; 2]>; QUANTITY_COUNT],
+    /// By their ticks modulo [`MAX_REFERENCES`].
     references: Vec<Option<Reference>>,
     /// Ticks and quaternions of the attitudes that came.
     attitudes: Vec<(u64, [f64; 4])>,
 }
 
-impl Default for Thinner {
+impl Default for Decimator {
     fn default() -> Self {
         Self {
-            pictures: 0,
+            snapshots: 0,
             picture: Picture::default(),
-            extremes: [None; QUANTITIES],
-            references: vec![None; REFERENCES],
+            extremes: [None; QUANTITY_COUNT],
+            references: vec![None; MAX_REFERENCES],
             attitudes: Vec::new(),
         }
     }
 }
 
-impl Thinner {
+impl Decimator {
     /// Pictures made.
-    pub fn pictures(&self) -> u64 {
-        self.pictures
+    pub fn snapshots(&self) -> u64 {
+        self.snapshots
     }
 
     /// Takes a message of a topic.
@@ -64,13 +64,13 @@ impl Thinner {
             Topic::Attitude => self.take_attitude(bytes),
             Topic::Reference => {
                 if let Some(reference) = read::<Reference>(bytes) {
-                    self.references[reference.tick as usize % REFERENCES] = Some(reference);
+                    self.references[reference.tick as usize % MAX_REFERENCES] = Some(reference);
                 }
             }
             Topic::Difference => {
                 if let Some(difference) = read::<Difference>(bytes) {
                     let all = &mut self.picture.differences;
-                    replace(all, difference.form(), |one, new| one.service == new.service);
+                    replace(all, difference.to_proto(), |one, new| one.service == new.service);
                 }
             }
             Topic::Health => {
@@ -78,16 +78,16 @@ impl Thinner {
                     let same = |one: &wire::v1::Health, new: &wire::v1::Health| {
                         (one.service, one.incarnation) == (new.service, new.incarnation)
                     };
-                    replace(&mut self.picture.health, health.form(), same);
+                    replace(&mut self.picture.health, health.to_proto(), same);
                 }
             }
             Topic::Event => {
                 if let Some(event) = read::<SystemEvent>(bytes) {
                     let events = &mut self.picture.events;
-                    if events.len() >= EVENTS_MAX {
+                    if events.len() >= MAX_EVENTS {
                         events.remove(0);
                     }
-                    events.push(event.form());
+                    events.push(event.to_proto());
                 }
             }
             _ => {}
@@ -98,13 +98,13 @@ impl Thinner {
     pub fn picture(&mut self, now_ns: u64) -> Picture {
         self.settle();
         let mut picture = std::mem::take(&mut self.picture);
-        (picture.number, picture.t_made_ns) = (self.pictures, now_ns);
-        picture.extremes = std::mem::replace(&mut self.extremes, [None; QUANTITIES])
+        (picture.number, picture.t_made_ns) = (self.snapshots, now_ns);
+        picture.extremes = std::mem::replace(&mut self.extremes, [None; QUANTITY_COUNT])
             .into_iter()
             .zip(0..)
             .filter_map(|(range, quantity)| range.map(|[least, most]| Extremes { quantity, least, most }))
             .collect();
-        self.pictures += 1;
+        self.snapshots += 1;
         picture
     }
 
@@ -113,10 +113,10 @@ impl Thinner {
         let attitudes = std::mem::take(&mut self.attitudes);
         self.picture.attitudes = attitudes.len() as u64;
         for (tick, quaternion) in attitudes {
-            let reference = self.references[tick as usize % REFERENCES].filter(|reference| reference.tick == tick);
+            let reference = self.references[tick as usize % MAX_REFERENCES].filter(|reference| reference.tick == tick);
             if let Some(reference) = reference {
                 self.range(Quantity::ErrorRad, angle_rad(quaternion, reference.quaternion));
-                self.picture.reference = Some(reference.form());
+                self.picture.reference = Some(reference.to_proto());
             }
         }
     }
@@ -127,19 +127,19 @@ impl Thinner {
         let axes = [Quantity::RateXRadS, Quantity::RateYRadS, Quantity::RateZRadS];
         axes.into_iter().zip(sample.rate_rad_s).for_each(|(axis, rate_rad_s)| self.range(axis, rate_rad_s));
         self.picture.flags |= sample.header.flags.0;
-        self.picture.imu = Some(sample.form());
+        self.picture.imu = Some(sample.to_proto());
     }
 
     fn take_mag(&mut self, bytes: &[u8]) {
         let Some(sample) = read::<MagSample>(bytes) else { return };
         self.range(Quantity::FieldUt, norm(sample.field_ut));
-        self.picture.mag = Some(sample.form());
+        self.picture.mag = Some(sample.to_proto());
     }
 
     fn take_fused(&mut self, bytes: &[u8]) {
         let Some(state) = read::<FusedState>(bytes) else { return };
         self.range(Quantity::InnovationRad, state.innovation_rad);
-        self.picture.fused = Some(state.form());
+        self.picture.fused = Some(state.to_proto());
     }
 
     fn take_attitude(&mut self, bytes: &[u8]) {
@@ -147,10 +147,10 @@ impl Thinner {
         let header = attitude.header;
         self.range(Quantity::LatencyS, header.t_sent_ns.saturating_sub(header.t_born_ns) as f64 * 1e-9);
         self.picture.flags |= header.flags.0;
-        if self.attitudes.len() < ATTITUDES_MAX {
+        if self.attitudes.len() < MAX_ATTITUDES {
             self.attitudes.push((header.tick, attitude.quaternion));
         }
-        self.picture.attitude = Some(attitude.form());
+        self.picture.attitude = Some(attitude.to_proto());
     }
 
     fn range(&mut self, quantity: Quantity, value: f64) {
@@ -179,9 +179,9 @@ fn read<M: Payload>(bytes: &[u8]) -> Option<M> {
     bytemuck::try_pod_read_unaligned(bytes).ok()
 }
 
-fn keep<M: Payload>(bytes: &[u8], place: &mut Option<M::Form>) {
+fn keep<M: Payload>(bytes: &[u8], place: &mut Option<M::Proto>) {
     if let Some(message) = read::<M>(bytes) {
-        *place = Some(message.form());
+        *place = Some(message.to_proto());
     }
 }
 
@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_picture_has_the_newest_and_the_extremes_of_all_and_the_next_one_nothing_of_it() {
-        let mut thinner = Thinner::default();
+        let mut thinner = Decimator::default();
         for (tick, force) in [(1, 9.0), (2, 30.0), (3, 9.5)] {
             let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
             (sample.header.tick, sample.force_m_s2) = (tick, [0.0, 0.0, force]);
@@ -229,7 +229,7 @@ mod tests {
     #[test]
     fn an_error_is_that_of_the_same_tick_whichever_came_first() {
         for reference_first in [true, false] {
-            let mut thinner = Thinner::default();
+            let mut thinner = Decimator::default();
             let estimate = attitude(7, turned(0.3));
             let reference = Reference { tick: 7, scored: 1, quaternion: turned(0.1) };
             let other = Reference { tick: 8, scored: 1, quaternion: turned(2.0) };
@@ -261,18 +261,18 @@ mod tests {
 
     #[test]
     fn what_is_not_finite_or_no_message_is_passed_over_and_events_are_bounded() {
-        let mut thinner = Thinner::default();
+        let mut thinner = Decimator::default();
         let mut sample: ImuSample = bytemuck::Zeroable::zeroed();
         sample.rate_rad_s = [f64::NAN, 1.0, f64::INFINITY];
         thinner.take(Topic::Imu, bytemuck::bytes_of(&sample));
         thinner.take(Topic::Imu, &[1, 2, 3]);
-        for number in 0..(EVENTS_MAX as u64 + 5) {
+        for number in 0..(MAX_EVENTS as u64 + 5) {
             let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
             thinner.take(Topic::Event, bytemuck::bytes_of(&event));
         }
         let picture = thinner.picture(0);
         let quantities: Vec<_> = picture.extremes.iter().map(Extremes::quantity).collect();
         assert_eq!(quantities, [Quantity::ForceMS2, Quantity::RateYRadS]);
-        assert_eq!((picture.events.len(), picture.events[0].number), (EVENTS_MAX, 5));
+        assert_eq!((picture.events.len(), picture.events[0].number), (MAX_EVENTS, 5));
     }
 }

@@ -10,12 +10,12 @@ use wire::{
     v1::{Standing, standing::State},
 };
 
-use crate::{PICTURE_INTERVAL, picture::Thinner};
+use crate::{SNAPSHOT_INTERVAL, picture::Decimator};
 
 /// Pictures of a recording at most: half an hour at the rate of a live picture, and a longer one at a lower.
-const PICTURES_MAX: u64 = 60_000;
+const MAX_PICTURES: u64 = 60_000;
 /// Pictures in an answer at most, and their bytes.
-const ANSWER_MAX: usize = 4096;
+const MAX_ANSWER: usize = 4096;
 const ANSWER_BYTES: usize = 8 << 20;
 
 /// A recording.
@@ -34,29 +34,29 @@ pub struct Recording {
 pub struct Reading {
     recording: Recording,
     interval_ns: i64,
-    thinner: Thinner,
+    thinner: Decimator,
 }
 
 impl Recording {
     /// Begins to read one whose source's time goes from `t_first_ns` to `t_last_ns`.
     pub fn reading(name: &str, rate_hz: f64, t_first_ns: i64, t_last_ns: i64) -> Reading {
         let t_last_ns = t_last_ns.max(t_first_ns.saturating_add(1));
-        let least_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(PICTURES_MAX).cast_signed();
-        let interval_ns = (PICTURE_INTERVAL.as_nanos() as i64).max(least_ns);
+        let least_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(MAX_PICTURES).cast_signed();
+        let interval_ns = (SNAPSHOT_INTERVAL.as_nanos() as i64).max(least_ns);
         let recording = Self { pictures: Vec::new(), name: name.into(), rate_hz, t_first_ns, t_last_ns };
-        Reading { recording, interval_ns, thinner: Thinner::default() }
+        Reading { recording, interval_ns, thinner: Decimator::default() }
     }
 
     /// Encoded pictures from a number on.
     pub(crate) fn pictures(&self, from: usize, count: usize) -> Vec<u8> {
-        let asked = self.pictures.iter().skip(from).take(count.min(ANSWER_MAX));
+        let asked = self.pictures.iter().skip(from).take(count.min(MAX_ANSWER));
         let mut room = ANSWER_BYTES;
         let fits = asked.take_while(|picture| {
             let fits = room >= picture.len();
             room = room.saturating_sub(picture.len());
             fits
         });
-        cockpit::pictures(fits.map(Vec::as_slice))
+        cockpit::encode_pictures(fits.map(Vec::as_slice))
     }
 
     /// What a page is told of it.
@@ -103,7 +103,7 @@ impl Reading {
 
     fn close(&mut self) {
         let made_ns = self.end_ns().max(0).cast_unsigned();
-        self.recording.pictures.push(self.thinner.picture(made_ns).encoded());
+        self.recording.pictures.push(self.thinner.picture(made_ns).to_bytes());
     }
 }
 
@@ -129,10 +129,10 @@ mod tests {
             reading.take(t_ns, Topic::Attitude, bytemuck::bytes_of(&at(t_ns)));
         }
         let recording = reading.finish();
-        assert!(recording.pictures.len() as u64 <= PICTURES_MAX + 1, "{}", recording.pictures.len());
-        let middle = Picture::decoded(&recording.pictures[PICTURES_MAX as usize / 2]).unwrap();
+        assert!(recording.pictures.len() as u64 <= MAX_PICTURES + 1, "{}", recording.pictures.len());
+        let middle = Picture::from_bytes(&recording.pictures[MAX_PICTURES as usize / 2]).unwrap();
         let t_ns = middle.attitude.map_or(0, |attitude| attitude.header.unwrap_or_default().t_end_ns);
-        assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / PICTURES_MAX as i64 + 1_000_000_000 || t_ns == 0);
+        assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_PICTURES as i64 + 1_000_000_000 || t_ns == 0);
     }
 
     #[test]

@@ -37,9 +37,9 @@ use tokio::{
 use tokio_rustls::TlsAcceptor;
 
 use crate::{
-    assets::Page,
+    assets::PageFiles,
     commands::{self, Commands},
-    guard::{self, Rules},
+    guard::{self, AccessRules},
     metrics,
     recording::Recording,
     sight::{Look, Sight},
@@ -49,18 +49,18 @@ use crate::{
 };
 
 /// Connections at once.
-pub const CONNECTIONS_MAX: usize = 96;
+pub const MAX_CONNECTIONS: usize = 96;
 /// Viewers at once.
-pub const VIEWERS_MAX: usize = 32;
+pub const MAX_VIEWERS: usize = 32;
 /// Clients of the Foxglove WebSocket protocol at once.
 #[cfg(feature = "foxglove")]
-pub const CLIENTS_MAX: usize = 8;
+pub const MAX_CLIENTS: usize = 8;
 /// The bytes of a viewer's command, or of a client's request, at most.
-const MESSAGE_MAX: usize = 4096;
+const MAX_MESSAGE: usize = 4096;
 /// By then a connection speaks TLS.
 const HANDSHAKE_LIMIT: Duration = Duration::from_secs(10);
 /// A request's headers, bytes.
-const HEADERS_MAX: usize = 16 * 1024;
+const MAX_HEADERS: usize = 16 * 1024;
 /// By then the headers of a request must have come.
 const HEADERS_LIMIT: Duration = Duration::from_secs(10);
 /// What the kernel holds for a viewer who does not read, bytes: a second's pictures.
@@ -109,7 +109,7 @@ pub struct Site {
 }
 
 struct Served {
-    page: Page,
+    page: PageFiles,
     site: Site,
     /// TLS is spoken, and looking needs a token.
     is_secured: bool,
@@ -180,7 +180,7 @@ impl Server {
     pub fn start(self, site: Site) -> Result<(), ServerError> {
         let runtime = runtime::Builder::new_current_thread()
             .enable_all()
-            .max_blocking_threads(commands::UNDER_WAY_MAX + 1)
+            .max_blocking_threads(commands::MAX_CONCURRENT_COMMANDS + 1)
             .build()
             .map_err(ServerError::Start)?;
         let listener = {
@@ -188,22 +188,22 @@ impl Server {
             tokio::net::TcpListener::from_std(self.listener).map_err(ServerError::Start)?
         };
         let is_secured = self.tls.is_some();
-        let rules = Arc::new(Rules { foxglove_origins: site.foxglove_origins.clone(), is_secured });
+        let rules = Arc::new(AccessRules { foxglove_origins: site.foxglove_origins.clone(), uses_tls: is_secured });
         let served = Arc::new(Served {
-            page: Page::new(),
-            room: Arc::new(Semaphore::new(commands::UNDER_WAY_MAX)),
+            page: PageFiles::new(),
+            room: Arc::new(Semaphore::new(commands::MAX_CONCURRENT_COMMANDS)),
             site,
             is_secured,
-            viewers: Arc::new(Semaphore::new(VIEWERS_MAX)),
+            viewers: Arc::new(Semaphore::new(MAX_VIEWERS)),
             #[cfg(feature = "foxglove")]
-            clients: Arc::new(Semaphore::new(CLIENTS_MAX)),
+            clients: Arc::new(Semaphore::new(MAX_CLIENTS)),
         });
         let router = Router::new()
             .route("/socket", get(connect))
             .route("/pictures", get(pictures))
             .route("/metrics", get(figures));
         #[cfg(feature = "foxglove")]
-        let router = router.route(guard::FOXGLOVE, get(foxglove));
+        let router = router.route(guard::FOXGLOVE_PATH, get(foxglove));
         let router =
             router.fallback(asset).layer(middleware::from_fn_with_state(rules, guard::guard)).with_state(served);
         let tls = self.tls;
@@ -220,7 +220,7 @@ pub fn address(base: &str, token: Option<&Token>) -> String {
 
 /// Takes connections without end.
 async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, router: Router) {
-    let room = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let room = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
             tokio::time::sleep(ACCEPT_PAUSE).await;
@@ -248,7 +248,7 @@ async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, rout
 /// Answers the requests of a connection.
 async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(HEADERS_MAX);
+    http.timer(TokioTimer::new()).header_read_timeout(HEADERS_LIMIT).max_buf_size(MAX_HEADERS);
     // A connection that fails is its client's matter.
     let _ = http.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades().await;
 }
@@ -259,7 +259,7 @@ fn host_name() -> String {
 }
 
 async fn asset(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap) -> Response {
-    served.page.answer(uri.path(), &headers)
+    served.page.respond(uri.path(), &headers)
 }
 
 /// A viewer.
@@ -283,7 +283,7 @@ async fn connect(State(served): State<Arc<Served>>, uri: Uri, upgrade: WebSocket
 }
 
 fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
-    upgrade.max_message_size(MESSAGE_MAX).max_frame_size(MESSAGE_MAX).max_write_buffer_size(1 << 20)
+    upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE).max_write_buffer_size(1 << 20)
 }
 
 /// A client of the Foxglove WebSocket protocol.
@@ -315,7 +315,7 @@ async fn foxglove(
     };
     limited(upgrade).on_upgrade(async move |socket| {
         let _permit: OwnedSemaphorePermit = permit;
-        client::serve(socket, &look.system, &look.hub.live).await;
+        client::serve(socket, &look.system, &look.hub.broadcaster).await;
     })
 }
 
@@ -327,7 +327,7 @@ async fn figures(State(served): State<Arc<Served>>, uri: Uri, headers: HeaderMap
         Ok(look) => look,
         Err(not_there) => return not_there.into_response(),
     };
-    let text = metrics::text(&look.system, &look.hub.newest(), monotonic_ns());
+    let text = metrics::render(&look.system, &look.hub.latest(), monotonic_ns());
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::{hub::Hub, source::Desk};
+use crate::{hub::Hub, source::CommandTarget};
 
 /// Where a page's pictures come from.
 #[derive(Clone)]
@@ -12,7 +12,7 @@ pub struct Look {
     /// Between who makes pictures and this page.
     pub hub: Arc<Hub>,
     /// Who takes commands.
-    pub desk: Option<Arc<dyn Desk>>,
+    pub desk: Option<Arc<dyn CommandTarget>>,
 }
 
 /// What can be looked at.

@@ -17,7 +17,7 @@ use wire::{
 };
 
 use crate::{
-    commands::{Commands, Session},
+    commands::{Commands, CommandSession},
     hub::{self, Hub},
     token::Tokens,
 };
@@ -33,11 +33,11 @@ const TOKEN_LIMIT: Duration = Duration::from_secs(5);
 /// The code of the page for a vehicle of which there is nothing to be seen.
 const ABSENT: u16 = 4404;
 /// The reason with a code is this long at most, bytes.
-const REASON_MAX: usize = 120;
+const MAX_REASON: usize = 120;
 
 /// Says why there is nothing to be seen: of a request that is refused a page does not learn the reason.
 pub(crate) async fn turn_away(mut socket: WebSocket, why: &str) {
-    let why = CloseFrame { code: ABSENT, reason: why[..why.floor_char_boundary(REASON_MAX)].into() };
+    let why = CloseFrame { code: ABSENT, reason: why[..why.floor_char_boundary(MAX_REASON)].into() };
     let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
 }
 
@@ -55,25 +55,25 @@ pub(crate) async fn serve(
         let _ = timeout(SEND_LIMIT, socket.send(Message::Close(Some(why)))).await;
         return;
     }
-    let (first, mut told) = hub.join();
+    let (first, mut told) = hub.subscribe();
     for message in first {
         if !send(&mut socket, message).await {
             return;
         }
     }
     let (answers, mut answered) = mpsc::channel::<SwapAnswer>(ANSWERS);
-    let mut session = Session::new(commands, hub.clone(), answers);
+    let mut session = CommandSession::new(commands, hub.clone(), answers);
     loop {
         let step = next(&mut socket, &mut told, &mut answered).await;
         let goes_on = match step {
             Step::Told(message) => send(&mut socket, message).await,
-            Step::Answered(answer) => send(&mut socket, hub::message(Said::Answer(answer))).await,
+            Step::Answered(answer) => send(&mut socket, hub::encode(Said::Answer(answer))).await,
             Step::Missed(messages) => {
-                let [picture, calibration] = hub.missed(messages);
+                let [picture, calibration] = hub.catch_up(messages);
                 send(&mut socket, picture).await && send(&mut socket, calibration).await
             }
             Step::Nothing => true,
-            Step::Asked(bytes) => session.ask(&bytes),
+            Step::Asked(bytes) => session.handle(&bytes),
             Step::Gone => false,
         };
         if !goes_on {
@@ -84,7 +84,7 @@ pub(crate) async fn serve(
 
 async fn shows_token(socket: &mut WebSocket, tokens: Option<&Tokens>) -> bool {
     let Ok(Some(Ok(Message::Binary(bytes)))) = timeout(TOKEN_LIMIT, socket.recv()).await else { return false };
-    let look = PageCommand::decoded(&bytes).ok().filter(|command| command.kind() == Kind::Look);
+    let look = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
     look.zip(tokens).is_some_and(|(look, tokens)| tokens.role(&look.token).is_some())
 }
 

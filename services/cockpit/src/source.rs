@@ -5,7 +5,7 @@ use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
 use wire::v1::VehicleLine;
 
-use crate::calibration::Wish;
+use crate::calibration::CalibrationRequest;
 
 /// How a source is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub enum SourceState {
     /// It is waited for; why, for people.
     Connecting(String),
     /// None is chosen of those in sight.
-    Unchosen,
+    Unselected,
     /// Its messages come.
     Live,
     /// It has ended; why, for people.
@@ -29,13 +29,13 @@ pub trait Source {
     fn has_every_tick(&self) -> bool;
 
     /// A topic of the sensors' own readings is to be handed over, too, from now on, or none any more. Nobody asks for it whose
-    /// [`Desk::wish`] has none.
-    fn read(&mut self, _topic: Option<Topic>) {}
+    /// [`CommandTarget::wish`] has none.
+    fn set_readings_topic(&mut self, _topic: Option<Topic>) {}
 }
 
 /// What a system is.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Description {
+pub struct SystemDescription {
     /// Its name.
     pub system: String,
     /// What it is fed with, for people.
@@ -49,9 +49,9 @@ pub struct Description {
 }
 
 /// Who answers for a system, and knows who else is in sight; asked from threads that may wait.
-pub trait Desk: Send + Sync {
+pub trait CommandTarget: Send + Sync {
     /// What it is; the reason where nobody answers.
-    fn description(&self) -> Result<Description, String>;
+    fn description(&self) -> Result<SystemDescription, String>;
 
     /// How its services are.
     fn services(&self) -> Result<Vec<ServiceStatus>, String>;
@@ -68,10 +68,10 @@ pub trait Desk: Send + Sync {
     fn swap(&self, request: SwapRequest) -> Result<SwapReport, String>;
 
     /// Ends a slot's shadow.
-    fn cancel(&self, slot: &str) -> Result<(), String>;
+    fn cancel_shadow(&self, slot: &str) -> Result<(), String>;
 
     /// What a calibration goes by; the reason where there can be none.
-    fn wish(&self, _kind: Kind) -> Result<Wish, String> {
+    fn calibration_request(&self, _kind: Kind) -> Result<CalibrationRequest, String> {
         Err("a calibration needs every reading, which only the vehicle's own page has: `plumb view` on board, or `ssh -L`".into())
     }
 }

@@ -9,7 +9,7 @@ use std::{
 
 use control::ServiceStatus;
 use graph::{Service, Topic};
-use judge::{Fields, Judge};
+use judge::{FieldQueue, InputCheck};
 use messages::{Header, ImuSample, MagSample};
 use observe::{
     hops::{self, Hops},
@@ -18,21 +18,21 @@ use observe::{
 use runtime::clock::monotonic_ns;
 use wire::v1::{self, LatencyUs, ServiceStanding, SlotStages, Standing, VehicleLine, standing::State};
 
-use crate::source::{Description, Desk, SourceState};
+use crate::source::{SystemDescription, CommandTarget, SourceState};
 
 /// Between two questions to the supervisor.
 const ASK_INTERVAL: Duration = Duration::from_secs(1);
 /// At least so long, however many events there are.
-const ASK_INTERVAL_MIN: Duration = Duration::from_millis(100);
+const MIN_ASK_INTERVAL: Duration = Duration::from_millis(100);
 /// Rates, latencies and costs are measured over so long at least: of a shorter time they say nothing.
-const MEASURE_INTERVAL_MIN: Duration = Duration::from_millis(500);
+const MIN_MEASURE_INTERVAL: Duration = Duration::from_millis(500);
 /// Warnings at most.
-const WARNINGS_MAX: usize = 32;
+const MAX_WARNINGS: usize = 32;
 
 /// What the supervisor said last.
 #[derive(Debug, Default)]
 struct Said {
-    answer: Option<(Description, Vec<ServiceStatus>)>,
+    answer: Option<(SystemDescription, Vec<ServiceStatus>)>,
     vehicles: Vec<VehicleLine>,
     /// Questions that have begun.
     asked: u64,
@@ -62,18 +62,18 @@ pub(crate) struct Watch {
     before: [Option<Header>; Service::PATH.len()],
     processes: Processes,
     figures: Option<Figures>,
-    judge: Option<(Judge, Fields)>,
+    judge: Option<(InputCheck, FieldQueue)>,
     warnings: Vec<String>,
     state: Option<SourceState>,
 }
 
 impl Watch {
     /// `has_every_tick`: what comes can be judged.
-    pub(crate) fn new(desk: Arc<dyn Desk>, has_every_tick: bool) -> Self {
+    pub(crate) fn new(desk: Arc<dyn CommandTarget>, has_every_tick: bool) -> Self {
         Self::asking(desk, has_every_tick, ASK_INTERVAL)
     }
 
-    fn asking(desk: Arc<dyn Desk>, has_every_tick: bool, interval: Duration) -> Self {
+    fn asking(desk: Arc<dyn CommandTarget>, has_every_tick: bool, interval: Duration) -> Self {
         let said = Arc::new(Mutex::<Said>::default());
         let takes_commands = desk.takes_commands();
         let told = Arc::downgrade(&said);
@@ -117,14 +117,14 @@ impl Watch {
             }
             Topic::Imu => {
                 if let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) {
-                    let found = judge.take(&sample, fields.of(sample.header.tick).as_ref());
+                    let found = judge.update(&sample, fields.take(sample.header.tick).as_ref());
                     self.warnings.extend(found.iter().map(|finding| finding.to_string()));
-                    self.warnings.truncate(WARNINGS_MAX);
+                    self.warnings.truncate(MAX_WARNINGS);
                 }
             }
             _ => {}
         }
-        if self.judge.as_ref().is_some_and(|(judge, _)| judge.is_ended()) {
+        if self.judge.as_ref().is_some_and(|(judge, _)| judge.is_finished()) {
             self.judge = None;
         }
     }
@@ -157,18 +157,18 @@ impl Watch {
             epoch: 0,
             ticks: 0,
             lost: 0,
-            at: None,
-            troubles: Vec::new(),
+            address: None,
+            diagnostics: Vec::new(),
         });
         let statuses: Vec<_> = statuses.into_iter().chain(supervisor).collect();
         let is_here = description.supervisor_pid.is_some();
-        let is_due = |figures: &Figures| figures.at.elapsed() >= MEASURE_INTERVAL_MIN || self.is_new(&state);
+        let is_due = |figures: &Figures| figures.at.elapsed() >= MIN_MEASURE_INTERVAL || self.is_new(&state);
         if self.figures.as_ref().is_none_or(is_due) {
             self.figures = Some(self.measured(statuses.iter().filter_map(|status| status.pid.filter(|_| is_here))));
         }
         let figures = self.figures.as_ref();
         let services = statuses.into_iter().map(|status| {
-            let service = Service::named(&status.service).filter(|service| !service.is_beside());
+            let service = Service::from_name(&status.service).filter(|service| !service.is_auxiliary());
             let of_path = figures.zip(service);
             let cost = figures.zip(status.pid).and_then(|(figures, pid)| figures.costs.get(&pid));
             ServiceStanding {
@@ -183,7 +183,7 @@ impl Watch {
         let latency_us = figures.and_then(|figures| figures.whole).map(latency);
         let (told, why) = match &state {
             SourceState::Connecting(why) => (State::Connecting, why.clone()),
-            SourceState::Unchosen => (State::Unchosen, String::new()),
+            SourceState::Unselected => (State::Unchosen, String::new()),
             SourceState::Live => (State::Live, String::new()),
             SourceState::Ended(why) => (State::Ended, why.clone()),
         };
@@ -223,7 +223,7 @@ impl Watch {
 }
 
 /// Asks until nobody wants to know.
-fn ask(desk: &dyn Desk, told: &Weak<Mutex<Said>>, interval: Duration) {
+fn ask(desk: &dyn CommandTarget, told: &Weak<Mutex<Said>>, interval: Duration) {
     while let Some(said) = told.upgrade() {
         let question = {
             let mut said = lock(&said);
@@ -237,8 +237,8 @@ fn ask(desk: &dyn Desk, told: &Weak<Mutex<Said>>, interval: Duration) {
             (said.answer, said.vehicles, said.answered) = (answer, vehicles, question);
         }
         drop(said);
-        thread::sleep(ASK_INTERVAL_MIN);
-        thread::park_timeout(interval.saturating_sub(ASK_INTERVAL_MIN));
+        thread::sleep(MIN_ASK_INTERVAL);
+        thread::park_timeout(interval.saturating_sub(MIN_ASK_INTERVAL));
     }
 }
 
@@ -261,9 +261,9 @@ fn latency(of: observe::hops::LatencyUs) -> LatencyUs {
 }
 
 fn form(status: ServiceStatus) -> v1::ServiceStatus {
-    let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at: _, troubles } =
+    let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address: _, diagnostics: troubles } =
         status;
-    let trouble = |control::Trouble { kind, found, remedy }| v1::Trouble { kind, found, remedy };
+    let trouble = |control::Diagnostic { kind, found, remedy }| v1::Trouble { kind, found, remedy };
     let troubles = troubles.into_iter().map(trouble).collect();
     // Where a service is reached is of no use here: that of the cockpit holds the token.
     let (at, stage, pid) = (String::new(), stage.unwrap_or_default(), pid.unwrap_or_default());
@@ -282,16 +282,16 @@ mod tests {
         decisions: Mutex<u64>,
     }
 
-    impl Desk for Busy {
-        fn description(&self) -> Result<Description, String> {
-            Ok(Description::default())
+    impl CommandTarget for Busy {
+        fn description(&self) -> Result<SystemDescription, String> {
+            Ok(SystemDescription::default())
         }
 
         fn services(&self) -> Result<Vec<ServiceStatus>, String> {
             let mut decisions = self.decisions.lock().unwrap();
             *decisions += 1;
             let status = format!(
-                r#"{{"service":"fuser","state":"running","restarts":0,"incarnation":0,"epoch":{decisions},"ticks":0,"lost":0,"stage":null,"pid":null,"at":null,"troubles":[]}}"#
+                r#"{{"service":"fuser","state":"running","restarts":0,"incarnation":0,"epoch":{decisions},"ticks":0,"lost":0,"stage":null,"pid":null,"address":null,"diagnostics":[]}}"#
             );
             Ok(vec![serde_json::from_str(&status).unwrap()])
         }
@@ -304,7 +304,7 @@ mod tests {
             unreachable!("nobody swaps")
         }
 
-        fn cancel(&self, _slot: &str) -> Result<(), String> {
+        fn cancel_shadow(&self, _slot: &str) -> Result<(), String> {
             unreachable!("nobody cancels")
         }
     }

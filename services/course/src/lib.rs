@@ -1,7 +1,11 @@
-//! The slot `course`: from `fused`, with `gnss` where a tick has it, to `attitude`: what people and autopilots read.
+//! Slot `course`: computes the attitude output for users and autopilots from `fused`, with `gnss`
+//! at the ticks that carry it.
 //!
-//! Input: the fused attitude of each tick, a fix of some. Output: angles, course, quaternion, and the jump whenever the attitude was
-//! set anew; the course from true north where the launch file asks for it. Time: the samples' own. Failure: a state that is not an attitude repeats the last one, flagged.
+//! - Input: the fused attitude of each tick; satellite fixes of some ticks.
+//! - Output: angles, course, quaternion and the jump of the last reset, on the topic `attitude`.
+//!   The course refers to true north if the launch file requests it.
+//! - Time: timestamps of the samples.
+//! - Failure: an invalid fused state repeats the previous attitude, flagged.
 #![forbid(unsafe_code)]
 
 mod true_north;
@@ -10,28 +14,29 @@ use attitude::{
     Vector3,
     course::{Course, CourseInput},
     gnss::Fix,
+    rotation::Rotation,
     state::Attitude,
-    turn::Turn,
 };
 use host::AnyStage;
 use launch::Service;
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
     Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
-    join::QUEUE_MAX,
-    lanes, quantities, serve,
-    stage::{self, Filled},
-    state_words::Words,
+    convert,
+    join::MAX_QUEUED,
+    join_inputs, serve,
+    stage::{self, ResettingStage},
+    state_words::StateWords,
 };
 
 use true_north::TrueNorth;
 
-/// What the slot reads.
+/// Message of an input of the slot.
 #[derive(Debug, Clone, Copy)]
 pub enum CourseMessage {
-    /// Of the topic `fused`.
+    /// Message of the topic `fused`.
     Fused(FusedState),
-    /// Of the topic `gnss`.
+    /// Message of the topic `gnss`.
     Gnss(GnssFix),
 }
 
@@ -47,46 +52,54 @@ impl From<GnssFix> for CourseMessage {
     }
 }
 
-lanes! {
-    /// What the slot joins, in the order in which it is read.
+join_inputs! {
+    /// Inputs of the join, in the order of the slot's inputs.
     Inputs => Tick { fused: FusedState, gnss: GnssFix, }
 }
 
-/// The slot.
+/// Slot `course`.
 #[derive(Debug)]
 pub struct CourseSlot {
     join: Join<Inputs>,
-    filled: Filled<AnyStage<Course>>,
+    stage: ResettingStage<AnyStage<Course>>,
     attitude: Attitude,
-    /// The fuser's, and those of the course itself.
-    resets: [u64; 2],
+    /// Reset counters of the fuser and of the course.
+    reset_counts: [u64; 2],
     jump: [f64; 4],
-    /// The decision under which the fuser published last, and how often another kind of fuser took over.
+    /// Epoch of the fuser's last output.
     epoch: u32,
-    swaps: u64,
+    swap_count: u64,
     north: TrueNorth,
 }
 
-/// The slot with the stage that `config` names.
+/// Creates the slot with the stage that `config` names.
+///
+/// # Errors
+///
+/// Fails if the stage cannot be built, or if true north is requested without a valid date.
 pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
     Ok(CourseSlot {
         join: Join::new(Inputs::default(), config.lateness_ticks()),
-        filled: Filled::new(stage::chosen(Service::Course, &config.launch, Course::named)?),
+        stage: ResettingStage::new(stage::build_stage(Service::Course, &config.launch, Course::from_name)?),
         attitude: Attitude::default(),
-        resets: [0; 2],
+        reset_counts: [0; 2],
         jump: [1.0, 0.0, 0.0, 0.0],
         epoch: runtime::service_config::FIRST_EPOCH,
-        swaps: 0,
+        swap_count: 0,
         north: TrueNorth::new(&config.launch.north)
-            .map_err(|why| RuntimeError::Failed { slot: Service::Course, why })?,
+            .map_err(|cause| RuntimeError::StageFailed { slot: Service::Course, cause })?,
     })
 }
 
-/// The service.
+/// Runs the service until it is asked to stop.
+///
+/// # Errors
+///
+/// Fails if the configuration is invalid, or if the bus or the stage fails.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Course)?;
     let slot = slot(&context.config)?;
-    let (fused, gnss) = (context.reader::<FusedState>()?, context.subscriber::<GnssFix>()?);
+    let (fused, gnss) = (context.ordered_subscriber::<FusedState>()?, context.subscriber::<GnssFix>()?);
     serve(context, slot, &[&fused, &gnss])
 }
 
@@ -100,15 +113,15 @@ impl Slot for CourseSlot {
             CourseMessage::Fused(message) => self.join.offer(|inputs| Some(&mut inputs.fused), message),
             CourseMessage::Gnss(message) => self.join.offer(|inputs| Some(&mut inputs.gnss), message),
         }
-        while let Some(Joined { missing, parts: Tick { fused, gnss }, .. }) = self.join.take() {
+        while let Some(Joined { missing, messages: Tick { fused, gnss }, .. }) = self.join.next() {
             let Some(state) = fused else { continue };
-            let mut header = self.join.sequence().mark(state.header, missing);
-            let fix = gnss.as_ref().and_then(quantities::fix);
+            let mut header = self.join.sequence().mark_header(state.header, missing);
+            let fix = gnss.as_ref().and_then(convert::fix);
             if let Some(gnss) = &gnss {
-                self.north.note(gnss);
+                self.north.update_position(gnss);
             }
             header.flags |= Flags::AIDING_MISSING.when(header.flags.any(Flags::FIX) && fix.is_none());
-            if let Some(output) = self.read(&state, header, fix) {
+            if let Some(output) = self.compute(&state, header, fix) {
                 publish(output);
             }
         }
@@ -118,72 +131,72 @@ impl Slot for CourseSlot {
         self.join.sequence()
     }
 
-    fn lacks(&self) -> usize {
-        self.join.lacks()
+    fn awaited_input(&self) -> usize {
+        self.join.awaited_input()
     }
 
     fn failure(&self) -> Option<String> {
-        self.filled.failure()
+        self.stage.failure()
     }
 
     fn stage(&self) -> &AnyStage<Course> {
-        &self.filled.stage
+        &self.stage.stage
     }
 
     fn stage_mut(&mut self) -> &mut AnyStage<Course> {
-        &mut self.filled.stage
+        &mut self.stage.stage
     }
 
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.join.sequence_mut().visit(visit);
         self.attitude.visit(visit);
-        self.resets.visit(visit);
+        self.reset_counts.visit(visit);
         self.jump.visit(visit);
         self.epoch.visit(visit);
-        self.swaps.visit(visit);
+        self.swap_count.visit(visit);
         self.north.visit(visit);
     }
 
-    fn own_flaw(&self) -> Option<&'static str> {
-        let finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
-        (!finite).then_some("a number that is not finite").or(self.north.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        let is_finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
+        (!is_finite).then_some("a number that is not finite").or(self.north.validation_error())
     }
 
-    fn expect_until(&mut self, tick: u64) {
-        self.join.expect_until(tick, QUEUE_MAX as u64);
+    fn expect_backlog(&mut self, tick: u64) {
+        self.join.expect_backlog(tick, MAX_QUEUED as u64);
     }
 }
 
 impl CourseSlot {
-    fn read(&mut self, input: &FusedState, mut header: Header, fix: Option<Fix>) -> Option<AttitudeOutput> {
-        let seen = quantities::attitude(input);
-        header.flags |= Flags::RESET.when(seen.is_none());
-        let attitude = seen.unwrap_or(self.attitude);
-        let swapped = header.flags.any(Flags::SWAPPED) && header.epoch != self.epoch;
-        let reset = input.reset_counter != self.resets[0] || swapped;
+    fn compute(&mut self, input: &FusedState, mut header: Header, fix: Option<Fix>) -> Option<AttitudeOutput> {
+        let received = convert::attitude(input);
+        header.flags |= Flags::RESET.when(received.is_none());
+        let attitude = received.unwrap_or(self.attitude);
+        let is_swapped = header.flags.any(Flags::SWAPPED) && header.epoch != self.epoch;
+        let is_reset = input.reset_counter != self.reset_counts[0] || is_swapped;
         self.epoch = header.epoch;
-        if reset {
+        if is_reset {
             let rotation_rad = Vector3::from(input.rate_rad_s) * header.dt_s();
-            let expected = self.attitude.turned(Turn::of_rotation_vector(rotation_rad)).attitude;
-            let jump = Turn::between(expected, attitude).quaternion();
+            let expected = self.attitude.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
+            let jump = Rotation::between(expected, attitude).quaternion();
             self.jump = [jump.w, jump.i, jump.j, jump.k];
-            self.resets[0] = input.reset_counter;
-            self.swaps += u64::from(swapped);
+            self.reset_counts[0] = input.reset_counter;
+            self.swap_count += u64::from(is_swapped);
         }
         self.attitude = attitude;
-        let (reading, anew) = self.filled.step(&CourseInput {
+        let (reading, is_stage_reset) = self.stage.step(&CourseInput {
             attitude,
-            reference: quantities::course_reference(input.course_reference),
+            reference: convert::course_reference_from_payload(input.course_reference),
             heading_sd_rad: input.heading_sd_rad,
             fix,
             dt_s: header.dt_s(),
         })?;
         let reading = self.north.apply(reading);
-        // Where the attitude was set anew too, it counts once.
-        self.resets[1] += u64::from(reading.aligned && !reset);
+        // A reset of the attitude and the course at the same tick counts once.
+        self.reset_counts[1] += u64::from(reading.aligned && !is_reset);
         header.flags |= Flags::NEAR_GIMBAL.when(reading.near_gimbal)
             | Flags::ALIGNED.when(reading.aligned)
-            | Flags::RESET.when(anew);
+            | Flags::RESET.when(is_stage_reset);
         let q = reading.quaternion;
         Some(AttitudeOutput {
             header,
@@ -192,12 +205,12 @@ impl CourseSlot {
             pitch_rad: reading.angles.pitch_rad,
             roll_rad: reading.angles.roll_rad,
             course_rad: reading.course_rad,
-            course_reference: quantities::course_reference_of(reading.reference),
+            course_reference: convert::course_reference_to_payload(reading.reference),
             course_sd_rad: reading.course_sd_rad,
             declination_rad: reading.declination_rad,
             rate_rad_s: input.rate_rad_s,
             inclination_sd_rad: input.inclination_sd_rad,
-            reset_counter: self.resets.iter().sum::<u64>() + self.swaps,
+            reset_counter: self.reset_counts.iter().sum::<u64>() + self.swap_count,
             jump: self.jump,
         })
     }
@@ -208,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_slot_joins_the_inputs_that_the_graph_gives_it() {
+    fn course_joins_the_inputs_of_the_graph() {
         let mut joined = Inputs::TOPICS.to_vec();
         let mut inputs: Vec<_> = Service::Course.inputs().map(graph::Topic::name).collect();
         joined.sort_unstable();

@@ -1,14 +1,16 @@
-//! True north from magnetic north, by the World Magnetic Model.
+//! Conversion of magnetic courses to true courses, by the World Magnetic Model.
 //!
-//! Input: where the launch file says the vehicle is, and the fixes that know their place. Output: a reading whose magnetic course is made true. Time:
-//! the one date of the run, so that the same fixes give the same courses. Failure: where no place is known the course stays magnetic, and says so.
+//! - Input: the position in the launch file, and positions of satellite fixes.
+//! - Output: readings with a true course.
+//! - Time: one date per run, so that the same fixes always give the same courses.
+//! - Failure: without a known position the course stays magnetic and is reported as such.
 
 use std::f64::consts::{PI, TAU};
 
-use attitude::course::{Reading, Reference};
-use launch::{Date, MODEL_YEARS, North, Position};
+use attitude::course::{CourseReading, CourseReference};
+use launch::{Date, MODEL_YEARS, NorthReference, Position};
 use messages::GnssFix;
-use runtime::state_words::Words;
+use runtime::state_words::StateWords;
 use world_magnetic_model::{
     GeomagneticField, time,
     uom::si::{
@@ -18,97 +20,102 @@ use world_magnetic_model::{
     },
 };
 
-/// Heights for which the model holds, m.
+/// Altitude range of the model, m.
 const ALTITUDES_M: [f64; 2] = [-1000.0, 850_000.0];
 
-/// Makes magnetic courses true.
+/// Conversion of magnetic courses to true courses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TrueNorth {
-    /// None where a course stays as the stage gives it.
+    /// Date of the run; `None` if true north is not requested.
     date: Option<time::Date>,
     declination: Option<Declination>,
-    /// The course before was magnetic.
+    /// Whether the previous course was magnetic.
     was_magnetic: bool,
 }
 
-/// Where magnetic north is.
+/// Magnetic declination.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Declination {
-    /// From true north, rad, east positive.
+    /// Direction of magnetic north from true north, rad, east positive.
     pub(crate) angle_rad: f64,
-    /// Its standard deviation by the model's own, rad.
+    /// Standard deviation as given by the model, rad.
     pub(crate) sd_rad: f64,
 }
 
 impl TrueNorth {
-    /// What the launch file says; an error where it wants true north of no day.
-    pub(crate) fn new(north: &North) -> Result<Self, String> {
-        let mut it = Self { date: None, declination: None, was_magnetic: false };
+    /// Creates the conversion that the launch file requests.
+    ///
+    /// # Errors
+    ///
+    /// Fails if true north is requested without a date within the years of the model.
+    pub(crate) fn new(north: &NorthReference) -> Result<Self, String> {
+        let mut conversion = Self { date: None, declination: None, was_magnetic: false };
         if north.is_true {
             let date = north.date.and_then(calendar_day);
-            it.date = Some(date.ok_or_else(|| {
+            conversion.date = Some(date.ok_or_else(|| {
                 let (first, last) = (MODEL_YEARS.start(), MODEL_YEARS.end());
-                format!("true north: the magnetic model needs a date of {first} to {last}; set date in [course]")
+                format!("true north needs a date from {first} to {last}, the years of the magnetic model; set date in [course]")
             })?);
             if let Some(position) = north.position {
-                it.stand_at(position);
+                conversion.set_position(position);
             }
         }
-        Ok(it)
+        Ok(conversion)
     }
 
-    /// A fix; one without a place changes nothing.
-    pub(crate) fn note(&mut self, fix: &GnssFix) {
+    /// Updates the declination from a fix. A fix without a position changes nothing.
+    pub(crate) fn update_position(&mut self, fix: &GnssFix) {
         let position = Position {
             latitude_deg: fix.latitude_rad.to_degrees(),
             longitude_deg: fix.longitude_rad.to_degrees(),
             altitude_m: if fix.altitude_m.is_finite() { fix.altitude_m } else { 0.0 },
         };
-        self.stand_at(position);
+        self.set_position(position);
     }
 
-    /// The reading, its course from true north where the stage counts it from magnetic north and a place is known. The first after a magnetic one is
-    /// a jump of the course.
-    pub(crate) fn apply(&mut self, reading: Reading) -> Reading {
-        let is_magnetic = reading.reference == Reference::Magnetic;
+    /// Converts a magnetic course to a true one if the declination is known.
+    ///
+    /// The first true course after a magnetic one is flagged as a jump.
+    pub(crate) fn apply(&mut self, reading: CourseReading) -> CourseReading {
+        let is_magnetic = reading.reference == CourseReference::Magnetic;
         let Some(declination) = self.declination.filter(|_| is_magnetic) else {
             self.was_magnetic = is_magnetic;
             return reading;
         };
-        let jumps = std::mem::replace(&mut self.was_magnetic, false);
-        Reading {
+        let is_jump = std::mem::replace(&mut self.was_magnetic, false);
+        CourseReading {
             course_rad: (reading.course_rad + declination.angle_rad).rem_euclid(TAU) % TAU,
-            reference: Reference::True,
+            reference: CourseReference::True,
             course_sd_rad: reading.course_sd_rad.hypot(declination.sd_rad).min(PI),
             declination_rad: declination.angle_rad,
-            aligned: reading.aligned || jumps,
+            aligned: reading.aligned || is_jump,
             ..reading
         }
     }
 
-    /// Why the state is none.
-    pub(crate) fn flaw(&self) -> Option<&'static str> {
+    /// Returns the fault of a restored state, or `None` if it is valid.
+    pub(crate) fn validation_error(&self) -> Option<&'static str> {
         let Declination { angle_rad, sd_rad } = self.declination?;
-        let sound = angle_rad.abs() <= PI + 1e-6 && sd_rad >= 0.0;
-        (!sound).then_some("a declination that no place has")
+        let is_valid = angle_rad.abs() <= PI + 1e-6 && sd_rad >= 0.0;
+        (!is_valid).then_some("an invalid declination")
     }
 
-    fn stand_at(&mut self, position: Position) {
+    fn set_position(&mut self, position: Position) {
         if let Some(date) = self.date {
             self.declination = declination(position, date).or(self.declination);
         }
     }
 }
 
-/// The declination of a place on a day; `None` of no place.
+/// Returns the declination at a position and date, or `None` outside the model's range.
 pub(crate) fn declination(position: Position, date: time::Date) -> Option<Declination> {
     let Position { latitude_deg, longitude_deg, altitude_m } = position;
     let [lowest_m, highest_m] = ALTITUDES_M;
     let height = Length::new::<meter>(altitude_m.clamp(lowest_m, highest_m) as f32);
     let angle = |angle_deg: f64| Angle::new::<degree>(angle_deg as f32);
     let field = GeomagneticField::new(height, angle(latitude_deg), angle(longitude_deg), date).ok()?;
-    let of = |angle: Angle| f64::from(angle.get::<radian>());
-    let declination = Declination { angle_rad: of(field.declination()), sd_rad: of(field.declination_uncertainty()) };
+    let radians = |angle: Angle| f64::from(angle.get::<radian>());
+    let declination = Declination { angle_rad: radians(field.declination()), sd_rad: radians(field.declination_uncertainty()) };
     (declination.angle_rad.is_finite() && declination.sd_rad.is_finite()).then_some(declination)
 }
 
@@ -117,16 +124,16 @@ fn calendar_day(date: Date) -> Option<time::Date> {
     time::Date::from_calendar_date(date.year.into(), month, date.day).ok()
 }
 
-impl Words for TrueNorth {
+impl StateWords for TrueNorth {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        // The date is the launch file's.
+        // The date is set by the launch file.
         let Self { date: _, declination, was_magnetic } = self;
         declination.visit(visit);
         was_magnetic.visit(visit);
     }
 }
 
-impl Words for Declination {
+impl StateWords for Declination {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let Self { angle_rad, sd_rad } = self;
         angle_rad.visit(visit);
@@ -139,19 +146,21 @@ impl Words for Declination {
 mod tests {
     use super::*;
 
-    fn reading(course_deg: f64, reference: Reference) -> Reading {
-        Reading { course_rad: course_deg.to_radians(), reference, course_sd_rad: 0.01, ..Reading::default() }
+    fn reading(course_deg: f64, reference: CourseReference) -> CourseReading {
+        CourseReading { course_rad: course_deg.to_radians(), reference, course_sd_rad: 0.01, ..CourseReading::default() }
     }
 
-    /// At 80° N, 0° E on the 1st of January 2025: 1.28° east.
-    fn known(is_true: bool) -> TrueNorth {
+    /// Creates a conversion at 80° N, 0° E on 1 January 2025, with a declination of 1.28° east.
+    fn true_north(is_true: bool) -> TrueNorth {
         let position = Some(Position { latitude_deg: 80.0, longitude_deg: 0.0, altitude_m: 0.0 });
-        TrueNorth::new(&North { is_true, position, date: Date::new(2025, 1, 1) }).unwrap()
+        TrueNorth::new(&NorthReference { is_true, position, date: Date::new(2025, 1, 1) }).unwrap()
     }
 
-    /// "WMM2020 Test Values" and "WMM2025 Test Values" of NOAA NCEI and BGS: the tables of the two reports (of 2025: table 6, doi
-    /// 10.25923/prbc-s316) and six of the list that goes with the coefficients of 2025. Year, height in km, latitude, longitude, declination in
-    /// degrees.
+    /// Test values of NOAA NCEI and BGS, "WMM2020 Test Values" and "WMM2025 Test Values".
+    ///
+    /// They are the tables of the two reports (2025: table 6, doi 10.25923/prbc-s316) and six
+    /// entries of the list published with the coefficients of 2025. Columns: year, height in km,
+    /// latitude, longitude and declination in degrees.
     const PUBLISHED: [(f64, f64, f64, f64, f64); 30] = [
         (2020.0, 0.0, 80.0, 0.0, -1.28),
         (2020.0, 0.0, 0.0, 120.0, 0.16),
@@ -186,62 +195,62 @@ mod tests {
     ];
 
     #[test]
-    fn the_published_values_are_met_to_their_last_digit() {
+    fn declination_matches_published_values_within_0_01_deg() {
         for (year, height_km, latitude_deg, longitude_deg, published_deg) in PUBLISHED {
             let day = 1 + ((year - year.floor()) * 365.0).round() as u16;
             let date = time::Date::from_ordinal_date(year as i32, day).unwrap();
-            let place = Position { latitude_deg, longitude_deg, altitude_m: height_km * 1000.0 };
-            let angle_deg = declination(place, date).unwrap().angle_rad.to_degrees();
-            assert!((angle_deg - published_deg).abs() < 0.01, "{place:?} {date}: {angle_deg} and {published_deg}");
+            let position = Position { latitude_deg, longitude_deg, altitude_m: height_km * 1000.0 };
+            let angle_deg = declination(position, date).unwrap().angle_rad.to_degrees();
+            assert!((angle_deg - published_deg).abs() < 0.01, "{position:?} {date}: {angle_deg} and {published_deg}");
         }
     }
 
     #[test]
-    fn only_a_magnetic_course_is_made_true() {
-        let mut north = known(true);
-        let read = north.apply(reading(359.5, Reference::Magnetic));
-        assert_eq!((read.reference, read.aligned), (Reference::True, false), "nothing was magnetic before");
-        assert!((read.course_rad.to_degrees() - 0.78).abs() < 0.01, "{}", read.course_rad.to_degrees());
-        assert!((read.declination_rad.to_degrees() - 1.28).abs() < 0.01 && read.course_sd_rad > 0.01);
-        for reference in [Reference::Arbitrary, Reference::True] {
+    fn only_magnetic_courses_are_converted() {
+        let mut north = true_north(true);
+        let converted = north.apply(reading(359.5, CourseReference::Magnetic));
+        assert_eq!((converted.reference, converted.aligned), (CourseReference::True, false), "no earlier course was magnetic");
+        assert!((converted.course_rad.to_degrees() - 0.78).abs() < 0.01, "{}", converted.course_rad.to_degrees());
+        assert!((converted.declination_rad.to_degrees() - 1.28).abs() < 0.01 && converted.course_sd_rad > 0.01);
+        for reference in [CourseReference::Arbitrary, CourseReference::True] {
             assert_eq!(north.apply(reading(10.0, reference)), reading(10.0, reference));
         }
-        let magnetic = reading(10.0, Reference::Magnetic);
-        assert_eq!(known(false).apply(magnetic), magnetic, "nobody asked for it");
+        let magnetic = reading(10.0, CourseReference::Magnetic);
+        assert_eq!(true_north(false).apply(magnetic), magnetic, "true north was not requested");
     }
 
     #[test]
-    fn a_course_that_becomes_true_with_the_first_fix_is_a_jump() {
-        let mut north = TrueNorth::new(&North { is_true: true, position: None, date: Date::new(2027, 7, 2) }).unwrap();
-        let magnetic = reading(100.0, Reference::Magnetic);
+    fn first_true_course_after_first_fix_is_a_jump() {
+        let mut north = TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2027, 7, 2) }).unwrap();
+        let magnetic = reading(100.0, CourseReference::Magnetic);
         let nowhere = GnssFix { latitude_rad: f64::NAN, longitude_rad: f64::NAN, ..bytemuck::Zeroable::zeroed() };
-        north.note(&nowhere);
+        north.update_position(&nowhere);
         assert_eq!(north.apply(magnetic), magnetic);
         let fix = GnssFix { latitude_rad: (-80f64).to_radians(), longitude_rad: (-120f64).to_radians(), ..nowhere };
-        north.note(&GnssFix { altitude_m: f64::NAN, ..fix });
+        north.update_position(&GnssFix { altitude_m: f64::NAN, ..fix });
         let (first, second) = (north.apply(magnetic), north.apply(magnetic));
         assert!((first.course_rad.to_degrees() - 168.49).abs() < 0.01, "{}", first.course_rad.to_degrees());
         assert_eq!((first.aligned, second.aligned), (true, false));
-        north.note(&nowhere);
-        assert_eq!(north.apply(magnetic), second, "the last place counts");
+        north.update_position(&nowhere);
+        assert_eq!(north.apply(magnetic), second, "the last position is kept");
     }
 
     #[test]
-    fn another_incarnation_goes_on_with_the_same_declination() {
-        let (mut north, mut words) = (known(true), Vec::new());
+    fn restored_state_has_same_declination() {
+        let (mut north, mut words) = (true_north(true), Vec::new());
         north.visit(&mut |word| words.push(*word));
-        let mut other = TrueNorth::new(&North { is_true: true, position: None, date: Date::new(2025, 1, 1) }).unwrap();
+        let mut other = TrueNorth::new(&NorthReference { is_true: true, position: None, date: Date::new(2025, 1, 1) }).unwrap();
         let mut next = words.iter();
         other.visit(&mut |word| *word = *next.next().unwrap());
-        assert_eq!((other, other.flaw()), (north, None));
+        assert_eq!((other, other.validation_error()), (north, None));
         other.declination = Some(Declination { angle_rad: f64::NAN, sd_rad: 0.0 });
-        assert!(other.flaw().is_some());
+        assert!(other.validation_error().is_some());
     }
 
     #[test]
-    fn true_north_of_no_day_is_refused() {
-        let said = TrueNorth::new(&North { is_true: true, position: None, date: None }).unwrap_err();
-        assert!(said.contains("set date in [course]"), "{said}");
+    fn true_north_without_date_is_rejected() {
+        let error = TrueNorth::new(&NorthReference { is_true: true, position: None, date: None }).unwrap_err();
+        assert!(error.contains("set date in [course]"), "{error}");
         for (year, month, day) in [(*MODEL_YEARS.start(), 1, 1), (*MODEL_YEARS.end(), 12, 31)] {
             let date = calendar_day(Date::new(year, month, day).unwrap()).unwrap();
             assert!(declination(Position::default(), date).is_some(), "{date}");

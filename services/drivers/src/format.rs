@@ -1,9 +1,9 @@
-//! The decoder of a format.
+//! Selection of the decoder for a format.
 
 use decoders::{
     Decoder,
     framed::Framed,
-    lines::{Lines, Settings},
+    lines::{LineSettings, Lines},
     mavlink::{self, Mavlink, RawScale},
     nmea::Nmea,
     rvc::Rvc,
@@ -15,10 +15,10 @@ use launch::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat}
 
 use crate::{DriversError, protobuf::Protobuf};
 
-/// A decoder of what a device sends, before its first byte.
+/// Creates a decoder for the format of a device.
 pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, DriversError> {
     Ok(match format {
-        Format::Csv(columns) => Box::new(Framed::new(lines(columns)?)),
+        Format::Csv(columns) => Box::new(Framed::new(line_format(columns)?)),
         Format::Protobuf => Box::new(Framed::new(Protobuf)),
         Format::WitMotion(launch::WitMotion { range_g, range_deg_s, field_unit_ut }) => {
             let field_ut = Some(*field_unit_ut).filter(|unit_ut| *unit_ut > 0.0);
@@ -26,32 +26,32 @@ pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, DriversError>
         }
         Format::Xsens { field_unit_ut } => Box::new(Framed::new(Xsens::new(*field_unit_ut))),
         Format::Rvc => Box::new(Framed::new(Rvc::default())),
-        Format::Mavlink(autopilot) => Box::new(Framed::new(Mavlink::new(settings(autopilot)))),
+        Format::Mavlink(autopilot) => Box::new(Framed::new(Mavlink::new(mavlink_settings(autopilot)))),
     })
 }
 
-/// A decoder of what a receiver sends, before its first byte.
-pub(crate) fn receiver(format: ReceiverFormat) -> Box<dyn Decoder> {
+/// Creates a decoder for the format of a receiver.
+pub(crate) fn receiver_decoder(format: ReceiverFormat) -> Box<dyn Decoder> {
     match format {
         ReceiverFormat::Ubx => Box::new(Framed::new(Ubx)),
         ReceiverFormat::Nmea => Box::new(Framed::new(Nmea::default())),
     }
 }
 
-fn lines(columns: &Columns) -> Result<Lines, DriversError> {
-    let settings = Settings {
+fn line_format(columns: &Columns) -> Result<Lines, DriversError> {
+    let settings = LineSettings {
         mapping: columns.mapping()?,
         columns: columns.names(),
         time_bits: u8::try_from(columns.time_bits).ok().filter(|bits| *bits > 0),
-        // Half a line where a port is opened in the midst of one is left out by whoever opens it.
-        begins_whole: true,
+        // A partial first line is discarded by the device stream.
+        starts_at_line_start: true,
     };
     Ok(Lines::new(&settings)?)
 }
 
-fn settings(Autopilot { system, imu, fix }: &Autopilot) -> mavlink::Settings {
-    mavlink::Settings {
-        system: u8::try_from(*system).ok().filter(|system| *system > 0),
+fn mavlink_settings(Autopilot { system, imu, fix }: &Autopilot) -> mavlink::MavlinkSettings {
+    mavlink::MavlinkSettings {
+        system_id: u8::try_from(*system).ok().filter(|system| *system > 0),
         imu: imu.map(|imu| match imu {
             ImuMessage::HighresImu => mavlink::ImuMessage::HighresImu,
             ImuMessage::ScaledImu => mavlink::ImuMessage::ScaledImu,
@@ -62,8 +62,8 @@ fn settings(Autopilot { system, imu, fix }: &Autopilot) -> mavlink::Settings {
         fix: match fix {
             Some(FixMessage::GpsRawInt) => mavlink::FixMessage::GpsRawInt,
             Some(FixMessage::GlobalPositionInt) => mavlink::FixMessage::GlobalPositionInt,
-            None => mavlink::FixMessage::Nothing,
+            None => mavlink::FixMessage::Disabled,
         },
-        raw: Some(RawScale::ARDUPILOT),
+        raw_scale: Some(RawScale::ARDUPILOT),
     }
 }

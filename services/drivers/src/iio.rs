@@ -1,4 +1,5 @@
-//! A device of Linux industrial I/O, or the two that a chip may be.
+//! Device of Linux industrial I/O, or the two devices of a chip with separate gyro and
+//! accelerometer.
 
 use std::{
     fs::File,
@@ -10,7 +11,7 @@ use std::{
 
 use decoders::{
     Counts, Decoder, Framed, Measurement,
-    iio::{Clock, Iio, IioError, Layout, Pair, sysfs},
+    iio::{Clock, Iio, IioError, Layout, DevicePair, sysfs},
 };
 use launch::IioDevice;
 use rustix::{
@@ -21,40 +22,40 @@ use rustix::{
 
 use crate::{
     DriversError,
-    input::{Input, Report, Step},
-    line::Absence,
+    input::{Input, DeviceReport, ReadOutcome},
+    reconnecting_port::DeviceFailure,
 };
 
-const BYTES: usize = 1 << 16;
-/// From one attempt to open the device to the next.
-const PAUSE: Duration = Duration::from_secs(1);
-const REMEDY: &str = "see that it is there: cat /sys/bus/iio/devices/*/name";
+const BUFFER_BYTES: usize = 1 << 16;
+/// Pause before reopening the device.
+const RETRY_PAUSE: Duration = Duration::from_secs(1);
+const CHECK_DEVICE: &str = "check that the device is present: cat /sys/bus/iio/devices/*/name";
 
-/// The device, whether or not it is there.
+/// Device that may currently be closed.
 pub(crate) struct IioInput {
     settings: IioDevice,
-    open: Option<Open>,
-    again: Instant,
-    absence: Option<Absence>,
-    before: Counts,
+    open: Option<OpenDevice>,
+    next_attempt: Instant,
+    failure: Option<DeviceFailure>,
+    previous_counts: Counts,
     bytes: Vec<u8>,
-    taken_bytes: u64,
+    received_bytes: u64,
     measurements: u64,
 }
 
-enum Open {
-    One(File, Box<Framed<Iio>>),
-    Two { gyro: File, accel: File, pair: Box<Pair> },
+enum OpenDevice {
+    Single(File, Box<Framed<Iio>>),
+    Separate { gyro: File, accel: File, pair: Box<DevicePair> },
 }
 
-/// Why a device is not open.
+/// Reason why a device cannot be opened or read.
 #[derive(Debug, thiserror::Error)]
 enum OpenError {
     #[error(transparent)]
     Iio(#[from] IioError),
     #[error(transparent)]
     Io(#[from] io::Error),
-    #[error("its time stamps are by {0:?}, not by CLOCK_MONOTONIC")]
+    #[error("its timestamps use the clock {0:?}, not CLOCK_MONOTONIC")]
     Clock(Clock),
 }
 
@@ -63,113 +64,114 @@ impl IioInput {
         Self {
             settings,
             open: None,
-            again: Instant::now(),
-            absence: None,
-            before: Counts::default(),
-            bytes: vec![0; BYTES],
-            taken_bytes: 0,
+            next_attempt: Instant::now(),
+            failure: None,
+            previous_counts: Counts::default(),
+            bytes: vec![0; BUFFER_BYTES],
+            received_bytes: 0,
             measurements: 0,
         }
     }
 
-    fn give_up(&mut self, error: &OpenError) {
+    fn mark_failed(&mut self, error: &OpenError) {
         if let Some(open) = self.open.take() {
-            self.before = self.before + open.counts();
+            self.previous_counts = self.previous_counts + open.counts();
         }
-        self.again = Instant::now() + PAUSE;
+        self.next_attempt = Instant::now() + RETRY_PAUSE;
         let remedy = match error {
             OpenError::Clock(_) => r#"set clock = "host" in [ingest.iio]"#,
-            // It says the remedy itself.
-            OpenError::Iio(_) => REMEDY,
+            OpenError::Iio(_) => CHECK_DEVICE,
             OpenError::Io(error) if error.kind() == ErrorKind::PermissionDenied => {
-                "give this user the right to it by a udev rule"
+                "grant this user access with a udev rule"
             }
-            OpenError::Io(error) if error.kind() == ErrorKind::ResourceBusy => "another program has it open: end that",
-            OpenError::Io(_) => REMEDY,
+            OpenError::Io(error) if error.kind() == ErrorKind::ResourceBusy => {
+                "another program uses it: stop that program"
+            }
+            OpenError::Io(_) => CHECK_DEVICE,
         };
-        self.absence = Some(Absence { found: error.to_string(), remedy });
+        self.failure = Some(DeviceFailure { cause: error.to_string(), remedy });
     }
 }
 
 impl Input for IioInput {
-    fn take(&mut self, limit: Duration, found: &mut Vec<Measurement>) -> Result<Step, DriversError> {
+    fn read(&mut self, timeout: Duration, measurements: &mut Vec<Measurement>) -> Result<ReadOutcome, DriversError> {
         let now = Instant::now();
         if self.open.is_none() {
-            if now < self.again {
-                thread::sleep((self.again - now).min(limit));
-                return Ok(Step::Nothing);
+            if now < self.next_attempt {
+                thread::sleep((self.next_attempt - now).min(timeout));
+                return Ok(ReadOutcome::NoData);
             }
-            match Open::device(&self.settings) {
-                Ok(open) => (self.open, self.absence) = (Some(open), None),
-                Err(error) => self.give_up(&error),
+            match OpenDevice::open(&self.settings) {
+                Ok(open) => (self.open, self.failure) = (Some(open), None),
+                Err(error) => self.mark_failed(&error),
             }
         }
-        let Some(open) = &mut self.open else { return Ok(Step::Nothing) };
-        let before = found.len();
-        match open.read(&mut self.bytes, limit, found) {
-            Ok(0) => Ok(Step::Nothing),
+        let Some(open) = &mut self.open else { return Ok(ReadOutcome::NoData) };
+        let first = measurements.len();
+        match open.read(&mut self.bytes, timeout, measurements) {
+            Ok(0) => Ok(ReadOutcome::NoData),
             Ok(count) => {
-                let after_absence = self.taken_bytes > 0 && self.before != Counts::default();
-                self.taken_bytes += count as u64;
-                self.measurements += (found.len() - before) as u64;
-                Ok(Step::Given { after_absence })
+                let after_outage = self.received_bytes > 0 && self.previous_counts != Counts::default();
+                self.received_bytes += count as u64;
+                self.measurements += (measurements.len() - first) as u64;
+                Ok(ReadOutcome::Data { after_outage })
             }
             Err(error) => {
-                self.give_up(&error.into());
-                Ok(Step::Nothing)
+                self.mark_failed(&error.into());
+                Ok(ReadOutcome::NoData)
             }
         }
     }
 
-    fn report(&self) -> Report {
-        Report {
-            place: self.settings.device.clone(),
+    fn report(&self) -> DeviceReport {
+        DeviceReport {
+            port: self.settings.device.clone(),
             format: "iio",
-            absence: self.absence.clone(),
-            bytes: self.taken_bytes,
-            counts: self.before + self.open.as_ref().map_or(Counts::default(), Open::counts),
+            failure: self.failure.clone(),
+            bytes: self.received_bytes,
+            counts: self.previous_counts + self.open.as_ref().map_or(Counts::default(), OpenDevice::counts),
             measurements: self.measurements,
-            strangers: 0,
+            foreign_datagrams: 0,
         }
     }
 }
 
-impl Open {
-    fn device(settings: &IioDevice) -> Result<Self, OpenError> {
+impl OpenDevice {
+    fn open(settings: &IioDevice) -> Result<Self, OpenError> {
         let IioDevice { root, dev, device, accel_device, stream } = settings;
-        let one = |name: &str| -> Result<(File, Layout), OpenError> {
+        let open_one = |name: &str| -> Result<(File, Layout), OpenError> {
             let folder = sysfs::find(root, name)?;
-            // A second of them, so that a process that stands still loses none.
+            // Room for one second of records, so that a stalled process loses none.
             let layout = sysfs::prepare(&folder, (stream.rate_hz.ceil() as u32).max(64), Some(stream.rate_hz))?;
             if stream.clock == launch::Clock::Device && layout.clock != Clock::Monotonic {
                 return Err(OpenError::Clock(layout.clock));
             }
             Ok((character_device(&dev.join(folder.file_name().unwrap_or_default()))?, layout))
         };
-        let (file, layout) = one(device)?;
+        let (file, layout) = open_one(device)?;
         if accel_device.is_empty() {
-            return Ok(Self::One(file, Box::new(Framed::new(Iio::new(layout)?))));
+            return Ok(Self::Single(file, Box::new(Framed::new(Iio::new(layout)?))));
         }
-        let (accel, accel_layout) = one(accel_device)?;
-        Ok(Self::Two { gyro: file, accel, pair: Box::new(Pair::new(layout, accel_layout)?) })
+        let (accel, accel_layout) = open_one(accel_device)?;
+        Ok(Self::Separate { gyro: file, accel, pair: Box::new(DevicePair::new(layout, accel_layout)?) })
     }
 
-    /// How many bytes came within the limit.
-    fn read(&mut self, bytes: &mut [u8], limit: Duration, found: &mut Vec<Measurement>) -> io::Result<usize> {
+    /// Reads the available bytes, waiting at most `timeout`, and returns their number.
+    fn read(&mut self, bytes: &mut [u8], timeout: Duration, measurements: &mut Vec<Measurement>) -> io::Result<usize> {
         match self {
-            Self::One(file, decoder) => {
-                wait_for(&[&*file], limit)?;
+            Self::Single(file, decoder) => {
+                wait_for(&[&*file], timeout)?;
                 let count = read(file, bytes)?;
-                decoder.push(bytes.get(..count).unwrap_or_default(), found);
+                decoder.push(bytes.get(..count).unwrap_or_default(), measurements);
                 Ok(count)
             }
-            Self::Two { gyro, accel, pair } => {
-                wait_for(&[&*gyro, &*accel], limit)?;
-                // The force first: a rate waits for the one behind it.
+            Self::Separate { gyro, accel, pair } => {
+                wait_for(&[&*gyro, &*accel], timeout)?;
+                // The force is read first, because a rate waits for the next force.
                 let force_bytes = read(accel, bytes)?;
-                pair.push_accel(bytes.get(..force_bytes).unwrap_or_default(), found);
+                pair.push_accel(bytes.get(..force_bytes).unwrap_or_default(), measurements);
                 let rate_bytes = read(gyro, bytes)?;
-                pair.push_gyro(bytes.get(..rate_bytes).unwrap_or_default(), found);
+                pair.push_gyro(bytes.get(..rate_bytes).unwrap_or_default(), measurements);
                 Ok(force_bytes + rate_bytes)
             }
         }
@@ -177,8 +179,8 @@ impl Open {
 
     fn counts(&self) -> Counts {
         match self {
-            Self::One(_, decoder) => decoder.counts(),
-            Self::Two { pair, .. } => pair.counts(),
+            Self::Single(_, decoder) => decoder.counts(),
+            Self::Separate { pair, .. } => pair.counts(),
         }
     }
 }
@@ -187,19 +189,19 @@ fn character_device(path: &Path) -> io::Result<File> {
     Ok(open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC, Mode::empty())?.into())
 }
 
-/// Nothing where there is none; a device that has gone away says so, or has an end.
+/// Returns the number of bytes read, or 0 if none are available. A removed device yields an error.
 fn read(file: &mut File, bytes: &mut [u8]) -> io::Result<usize> {
     match file.read(bytes) {
-        Ok(0) => Err(io::Error::new(ErrorKind::UnexpectedEof, "its records have ended")),
+        Ok(0) => Err(io::Error::new(ErrorKind::UnexpectedEof, "the device's records have ended")),
         Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
         read => read,
     }
 }
 
-fn wait_for(files: &[&File], limit: Duration) -> io::Result<()> {
-    let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
+fn wait_for(files: &[&File], timeout: Duration) -> io::Result<()> {
+    let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
     let mut polled: Vec<_> = files.iter().map(|file| PollFd::new(*file, PollFlags::IN)).collect();
-    match poll(&mut polled, Some(&limit)) {
+    match poll(&mut polled, Some(&timeout)) {
         Ok(_) | Err(Errno::INTR) => Ok(()),
         Err(error) => Err(error.into()),
     }

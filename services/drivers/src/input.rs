@@ -1,49 +1,49 @@
-//! What measurements come from.
+//! Interface of a device and its report.
 
 use std::time::Duration;
 
 use decoders::{Counts, Measurement};
 
-use crate::{DriversError, line::Absence};
+use crate::{DriversError, reconnecting_port::DeviceFailure};
 
-/// A device, whichever way it is read.
+/// Device that yields measurements.
 pub(crate) trait Input {
-    /// Takes what is there, or comes within the limit, and adds what was measured to `found`.
-    fn take(&mut self, limit: Duration, found: &mut Vec<Measurement>) -> Result<Step, DriversError>;
+    /// Reads the available bytes, waiting at most `timeout`, and appends the decoded measurements.
+    fn read(&mut self, timeout: Duration, measurements: &mut Vec<Measurement>) -> Result<ReadOutcome, DriversError>;
 
-    /// How it does.
-    fn report(&self) -> Report;
+    /// Returns the state and the totals of the device.
+    fn report(&self) -> DeviceReport;
 }
 
-/// What came of a look at a device.
+/// Result of reading a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Step {
-    /// It gave something.
-    Given {
-        /// It was away before: something may be missing.
-        after_absence: bool,
+pub(crate) enum ReadOutcome {
+    /// The device sent bytes.
+    Data {
+        /// Whether the device was unavailable before, so that measurements may be missing.
+        after_outage: bool,
     },
-    /// Nothing within the limit.
-    Nothing,
-    /// Nothing comes any more.
+    /// No bytes arrived before the timeout.
+    NoData,
+    /// The input has ended.
     End,
 }
 
-/// How a device does, since the start.
+/// State of a device and its totals since the start.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(crate) struct Report {
-    /// Its port, for people.
-    pub(crate) place: String,
-    /// The name of its format.
+pub(crate) struct DeviceReport {
+    /// Display name of the port.
+    pub(crate) port: String,
+    /// Name of the format.
     pub(crate) format: &'static str,
-    /// Why it is not there, if it is not.
-    pub(crate) absence: Option<Absence>,
-    /// Bytes that came.
+    /// Why the device is unavailable, or `None` if it is open.
+    pub(crate) failure: Option<DeviceFailure>,
+    /// Number of received bytes.
     pub(crate) bytes: u64,
-    /// What became of them.
+    /// Totals of the decoder.
     pub(crate) counts: Counts,
-    /// Measurements made of them.
+    /// Number of decoded measurements.
     pub(crate) measurements: u64,
-    /// Datagrams of others than the one that is heard.
-    pub(crate) strangers: u64,
+    /// Number of ignored datagrams from other senders.
+    pub(crate) foreign_datagrams: u64,
 }

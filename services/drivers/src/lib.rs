@@ -1,39 +1,47 @@
-//! The service `drivers`: reads the devices of a live source and gives what they measure to ingest.
+//! The service `drivers`, which reads the devices of a live source and publishes their measurements
+//! to ingest.
 //!
-//! Input: bytes on standard input, in datagrams, over a connection, a serial line or industrial I/O; and those of a satellite receiver beside them. Output: the topics `sensor` and
-//! `receiver`. Time: that of the device as it is, or fitted to CLOCK_MONOTONIC ([`driver::clock_fit`]), as the launch file says. Failure: a
-//! port that is not there or goes away is told with the remedy and opened again after a pause that doubles; bytes that are no message of
-//! the format are counted; what is wrong with a device is told to the supervisor. What waits, as a pipe does, is read only as fast as ingest
-//! takes it.
+//! Input: bytes from standard input, datagrams, a TCP connection, a serial port or industrial I/O,
+//! and those of an additional satellite receiver.
 //!
-//! | module | what it holds |
+//! Output: the topics `sensor` and `receiver`.
+//!
+//! Time: the device's timestamps, unchanged or fitted to CLOCK_MONOTONIC ([`driver::clock_fit`]),
+//! as set in the launch file.
+//!
+//! Failure: an unavailable port is reported with a remedy and reopened after a pause that doubles
+//! each time. Bytes that belong to no message of the format are counted. Problems of a device are
+//! reported to the supervisor. A pipe and other sources that can wait are read only as fast as
+//! ingest consumes the readings.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | `input` | what measurements come from |
-//! | `stream` | a device whose bytes come over a port |
-//! | `iio` | a device of Linux industrial I/O |
-//! | `receiver` | a satellite receiver beside the source |
-//! | `port` | the ways in: standard input, datagrams, a connection, a serial line |
-//! | `line` | a port that is opened again when it goes away |
-//! | `format` | the decoder of a format |
-//! | `protobuf` | messages of the schema in a stream |
-//! | `beginning` | the header of a text, for a process that goes on in the midst of it |
-//! | `outlet` | measurements as readings and fixes, with their times, to ingest |
-//! | `troubles` | what is wrong with a device |
-//! | `teller` | what people and the supervisor are told |
+//! | `input` | interface of a device |
+//! | `stream` | device whose bytes arrive over a port |
+//! | `iio` | device of Linux industrial I/O |
+//! | `receiver` | satellite receiver in addition to the source |
+//! | `port` | open ports: standard input, datagrams, TCP connection, serial port |
+//! | `reconnecting_port` | port that is reopened after a failure |
+//! | `format` | selection of the decoder for a format |
+//! | `protobuf` | length-delimited protobuf messages |
+//! | `stream_preamble` | header of a text stream, for a process that resumes in the middle of it |
+//! | `reading_publisher` | publication of measurements as readings and fixes, with timestamps |
+//! | `device_monitor` | detection of device problems |
+//! | `diagnostics_publisher` | reports of these problems to the supervisor and the user |
 #![forbid(unsafe_code)]
 
-mod beginning;
+mod stream_preamble;
 mod format;
 mod iio;
 mod input;
-mod line;
-mod outlet;
+mod reconnecting_port;
+mod reading_publisher;
 mod port;
 mod protobuf;
 mod receiver;
 mod stream;
-mod teller;
-mod troubles;
+mod diagnostics_publisher;
+mod device_monitor;
 
 use std::{
     thread,
@@ -47,23 +55,23 @@ use mapping::MappingError;
 use messages::State;
 use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
-use beginning::Beginning;
+use stream_preamble::StreamPreamble;
 use iio::IioInput;
-use input::{Input, Step};
-use outlet::Outlet;
+use input::{Input, ReadOutcome};
+use reading_publisher::ReadingPublisher;
 use receiver::Receiver;
-use stream::Stream;
-use teller::Teller;
-use troubles::Watch;
+use stream::DeviceStream;
+use diagnostics_publisher::DiagnosticsPublisher;
+use device_monitor::DeviceMonitor;
 
-/// The longest wait for bytes, before the service says how it is.
-const WAIT: Duration = Duration::from_millis(50);
-/// The wait for ingest to take what it has.
-const ROOM_WAIT: Duration = Duration::from_micros(500);
-/// From one look at how the devices do to the next.
-const LOOK: Duration = Duration::from_secs(1);
+/// Maximum wait for bytes. It limits the time between two health messages.
+const READ_TIMEOUT: Duration = Duration::from_millis(50);
+/// Wait for ingest to consume readings.
+const INGEST_WAIT: Duration = Duration::from_micros(500);
+/// Interval between two evaluations of the device reports.
+const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Why the drivers ended.
+/// Error that ends the service.
 #[derive(Debug, thiserror::Error)]
 pub enum DriversError {
     /// The system could not be joined.
@@ -72,81 +80,86 @@ pub enum DriversError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The columns are none.
+    /// The column mapping is invalid.
     #[error(transparent)]
     Mapping(#[from] MappingError),
-    /// The format has settings that are none.
+    /// The settings of a text format are invalid.
     #[error(transparent)]
     Lines(#[from] LinesError),
     /// A thread could not be started.
-    #[error("starting a thread of the drivers: {0}")]
+    #[error("cannot start a thread of the drivers: {0}")]
     Thread(#[from] std::io::Error),
 }
 
-/// The service.
+/// Runs the service until the system stops.
+///
+/// # Errors
+///
+/// Returns an error if the system cannot be joined, the bus fails, or the launch file's format
+/// settings are invalid.
 pub fn run() -> Result<(), DriversError> {
     let mut context = ServiceContext::join(Service::Drivers)?;
     let ingest = context.config.launch.ingest.clone();
-    let mut outlet = Outlet::open(&context, ingest.stream())?;
+    let mut publisher = ReadingPublisher::open(&context, ingest.stream())?;
     let mut source = source(&ingest, &context)?;
     let receiver = Receiver::start(&ingest.live.receiver)?;
-    let mut teller = Teller::start(context.config.launch.name.clone())?;
-    let (mut of_source, mut of_receiver) = (Watch::new(""), Watch::new("receiver-"));
-    let mut next_look = Instant::now() + LOOK;
-    let mut found = Vec::new();
+    let mut diagnostics = DiagnosticsPublisher::start(context.config.launch.name.clone())?;
+    let (mut source_monitor, mut receiver_monitor) = (DeviceMonitor::new(""), DeviceMonitor::new("receiver-"));
+    let mut next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
+    let mut measurements = Vec::new();
     let mut state = State::READY;
-    while !context.ends() {
+    while !context.should_stop() {
         let report = source.as_ref().map(|source| source.report());
-        let clock = outlet.clock_health();
+        let clock = publisher.clock_health();
         let clock_steps = clock.resets + clock.backsteps;
-        if Instant::now() >= next_look {
-            next_look = Instant::now() + LOOK;
-            let mut troubles = report.clone().map_or(Vec::new(), |report| of_source.look(report, clock_steps));
-            troubles.extend(receiver.iter().flat_map(|receiver| of_receiver.look(receiver.report(), 0)));
-            teller.troubles(troubles);
+        if Instant::now() >= next_diagnostics {
+            next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
+            let mut problems = report.clone().map_or(Vec::new(), |report| source_monitor.update(report, clock_steps));
+            problems.extend(receiver.iter().flat_map(|receiver| receiver_monitor.update(receiver.report(), 0)));
+            diagnostics.publish(problems);
         }
         context.publish_health(state, |health| {
-            health.ticks = outlet.sent();
-            health.refused = report.map_or(0, |report| report.counts.refused);
+            health.ticks = publisher.sent();
+            health.refused = report.map_or(0, |report| report.counts.rejected);
             health.clock_offset_ns = clock.offset_ns;
             health.clock_jitter_ns = clock.jitter_ns as u64;
             health.clock_steps = clock_steps;
         })?;
-        outlet.deliver_history()?;
-        if !outlet.empty()? {
-            thread::sleep(ROOM_WAIT);
+        publisher.deliver_history()?;
+        if !publisher.flush()? {
+            thread::sleep(INGEST_WAIT);
             continue;
         }
-        match source.as_mut().map(|source| source.take(WAIT, &mut found)).transpose()? {
-            Some(Step::Given { after_absence }) => {
+        match source.as_mut().map(|source| source.read(READ_TIMEOUT, &mut measurements)).transpose()? {
+            Some(ReadOutcome::Data { after_outage }) => {
                 state = State::RUNNING;
-                if after_absence {
-                    outlet.interrupt();
+                if after_outage {
+                    publisher.mark_gap();
                 }
             }
-            // Not before all of it has been sent.
-            Some(Step::End) if state != State::FINISHED => state = State::FINISHED,
-            Some(Step::End) => thread::sleep(WAIT),
-            Some(Step::Nothing) => {}
-            None => found.extend(receiver.iter().find_map(|receiver| receiver.take(WAIT))),
+            // The service finishes only after everything has been sent.
+            Some(ReadOutcome::End) if state != State::FINISHED => state = State::FINISHED,
+            Some(ReadOutcome::End) => thread::sleep(READ_TIMEOUT),
+            Some(ReadOutcome::NoData) => {}
+            None => measurements.extend(receiver.iter().find_map(|receiver| receiver.next_fix(READ_TIMEOUT))),
         }
-        found.extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.take(Duration::ZERO))));
+        measurements.extend(receiver.iter().flat_map(|receiver| std::iter::from_fn(|| receiver.next_fix(Duration::ZERO))));
         let arrival_ns = monotonic_ns().cast_signed();
-        found.drain(..).for_each(|measurement| outlet.add(&measurement, arrival_ns));
+        measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
     }
-    let sent = outlet.sent();
-    Ok(context.publish_last_health(|health| health.ticks = sent)?)
+    let sent = publisher.sent();
+    Ok(context.publish_final_health(|health| health.ticks = sent)?)
 }
 
-/// What the source is read from; none where it is not read here.
+/// Returns the device of the source, or `None` if another program publishes the readings.
 fn source(ingest: &Ingest, context: &ServiceContext) -> Result<Option<Box<dyn Input>>, DriversError> {
     if ingest.source == Source::Iio {
         return Ok(Some(Box::new(IioInput::new(ingest.live.iio.clone()))));
     }
     let (Some(stream), Some(port)) = (ingest.stream(), ingest.port()) else { return Ok(None) };
     let format = stream.format.clone();
-    let beginning = format.is_text().then(|| Beginning::open(context)).transpose()?;
-    let (name, goes_on) = (format.name(), context.config.resume.is_some());
-    let make = Box::new(move || format::decoder(&format));
-    Ok(Some(Box::new(Stream::open(port.clone(), name, goes_on, beginning, make)?)))
+    let preamble = format.is_text().then(|| StreamPreamble::open(context)).transpose()?;
+    let (name, is_resumed) = (format.name(), context.config.resume.is_some());
+    let make_decoder = Box::new(move || format::decoder(&format));
+    Ok(Some(Box::new(DeviceStream::open(port.clone(), name, is_resumed, preamble, make_decoder)?)))
 }

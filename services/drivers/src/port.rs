@@ -1,4 +1,4 @@
-//! The ways in.
+//! Open ports.
 
 use std::{
     fs::File,
@@ -17,38 +17,40 @@ use rustix::{
     termios::{ControlModes, OptionalActions, QueueSelector, ioctl_tiocexcl, tcflush, tcgetattr, tcsetattr},
 };
 
-/// How long a host is waited for that does not answer.
-const CONNECT_LIMIT: Duration = Duration::from_secs(2);
-/// A sender of datagrams that says nothing for so long may be followed by another.
-const SENDER_LIMIT: Duration = Duration::from_secs(2);
+/// Time limit for a TCP connection attempt.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Silence of a datagram sender after which another sender is accepted.
+const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// A port that is open.
+/// Open port.
 pub(crate) enum OpenPort {
-    /// What comes on the supervisor's standard input. It is this process's standard output: on its own it was told its configuration.
+    /// Standard input of the supervisor. It is this process's standard output, because its own
+    /// standard input carries the configuration.
     Stdin,
     /// Datagrams of one sender.
-    Udp(Datagrams),
-    /// A connection.
+    Udp(DatagramPort),
+    /// TCP connection.
     Tcp(TcpStream),
-    /// A serial line.
+    /// Serial port.
     Serial(File),
 }
 
-/// Datagrams of the sender that was heard first; those of others are counted.
-pub(crate) struct Datagrams {
+/// Datagram socket that accepts the first sender and counts the datagrams of others.
+pub(crate) struct DatagramPort {
     socket: UdpSocket,
-    heard: Option<(SocketAddr, Instant)>,
-    strangers: u64,
+    /// Accepted sender and the time of its last datagram.
+    sender_seen: Option<(SocketAddr, Instant)>,
+    foreign_datagrams: u64,
 }
 
-/// What a port gave.
+/// Result of reading a port.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Given {
-    /// So many bytes.
+pub(crate) enum PortRead {
+    /// The given number of bytes was read.
     Bytes(usize),
-    /// None within the limit.
-    Nothing,
-    /// Nothing comes any more.
+    /// No bytes arrived before the timeout.
+    NoData,
+    /// The input has ended.
     End,
 }
 
@@ -59,88 +61,89 @@ impl OpenPort {
             Port::Udp(address) => {
                 let socket = UdpSocket::bind(address)?;
                 socket.set_nonblocking(true)?;
-                Ok(Self::Udp(Datagrams { socket, heard: None, strangers: 0 }))
+                Ok(Self::Udp(DatagramPort { socket, sender_seen: None, foreign_datagrams: 0 }))
             }
             Port::Tcp(address) => connect(address).map(Self::Tcp),
-            Port::Serial { path, baud } => serial(path, *baud).map(Self::Serial),
+            Port::Serial { path, baud } => open_serial(path, *baud).map(Self::Serial),
         }
     }
 
-    /// Reads what is there, or comes within the limit.
-    pub(crate) fn read(&mut self, bytes: &mut [u8], limit: Duration) -> io::Result<Given> {
-        let given = match self {
+    /// Reads the available bytes, waiting at most `timeout`.
+    pub(crate) fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<PortRead> {
+        let result = match self {
             Self::Stdin => {
                 let port = io::stdout();
-                is_readable(&port, limit)?.then(|| Ok(read(port.as_fd(), bytes)?))
+                is_readable(&port, timeout)?.then(|| Ok(read(port.as_fd(), bytes)?))
             }
-            Self::Udp(datagrams) => return datagrams.read(bytes, limit),
-            Self::Tcp(stream) => is_readable(&*stream, limit)?.then(|| stream.read(bytes)),
-            Self::Serial(file) => is_readable(&*file, limit)?.then(|| file.read(bytes)),
+            Self::Udp(datagrams) => return datagrams.read(bytes, timeout),
+            Self::Tcp(stream) => is_readable(&*stream, timeout)?.then(|| stream.read(bytes)),
+            Self::Serial(file) => is_readable(&*file, timeout)?.then(|| file.read(bytes)),
         };
-        match given {
-            None => Ok(Given::Nothing),
-            Some(Ok(0)) => Ok(Given::End),
-            Some(given) => or_nothing(given),
+        match result {
+            None => Ok(PortRead::NoData),
+            Some(Ok(0)) => Ok(PortRead::End),
+            Some(result) => no_data_if_interrupted(result),
         }
     }
 
-    /// Datagrams of others than the one that is heard.
-    pub(crate) fn strangers(&self) -> u64 {
-        if let Self::Udp(datagrams) = self { datagrams.strangers } else { 0 }
+    /// Returns the number of ignored datagrams from other senders.
+    pub(crate) fn foreign_datagrams(&self) -> u64 {
+        if let Self::Udp(datagrams) = self { datagrams.foreign_datagrams } else { 0 }
     }
 }
 
-impl Datagrams {
-    fn read(&mut self, bytes: &mut [u8], limit: Duration) -> io::Result<Given> {
-        if !is_readable(&self.socket, limit)? {
-            return Ok(Given::Nothing);
+impl DatagramPort {
+    fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<PortRead> {
+        if !is_readable(&self.socket, timeout)? {
+            return Ok(PortRead::NoData);
         }
         let (count, sender) = match self.socket.recv_from(bytes) {
             Ok(received) => received,
-            Err(error) => return or_nothing(Err(error)),
+            Err(error) => return no_data_if_interrupted(Err(error)),
         };
         let now = Instant::now();
-        match self.heard {
-            Some((heard, at)) if heard != sender && now - at < SENDER_LIMIT => {
-                self.strangers += 1;
-                Ok(Given::Nothing)
+        match self.sender_seen {
+            Some((current, at)) if current != sender && now - at < SENDER_TIMEOUT => {
+                self.foreign_datagrams += 1;
+                Ok(PortRead::NoData)
             }
             _ => {
-                self.heard = Some((sender, now));
-                Ok(Given::Bytes(count))
+                self.sender_seen = Some((sender, now));
+                Ok(PortRead::Bytes(count))
             }
         }
     }
 }
 
-/// So many bytes, or none if that is all that is the matter.
-fn or_nothing(given: io::Result<usize>) -> io::Result<Given> {
-    match given {
-        Ok(count) => Ok(Given::Bytes(count)),
-        Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::WouldBlock) => Ok(Given::Nothing),
+/// Converts the result of a read. Interruption and an empty buffer count as no data.
+fn no_data_if_interrupted(result: io::Result<usize>) -> io::Result<PortRead> {
+    match result {
+        Ok(count) => Ok(PortRead::Bytes(count)),
+        Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::WouldBlock) => Ok(PortRead::NoData),
         Err(error) => Err(error),
     }
 }
 
-/// Of the addresses of the host the first one that answers.
+/// Connects to the first address of the host that accepts the connection.
 fn connect(address: &str) -> io::Result<TcpStream> {
-    let mut refused = io::Error::new(ErrorKind::NotFound, "the host has no address");
+    let mut last_error = io::Error::new(ErrorKind::NotFound, "the host has no address");
     for address in address.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, CONNECT_LIMIT) {
+        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
             Ok(stream) => {
                 stream.set_nonblocking(true)?;
-                // A host that has gone without a word is noticed after a while.
+                // Keepalive detects a peer that disappeared without closing the connection.
                 rustix::net::sockopt::set_socket_keepalive(&stream, true)?;
                 return Ok(stream);
             }
-            Err(error) => refused = error,
+            Err(error) => last_error = error,
         }
     }
-    Err(refused)
+    Err(last_error)
 }
 
-/// Opens a serial line for this process alone: eight bits, no parity, one stop bit, no flow control, bytes as they come. Nothing is written.
-fn serial(path: &Path, baud: u64) -> io::Result<File> {
+/// Opens a serial port exclusively and read-only: eight data bits, no parity, one stop bit, no flow
+/// control, raw bytes.
+fn open_serial(path: &Path, baud: u64) -> io::Result<File> {
     let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let fd = open(path, flags, Mode::empty())?;
     let mut terminal = tcgetattr(&fd)?;
@@ -150,15 +153,16 @@ fn serial(path: &Path, baud: u64) -> io::Result<File> {
     terminal.set_speed(u32::try_from(baud).unwrap_or(u32::MAX))?;
     tcsetattr(&fd, OptionalActions::Now, &terminal)?;
     ioctl_tiocexcl(&fd)?;
-    // What came before belongs to a time that nobody knows.
+    // The arrival time of bytes received before opening is unknown.
     tcflush(&fd, QueueSelector::IFlush)?;
     Ok(fd.into())
 }
 
-/// Bytes are there, or the end, before the limit.
-pub(crate) fn is_readable(port: &impl AsFd, limit: Duration) -> io::Result<bool> {
-    let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
-    match poll(&mut [PollFd::new(port, PollFlags::IN)], Some(&limit)) {
+/// Waits at most `timeout` until bytes or the end of the input are available, and returns whether
+/// they are.
+pub(crate) fn is_readable(port: &impl AsFd, timeout: Duration) -> io::Result<bool> {
+    let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
+    match poll(&mut [PollFd::new(port, PollFlags::IN)], Some(&timeout)) {
         Ok(count) => Ok(count > 0),
         Err(Errno::INTR) => Ok(false),
         Err(error) => Err(error.into()),

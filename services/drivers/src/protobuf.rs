@@ -1,66 +1,66 @@
-//! Messages of the schema in a stream of bytes: each is a [`v1::Measurement`] with its length before it, as protobuf's own
-//! libraries write it (`writeDelimitedTo`, `serialize_length_prefixed`).
+//! Length-delimited protobuf messages: each [`v1::Measurement`] is preceded by its length, as
+//! written by protobuf's own libraries (`writeDelimitedTo`, `serialize_length_prefixed`).
 //!
-//! Limits: there is no checksum and no mark where a message begins; behind bytes that are none, a message is found where its length, its
-//! fields and its numbers fit.
+//! Limits: there is no checksum and no start marker. After invalid bytes a message is recognised by
+//! its length, fields and numbers.
 
 use decoders::{
-    DeviceTime, Measurement, Place, Value,
-    framed::{Format, Seen},
+    DeviceTime, Measurement, Position, Value,
+    framed::{Format, ParseOutcome},
 };
 use wire::{measurement, v1};
 
-/// No message is longer.
-const LENGTH_MAX_BYTES: usize = 512;
-/// Of a length up to that.
+/// Maximum length of a message.
+const MAX_MESSAGE_BYTES: usize = 512;
+/// Size of the length prefix of the longest message.
 const LENGTH_BYTES: usize = 2;
-const MORE: u8 = 0x80;
+const CONTINUATION: u8 = 0x80;
 
-/// Has no settings.
+/// Format of length-delimited messages. It has no settings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Protobuf;
 
 impl Format for Protobuf {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
-        let Some((head, length)) = length(bytes) else {
-            return if bytes.len() < LENGTH_BYTES { Seen::More } else { Seen::Nothing(1) };
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
+        let Some((prefix_bytes, length)) = length(bytes) else {
+            return if bytes.len() < LENGTH_BYTES { ParseOutcome::Incomplete } else { ParseOutcome::Skip(1) };
         };
-        if length == 0 || length > LENGTH_MAX_BYTES {
-            return Seen::Nothing(1);
+        if length == 0 || length > MAX_MESSAGE_BYTES {
+            return ParseOutcome::Skip(1);
         }
-        let Some(message) = bytes.get(head..head + length) else { return Seen::More };
-        match measurement::decoded(message) {
-            Ok(said) => {
-                add(&said, found);
-                Seen::Frame(head + length)
+        let Some(message) = bytes.get(prefix_bytes..prefix_bytes + length) else { return ParseOutcome::Incomplete };
+        match measurement::decode(message) {
+            Ok(message) => {
+                push_measurements(&message, measurements);
+                ParseOutcome::Frame(prefix_bytes + length)
             }
-            Err(_) => Seen::Refused,
+            Err(_) => ParseOutcome::Rejected,
         }
     }
 }
 
-/// How many bytes a length takes, and the length.
+/// Returns the size of the length prefix, and the length.
 fn length(bytes: &[u8]) -> Option<(usize, usize)> {
     match *bytes {
-        [low, ..] if low & MORE == 0 => Some((1, low.into())),
-        [low, high, ..] if high & MORE == 0 => Some((2, usize::from(low & !MORE) | usize::from(high) << 7)),
+        [low, ..] if low & CONTINUATION == 0 => Some((1, low.into())),
+        [low, high, ..] if high & CONTINUATION == 0 => Some((2, usize::from(low & !CONTINUATION) | usize::from(high) << 7)),
         _ => None,
     }
 }
 
-/// What was measured at that instant; the fix is the one that goes with the reading.
-fn add(said: &v1::Measurement, found: &mut Vec<Measurement>) {
+/// Appends the measurements of a message. A fix precedes the reading of the same instant.
+fn push_measurements(message: &v1::Measurement, measurements: &mut Vec<Measurement>) {
     let three = |v1::Vector3 { x, y, z }: v1::Vector3| [x, y, z];
-    // A time before the device's beginning comes out as it went in.
-    let time = said.t_ns.map(|t_ns| DeviceTime::SinceBoot { now_ns: t_ns.cast_unsigned() });
-    let mut push = |value| found.push(Measurement { time, value });
-    if let Some(velocity) = said.velocity_m_s {
-        let (latitude_rad, longitude_rad, altitude_m) = (said.latitude_rad, said.longitude_rad, said.altitude_m);
-        let place = Place { latitude_rad, longitude_rad, altitude_m };
-        push(Value::Fix { velocity_m_s: three(velocity), sd_m_s: said.velocity_sd_m_s, place });
+    // A time before the device's zero is passed on as two's complement.
+    let time = message.t_ns.map(|t_ns| DeviceTime::SinceBoot { now_ns: t_ns.cast_unsigned() });
+    let mut push = |value| measurements.push(Measurement { time, value });
+    if let Some(velocity) = message.velocity_m_s {
+        let (latitude_rad, longitude_rad, altitude_m) = (message.latitude_rad, message.longitude_rad, message.altitude_m);
+        let position = Position { latitude_rad, longitude_rad, altitude_m };
+        push(Value::Fix { velocity_m_s: three(velocity), sd_m_s: message.velocity_sd_m_s, position });
     }
-    let field_ut = said.field_ut.map(three);
-    match (said.rate_rad_s.map(three), said.force_m_s2.map(three)) {
+    let field_ut = message.field_ut.map(three);
+    match (message.rate_rad_s.map(three), message.force_m_s2.map(three)) {
         (Some(rate_rad_s), Some(force_m_s2)) => push(Value::Imu { rate_rad_s, force_m_s2, field_ut }),
         _ => field_ut.into_iter().for_each(|field_ut| push(Value::Field(field_ut))),
     }

@@ -1,4 +1,4 @@
-//! A satellite receiver beside the source, read by a thread of its own.
+//! Satellite receiver in addition to the source, read by its own thread.
 
 use std::{
     sync::{
@@ -13,68 +13,69 @@ use decoders::{Measurement, Value};
 use launch::ReceiverSource;
 
 use crate::{
-    DriversError, WAIT, format,
-    input::{Input, Report, Step},
-    stream::Stream,
+    DriversError, READ_TIMEOUT, format,
+    input::{Input, DeviceReport, ReadOutcome},
+    stream::DeviceStream,
 };
 
-/// Fixes that wait; of more the newest are left out, which are as old as any by the time they are taken.
-const FIXES_MAX: usize = 64;
+/// Maximum number of queued fixes. Further ones are dropped, because they would be outdated when
+/// consumed.
+const MAX_QUEUED_FIXES: usize = 64;
 
-/// The thread, and what it has found.
+/// Fixes and report of the reading thread.
 pub(crate) struct Receiver {
     fixes: mpsc::Receiver<Measurement>,
-    report: Arc<Mutex<Report>>,
+    report: Arc<Mutex<DeviceReport>>,
 }
 
 impl Receiver {
-    /// None where no receiver is named.
+    /// Starts the thread, or returns `None` if no receiver is configured.
     pub(crate) fn start(source: &ReceiverSource) -> Result<Option<Self>, DriversError> {
         let Some(port) = source.port.clone() else { return Ok(None) };
         let format = source.format;
-        let (sender, fixes) = mpsc::sync_channel(FIXES_MAX);
-        let report = Arc::<Mutex<Report>>::default();
-        let shared = report.clone();
+        let (fix_queue, fixes) = mpsc::sync_channel(MAX_QUEUED_FIXES);
+        let report = Arc::<Mutex<DeviceReport>>::default();
+        let shared_report = report.clone();
         thread::Builder::new().name("receiver".into()).spawn(move || {
-            let make = Box::new(move || Ok(format::receiver(format)));
-            // A decoder of a receiver has no settings that could be wrong.
-            Stream::open(port, format.name(), true, None, make)
+            let make_decoder = Box::new(move || Ok(format::receiver_decoder(format)));
+            // Receiver formats have no settings, so their decoders cannot fail to open.
+            DeviceStream::open(port, format.name(), true, None, make_decoder)
                 .into_iter()
-                .for_each(|input| read(input, &sender, &shared));
+                .for_each(|input| forward_fixes(input, &fix_queue, &shared_report));
         })?;
         Ok(Some(Self { fixes, report }))
     }
 
-    /// A fix that is there, or comes within the limit.
-    pub(crate) fn take(&self, limit: Duration) -> Option<Measurement> {
-        match self.fixes.recv_timeout(limit) {
+    /// Returns the next fix, or `None` if none arrives within `timeout`.
+    pub(crate) fn next_fix(&self, timeout: Duration) -> Option<Measurement> {
+        match self.fixes.recv_timeout(timeout) {
             Ok(fix) => Some(fix),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => {
-                thread::sleep(limit);
+                thread::sleep(timeout);
                 None
             }
         }
     }
 
-    pub(crate) fn report(&self) -> Report {
+    pub(crate) fn report(&self) -> DeviceReport {
         self.report.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
-/// Until nobody takes them.
-fn read(mut input: Stream, fixes: &SyncSender<Measurement>, report: &Mutex<Report>) {
-    let mut found = Vec::new();
+/// Forwards fixes until the receiving end of the queue is dropped.
+fn forward_fixes(mut input: DeviceStream, fix_queue: &SyncSender<Measurement>, report: &Mutex<DeviceReport>) {
+    let mut measurements = Vec::new();
     loop {
-        let Ok(step) = input.take(WAIT, &mut found) else { return };
-        for measurement in found.drain(..).filter(|one| matches!(one.value, Value::Fix { .. })) {
-            if let Err(TrySendError::Disconnected(_)) = fixes.try_send(measurement) {
+        let Ok(step) = input.read(READ_TIMEOUT, &mut measurements) else { return };
+        for measurement in measurements.drain(..).filter(|measurement| matches!(measurement.value, Value::Fix { .. })) {
+            if let Err(TrySendError::Disconnected(_)) = fix_queue.try_send(measurement) {
                 return;
             }
         }
         *report.lock().unwrap_or_else(PoisonError::into_inner) = input.report();
-        if step == Step::End {
-            thread::sleep(WAIT);
+        if step == ReadOutcome::End {
+            thread::sleep(READ_TIMEOUT);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A device whose bytes come over a port.
+//! Device whose bytes arrive over a port.
 
 use std::time::Duration;
 
@@ -7,58 +7,62 @@ use launch::Port;
 
 use crate::{
     DriversError,
-    beginning::Beginning,
-    input::{Input, Report, Step},
-    line::{Begin, Line, Taken},
+    stream_preamble::StreamPreamble,
+    input::{Input, DeviceReport, ReadOutcome},
+    reconnecting_port::{StreamStart, ReconnectingPort, Received},
 };
 
-/// Makes a decoder that has seen nothing.
-type Make = Box<dyn Fn() -> Result<Box<dyn Decoder>, DriversError>>;
+/// Factory of decoders in their initial state.
+type DecoderFactory = Box<dyn Fn() -> Result<Box<dyn Decoder>, DriversError>>;
 
-/// The port, and what its bytes are.
-pub(crate) struct Stream {
-    line: Line,
+/// Port with the decoder of its bytes.
+pub(crate) struct DeviceStream {
+    port: ReconnectingPort,
     format: &'static str,
-    make: Make,
+    make_decoder: DecoderFactory,
     decoder: Box<dyn Decoder>,
-    /// Of the decoders before this one.
-    before: Counts,
-    /// Of lines, which know their columns from the first of them.
-    text: Option<Text>,
+    /// Totals of earlier decoders.
+    previous_counts: Counts,
+    /// State of a text stream, whose columns may be named in its first line.
+    text: Option<TextState>,
     bytes: u64,
     measurements: u64,
     has_ended: bool,
 }
 
-struct Text {
-    beginning: Beginning,
-    /// The first line is the rest of one, which may look like a whole one with half a number.
-    is_cut: bool,
+struct TextState {
+    preamble: StreamPreamble,
+    /// Whether the next line may lack its beginning. It could still look valid, with a truncated
+    /// number, so its measurement is discarded.
+    starts_mid_line: bool,
 }
 
 const LINE_END: &[u8] = b"\n";
 
-impl Stream {
-    /// `goes_on`: an earlier process has read of the same input. `beginning`: of lines.
+impl DeviceStream {
+    /// Opens a device.
+    ///
+    /// `is_resumed` is set if an earlier process has read from the same input. `preamble` is set
+    /// for text formats.
     pub(crate) fn open(
         port: Port,
         format: &'static str,
-        goes_on: bool,
-        beginning: Option<Beginning>,
-        make: Make,
+        is_resumed: bool,
+        preamble: Option<StreamPreamble>,
+        make_decoder: DecoderFactory,
     ) -> Result<Self, DriversError> {
-        let mut decoder = make()?;
-        if let Some(beginning) = &beginning {
-            // What an earlier process has sent of it is not sent again.
-            decoder.push(beginning.text(), &mut Vec::new());
+        let mut decoder = make_decoder()?;
+        if let Some(preamble) = &preamble {
+            // Only the columns are needed: the earlier process has already sent the measurements.
+            decoder.push(preamble.text(), &mut Vec::new());
         }
         Ok(Self {
-            line: Line::new(port, goes_on),
+            port: ReconnectingPort::new(port, is_resumed),
             format,
-            make,
+            make_decoder,
             decoder,
-            before: Counts::default(),
-            text: beginning.map(|beginning| Text { beginning, is_cut: false }),
+            previous_counts: Counts::default(),
+            text: preamble.map(|preamble| TextState { preamble, starts_mid_line: false }),
             bytes: 0,
             measurements: 0,
             has_ended: false,
@@ -66,64 +70,64 @@ impl Stream {
     }
 
     fn counts(&self) -> Counts {
-        self.before + self.decoder.counts()
+        self.previous_counts + self.decoder.counts()
     }
 }
 
-impl Input for Stream {
-    fn take(&mut self, limit: Duration, found: &mut Vec<Measurement>) -> Result<Step, DriversError> {
-        let before = found.len();
-        let is_datagram = matches!(self.line.port(), Port::Udp(_));
-        let step = match self.line.take(limit) {
-            Taken::Bytes { bytes, begin } => {
-                let after_absence = begin.is_some() && self.bytes > 0;
+impl Input for DeviceStream {
+    fn read(&mut self, timeout: Duration, measurements: &mut Vec<Measurement>) -> Result<ReadOutcome, DriversError> {
+        let first = measurements.len();
+        let is_datagram = matches!(self.port.port(), Port::Udp(_));
+        let outcome = match self.port.read(timeout) {
+            Received::Bytes { bytes, start } => {
+                let after_outage = start.is_some() && self.bytes > 0;
                 self.bytes += bytes.len() as u64;
                 match &mut self.text {
-                    Some(Text { beginning, is_cut }) => {
-                        *is_cut |= begin == Some(Begin::Anywhere);
-                        // The last line of a datagram may lack its end.
+                    Some(TextState { preamble, starts_mid_line }) => {
+                        *starts_mid_line |= start == Some(StreamStart::Anywhere);
+                        // The last line of a datagram may lack its newline.
                         let end = if is_datagram { LINE_END } else { b"" };
-                        self.decoder.push(bytes, found);
-                        self.decoder.push(end, found);
-                        beginning.see(bytes, false)?;
-                        beginning.see(end, found.len() > before)?;
-                        if *is_cut && found.len() > before {
-                            found.remove(before);
-                            *is_cut = false;
+                        self.decoder.push(bytes, measurements);
+                        self.decoder.push(end, measurements);
+                        preamble.push(bytes, false)?;
+                        preamble.push(end, measurements.len() > first)?;
+                        if *starts_mid_line && measurements.len() > first {
+                            measurements.remove(first);
+                            *starts_mid_line = false;
                         }
                     }
                     None => {
-                        if after_absence {
-                            // No half of a message meets another half.
-                            self.before = self.before + self.decoder.counts();
-                            self.decoder = (self.make)()?;
+                        if after_outage {
+                            // A new decoder prevents joining partial messages across the outage.
+                            self.previous_counts = self.previous_counts + self.decoder.counts();
+                            self.decoder = (self.make_decoder)()?;
                         }
-                        self.decoder.push(bytes, found);
+                        self.decoder.push(bytes, measurements);
                     }
                 }
-                Step::Given { after_absence }
+                ReadOutcome::Data { after_outage }
             }
-            Taken::Nothing => Step::Nothing,
-            Taken::End if !self.has_ended && self.text.is_some() => {
+            Received::NoData => ReadOutcome::NoData,
+            Received::End if !self.has_ended && self.text.is_some() => {
                 self.has_ended = true;
-                self.decoder.push(LINE_END, found);
-                Step::Given { after_absence: false }
+                self.decoder.push(LINE_END, measurements);
+                ReadOutcome::Data { after_outage: false }
             }
-            Taken::End => Step::End,
+            Received::End => ReadOutcome::End,
         };
-        self.measurements += (found.len() - before) as u64;
-        Ok(step)
+        self.measurements += (measurements.len() - first) as u64;
+        Ok(outcome)
     }
 
-    fn report(&self) -> Report {
-        Report {
-            place: self.line.port().to_string(),
+    fn report(&self) -> DeviceReport {
+        DeviceReport {
+            port: self.port.port().to_string(),
             format: self.format,
-            absence: self.line.absence().cloned(),
+            failure: self.port.failure().cloned(),
             bytes: self.bytes,
             counts: self.counts(),
             measurements: self.measurements,
-            strangers: self.line.strangers(),
+            foreign_datagrams: self.port.foreign_datagrams(),
         }
     }
 }

@@ -1,49 +1,53 @@
-//! The slot `fuser`: from `gyro` and `accel`, joined by tick, with `mag` and `gnss` where a tick has them, to `fused`.
+//! Slot `fuser`: fuses `gyro` and `accel`, joined by tick, with `mag` and `gnss` at the ticks that
+//! carry them.
 //!
-//! Input: the motion and the point of each tick, a field and a fix of some. Output: one attitude for each tick. Time: the samples' own. Failure: what is
-//! missing or cannot be used is left out and flagged; over a gap longer than the gyro bridges the level is set anew.
+//! - Input: motion and up direction of each tick; magnetic field and satellite fix of some ticks.
+//! - Output: one attitude per tick, on the topic `fused`.
+//! - Time: timestamps of the samples.
+//! - Failure: missing and unusable input is left out and flagged. A gap longer than
+//!   [`MAX_BRIDGED_GAP_S`] resets the level.
 #![forbid(unsafe_code)]
 
 use attitude::{
     accel::Inclination,
     fuser::{Fused, Fuser, FuserInput, FuserStage, innovation_rad},
     gyro::Motion,
+    rotation::Rotation,
     state::Attitude,
-    turn::Turn,
 };
 use host::AnyStage;
 use launch::Service;
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, Header, MagSample, Ticked};
 use runtime::{
-    BRIDGE_S, Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
-    join::QUEUE_MAX,
-    lanes,
-    quantities::{self, chart_of, course_reference_of, finite, pair},
-    serve,
-    stage::{self, Filled},
-    state_words::Words,
+    Join, Joined, MAX_BRIDGED_GAP_S, RuntimeError, Sequence, ServiceConfig, ServiceContext, Slot,
+    convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
+    join::MAX_QUEUED,
+    join_inputs, serve,
+    stage::{self, ResettingStage},
+    state_words::StateWords,
 };
 
-/// A time without a rate after which the attitude may be anywhere, s.
-const BLIND_S: f64 = 0.2;
-/// A distance between the accelerometer's up and the attitude's that noise and manoeuvres of a vehicle do not make, rad: 5°.
-const ASTRAY_RAD: f64 = 0.087;
+/// Longest rate outage after which the attitude is still trusted, s.
+const RATE_OUTAGE_LIMIT_S: f64 = 0.2;
+/// Minimum tilt error that causes a realignment after an outage, rad (5°). Noise and vehicle
+/// manoeuvres stay below it.
+const REALIGN_TILT_RAD: f64 = 0.087;
 
-/// A rate that no bias of a gyro is, rad/s: 2 °/s.
-const TURN_RAD_S: f64 = 0.035;
+/// Rate above which the body certainly rotates, rad/s (2 °/s). No gyro bias is that large.
+const MIN_ROTATION_RATE_RAD_S: f64 = 0.035;
 
-/// What the slot reads.
+/// Message of an input of the slot.
 #[derive(Debug, Clone, Copy)]
 pub enum FuserMessage {
-    /// Of the topic `gyro`.
+    /// Message of the topic `gyro`.
     Gyro(GyroStep),
-    /// Of the topic `accel`.
+    /// Message of the topic `accel`.
     Accel(AccelPoint),
-    /// Of the topic `mag`.
+    /// Message of the topic `mag`.
     Mag(MagSample),
-    /// Of the topic `gnss`.
+    /// Message of the topic `gnss`.
     Gnss(GnssFix),
-    /// Of the topic `control`.
+    /// Message of the topic `control`.
     Control(Control),
 }
 
@@ -77,51 +81,59 @@ impl From<GnssFix> for FuserMessage {
     }
 }
 
-lanes! {
-    /// What the slot joins, in the order in which it is read.
+join_inputs! {
+    /// Inputs of the join, in the order of the slot's inputs.
     Inputs => Tick { gyro: GyroStep, accel: AccelPoint, mag: MagSample, gnss: GnssFix, }
 }
 
-/// The slot.
+/// Slot `fuser`.
 #[derive(Debug)]
 pub struct FuserSlot {
     join: Join<Inputs>,
-    filled: Filled<AnyStage<Fuser>>,
-    gyro_before: Option<(Attitude, i64)>,
+    stage: ResettingStage<AnyStage<Fuser>>,
+    previous_gyro: Option<(Attitude, i64)>,
     aligned: bool,
     reset_counter: u64,
-    /// For how long the rate was not one, s.
-    blind_s: f64,
+    /// Duration of the current rate outage, s.
+    rate_outage_s: f64,
     attitude: Attitude,
     force_m_s2: [f64; 3],
-    /// The body has turned since the force last changed.
-    turned: bool,
+    /// Set if the body has rotated since the force last changed.
+    has_rotated: bool,
 }
 
-/// The slot with the stage that `config` names.
+/// Creates the slot with the stage that `config` names.
+///
+/// # Errors
+///
+/// Fails if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
-    let mut stage = stage::chosen(Service::Fuser, &config.launch, Fuser::named)?;
-    if let Some(Err(error)) = config.prior.map(|prior| stage.begin_with(&prior.estimate())) {
-        eprintln!("the service fuser begins without what an earlier run has found: {error}");
+    let mut stage = stage::build_stage(Service::Fuser, &config.launch, Fuser::from_name)?;
+    if let Some(Err(error)) = config.prior.map(|prior| stage.seed_sensor_errors(&prior.estimate())) {
+        eprintln!("service fuser: sensor errors of an earlier run ignored: {error}");
     }
     Ok(FuserSlot {
         join: Join::new(Inputs::default(), config.lateness_ticks()),
-        filled: Filled::new(stage),
-        gyro_before: None,
+        stage: ResettingStage::new(stage),
+        previous_gyro: None,
         aligned: false,
         reset_counter: 0,
-        blind_s: 0.0,
+        rate_outage_s: 0.0,
         attitude: Attitude::default(),
         force_m_s2: [0.0; 3],
-        turned: false,
+        has_rotated: false,
     })
 }
 
-/// The service.
+/// Runs the service until it is asked to stop.
+///
+/// # Errors
+///
+/// Fails if the configuration is invalid, or if the bus or the stage fails.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Fuser)?;
     let slot = slot(&context.config)?;
-    let (gyro, accel) = (context.reader::<GyroStep>()?, context.reader::<AccelPoint>()?);
+    let (gyro, accel) = (context.ordered_subscriber::<GyroStep>()?, context.ordered_subscriber::<AccelPoint>()?);
     let (mag, gnss) = (context.subscriber::<MagSample>()?, context.subscriber::<GnssFix>()?);
     let control = context.control()?;
     serve(context, slot, &[&gyro, &accel, &mag, &gnss, &control])
@@ -140,7 +152,7 @@ impl Slot for FuserSlot {
             FuserMessage::Gnss(message) => self.join.offer(|inputs| Some(&mut inputs.gnss), message),
             FuserMessage::Control(message) => self.on_control(&message),
         }
-        while let Some(tick) = self.join.take() {
+        while let Some(tick) = self.join.next() {
             if let Some(state) = self.fuse(&tick) {
                 publish(state);
             }
@@ -151,55 +163,55 @@ impl Slot for FuserSlot {
         self.join.sequence()
     }
 
-    fn lacks(&self) -> usize {
-        self.join.lacks()
+    fn awaited_input(&self) -> usize {
+        self.join.awaited_input()
     }
 
     fn failure(&self) -> Option<String> {
-        self.filled.failure()
+        self.stage.failure()
     }
 
     fn stage(&self) -> &AnyStage<Fuser> {
-        &self.filled.stage
+        &self.stage.stage
     }
 
     fn stage_mut(&mut self) -> &mut AnyStage<Fuser> {
-        &mut self.filled.stage
+        &mut self.stage.stage
     }
 
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         self.join.sequence_mut().visit(visit);
-        self.gyro_before.visit(visit);
+        self.previous_gyro.visit(visit);
         self.aligned.visit(visit);
         self.reset_counter.visit(visit);
-        self.blind_s.visit(visit);
+        self.rate_outage_s.visit(visit);
         self.attitude.visit(visit);
         self.force_m_s2.visit(visit);
-        self.turned.visit(visit);
+        self.has_rotated.visit(visit);
     }
 
-    fn own_flaw(&self) -> Option<&'static str> {
-        let before = self.gyro_before.map_or(Attitude::default(), |(attitude, _)| attitude);
-        let attitudes = [self.attitude, before].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
-        (!attitudes || !self.blind_s.is_finite()).then_some("a number that is not finite")
+    fn validation_error(&self) -> Option<&'static str> {
+        let previous = self.previous_gyro.map_or(Attitude::default(), |(attitude, _)| attitude);
+        let are_finite = [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
+        (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
     }
 
-    fn has_begun(&self) -> bool {
+    fn is_initialised(&self) -> bool {
         self.aligned
     }
 
-    fn expect_until(&mut self, tick: u64) {
-        self.join.expect_until(tick, QUEUE_MAX as u64);
+    fn expect_backlog(&mut self, tick: u64) {
+        self.join.expect_backlog(tick, MAX_QUEUED as u64);
     }
 }
 
 impl FuserSlot {
-    /// A slot that nobody owns any more is not waited for, until somebody owns it again.
+    /// Stops waiting for the input of a slot without an owner, until the slot has an owner again.
     fn on_control(&mut self, control: &Control) {
         let absent_from = if control.owner == 0 { control.from_tick } else { u64::MAX };
-        match Service::at(control.service) {
-            Some(Service::Gyro) => self.join.lanes_mut().gyro.is_absent_from(absent_from),
-            Some(Service::Accel) => self.join.lanes_mut().accel.is_absent_from(absent_from),
+        match Service::from_index(control.service) {
+            Some(Service::Gyro) => self.join.inputs_mut().gyro.set_absent_from(absent_from),
+            Some(Service::Accel) => self.join.inputs_mut().accel.set_absent_from(absent_from),
             Some(
                 Service::Ingest
                 | Service::Fuser
@@ -213,9 +225,9 @@ impl FuserSlot {
     }
 
     fn fuse(&mut self, joined: &Joined<Tick>) -> Option<FusedState> {
-        let Tick { gyro, accel, mag, gnss } = &joined.parts;
+        let Tick { gyro, accel, mag, gnss } = &joined.messages;
         let origin = gyro.as_ref().map(Ticked::header).or(accel.as_ref().map(Ticked::header))?;
-        let mut header = self.join.sequence().mark(*origin, joined.missing);
+        let mut header = self.join.sequence().mark_header(*origin, joined.missing);
         if let Some(accel) = accel {
             header.flags |= accel.header.flags;
         }
@@ -224,13 +236,13 @@ impl FuserSlot {
         header.flags |= Flags::GYRO_MISSING.when(motion.is_none()) | Flags::ACCEL_MISSING.when(accel.is_none());
         let over_gap =
             header.flags.any(Flags::GAP | Flags::LOST_BEFORE) && motion.is_some_and(|motion| motion.dt_s == 0.0);
-        if over_gap || self.is_astray(&header, inclination.as_ref()) {
-            self.filled.stage.realign();
+        if over_gap || self.needs_realignment(&header, inclination.as_ref()) {
+            self.stage.stage.realign();
         }
         let suspect = Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::FORCE_INVALID | Flags::FORCE_STUCK;
         let rest_credible = !header.flags.any(suspect);
-        let rate_credible = !is_blind(&header);
-        let (field_ut, fix) = (mag.as_ref().and_then(quantities::field_ut), gnss.as_ref().and_then(quantities::fix));
+        let rate_credible = !is_rate_unusable(&header);
+        let (field_ut, fix) = (mag.as_ref().and_then(convert::field_ut), gnss.as_ref().and_then(convert::fix));
         let missing =
             header.flags.any(Flags::FIELD) && field_ut.is_none() || header.flags.any(Flags::FIX) && fix.is_none();
         header.flags |= Flags::AIDING_MISSING.when(missing);
@@ -238,48 +250,52 @@ impl FuserSlot {
         let fused = self.step(&input, &mut header)?;
         Some(FusedState {
             header,
-            w: pair(fused.attitude.up.w),
+            w: complex_to_payload(fused.attitude.up.w),
             z_rad: fused.attitude.z_rad,
-            chart: chart_of(fused.attitude.up.chart),
+            chart: chart_to_payload(fused.attitude.up.chart),
             rate_rad_s: fused.rate_rad_s.into(),
             bias_rad_s: fused.bias_rad_s.into(),
             innovation_rad: fused.innovation_rad,
             inclination_sd_rad: fused.inclination_sd_rad,
             heading_sd_rad: fused.heading_sd_rad,
-            course_reference: course_reference_of(fused.reference),
+            course_reference: course_reference_to_payload(fused.reference),
             reset_counter: self.reset_counter,
         })
     }
 
-    /// The inclination of a point, unless its flags say that it is not one.
+    /// Returns the inclination of an accelerometer message, or `None` if its flags make it
+    /// unusable.
     fn inclination(&mut self, accel: &AccelPoint, motion: Option<&Motion>, flags: Flags) -> Option<Inclination> {
-        // A body at rest repeats its force; one that turns and repeats it has a dead accelerometer.
-        let turns = motion.is_some_and(|motion| motion.rate_rad_s.norm() > TURN_RAD_S);
-        self.turned = turns || (self.turned && accel.force_m_s2 == self.force_m_s2);
+        // A body at rest repeats its force. A repeated force during a rotation means a dead
+        // accelerometer.
+        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
+        self.has_rotated = is_rotating || (self.has_rotated && accel.force_m_s2 == self.force_m_s2);
         self.force_m_s2 = accel.force_m_s2;
-        let dead = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK) && self.turned;
-        if dead || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
+        let is_dead = flags.any(Flags::FORCE_STUCK) && !flags.any(Flags::RATE_STUCK) && self.has_rotated;
+        if is_dead || flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL) {
             return None;
         }
-        let force_m_s2 = finite(accel.force_m_s2)?;
-        Some(Inclination { up: quantities::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
+        let force_m_s2 = finite_vector(accel.force_m_s2)?;
+        Some(Inclination { up: convert::up(accel)?, force_m_s2, norm_m_s2: accel.norm_m_s2, trust: accel.trust })
     }
 
-    /// The gyro is back after a time without a rate, or after a gap, and the body has turned away from what the attitude followed.
-    fn is_astray(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
-        if is_blind(header) {
-            self.blind_s += header.dt_s();
+    /// Returns `true` at the first usable rate after an outage or gap if the tilt error is too
+    /// large.
+    fn needs_realignment(&mut self, header: &Header, inclination: Option<&Inclination>) -> bool {
+        if is_rate_unusable(header) {
+            self.rate_outage_s += header.dt_s();
             return false;
         }
-        let blind_s = std::mem::take(&mut self.blind_s).max(header.dt_s());
-        inclination
-            .is_some_and(|inclination| blind_s > BLIND_S && innovation_rad(inclination, self.attitude) > ASTRAY_RAD)
+        let outage_s = std::mem::take(&mut self.rate_outage_s).max(header.dt_s());
+        inclination.is_some_and(|inclination| {
+            outage_s > RATE_OUTAGE_LIMIT_S && innovation_rad(inclination, self.attitude) > REALIGN_TILT_RAD
+        })
     }
 
-    /// One step of the stage; `None` where it cannot go on.
+    /// Steps the stage and sets the flags of its output; returns `None` once the stage has failed.
     fn step(&mut self, input: &FuserInput, header: &mut Header) -> Option<Fused> {
-        let (fused, anew) = self.filled.step(input)?;
-        header.flags |= Flags::RESET.when(anew);
+        let (fused, is_reset) = self.stage.step(input)?;
+        header.flags |= Flags::RESET.when(is_reset);
         self.attitude = fused.attitude;
         let aligned_now = fused.corrections.aligned;
         self.reset_counter += u64::from(self.aligned && (aligned_now || header.flags.any(Flags::RESET)));
@@ -291,26 +307,28 @@ impl FuserSlot {
         Some(fused)
     }
 
-    /// The motion since the last tick that was fused. Where ticks are missing on the way here, the gyro's own attitude still knows
-    /// how far the body turned.
+    /// Returns the motion since the last fused tick.
+    ///
+    /// If ticks are missing in between, the rotation is that between the gyro's open-loop
+    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`] it is the identity, with `dt_s` 0.
     fn motion(&mut self, gyro: &GyroStep) -> Option<Motion> {
         let header = gyro.header;
-        let mut motion = quantities::motion(gyro, header.dt_s())?;
-        let before = self.gyro_before.replace((motion.attitude, header.t_end_ns));
-        if let Some((attitude, t_end_ns)) = before.filter(|(_, t_end_ns)| *t_end_ns != header.t_start_ns) {
-            motion.turn = Turn::between(attitude, motion.attitude);
+        let mut motion = convert::motion(gyro, header.dt_s())?;
+        let previous = self.previous_gyro.replace((motion.attitude, header.t_end_ns));
+        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != header.t_start_ns) {
+            motion.rotation = Rotation::between(attitude, motion.attitude);
             motion.dt_s = (header.t_end_ns - t_end_ns) as f64 * 1e-9;
         }
-        if motion.dt_s > BRIDGE_S {
+        if motion.dt_s > MAX_BRIDGED_GAP_S {
             motion.dt_s = 0.0;
-            motion.turn = Turn::NONE;
+            motion.rotation = Rotation::IDENTITY;
         }
         Some(motion)
     }
 }
 
-/// The motion is not what the body did.
-fn is_blind(header: &Header) -> bool {
+/// Returns `true` if the rate of the tick is invalid, clipped, stuck or missing.
+fn is_rate_unusable(header: &Header) -> bool {
     header.flags.any(Flags::RATE_INVALID | Flags::RATE_CLIPPED | Flags::RATE_STUCK | Flags::GYRO_MISSING)
 }
 
@@ -331,19 +349,19 @@ mod tests {
             rate_hz,
             pace,
             role,
-            ticks_max: None,
+            max_ticks: None,
             incarnation: 1,
             epoch: 1,
             prior: None,
             resume: None,
-            readings: false,
+            publishes_readings: false,
             supervisor_pid: 0,
         };
         slot(&config).unwrap()
     }
 
     #[test]
-    fn the_slot_joins_the_inputs_that_the_graph_gives_it() {
+    fn fuser_joins_the_inputs_of_the_graph() {
         let mut joined = Inputs::TOPICS.to_vec();
         let mut inputs: Vec<_> = Service::Fuser.inputs().map(graph::Topic::name).collect();
         joined.sort_unstable();
@@ -352,10 +370,10 @@ mod tests {
     }
 
     #[test]
-    fn who_goes_on_from_a_stage_that_was_never_level_sets_the_level_itself() {
-        let nothing_yet = checkpoint::checkpoint(&mut slot_with("wz"), Service::Fuser, 1, false);
+    fn resume_from_unaligned_stage_aligns_the_new_stage() {
+        let unaligned = checkpoint::capture(&mut slot_with("wz"), Service::Fuser, 1, false);
         let mut other = slot_with("wz-closed");
-        checkpoint::resume(&mut other, Service::Fuser, &nothing_yet).unwrap();
+        checkpoint::resume(&mut other, Service::Fuser, &unaligned).unwrap();
         let mut level = AccelPoint { w: [0.3, 0.1], norm_m_s2: 9.8, trust: 1.0, ..bytemuck::Zeroable::zeroed() };
         level.force_m_s2 =
             attitude::point::Point { w: Complex::new(0.3, 0.1), ..Default::default() }.direction().into();

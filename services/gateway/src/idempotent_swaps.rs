@@ -1,7 +1,8 @@
-//! Requests for a swap: each is carried out once, and answered by its deadline.
+//! Swap requests: each is executed once and answered by its deadline.
 //!
-//! A request that comes again is answered as the first was. One that comes after its deadline, or under a decision that is no longer the
-//! last, is refused. The supervisor compares the decision itself, so nothing can come between.
+//! A repeated request gets the reply of the first one. A request after its deadline, or with an
+//! outdated epoch, is rejected. The supervisor checks the epoch itself, so that no other decision
+//! can intervene.
 
 use std::{
     collections::VecDeque,
@@ -11,129 +12,135 @@ use std::{
     time::Duration,
 };
 
-use control::{Outcome, SwapReport};
-use launch::Stage;
+use control::{SwapOutcome, SwapReport};
+use launch::StageConfig;
 use runtime::clock::monotonic_ns;
 use wire::v1::{SwapAnswer, SwapRequest, swap_answer};
 
 use crate::locked;
 
-/// Requests that are remembered.
-const REMEMBERED_MAX: usize = 256;
-/// Requests under way at once.
-const UNDER_WAY_MAX: usize = 4;
-/// A deadline may be so far ahead, ns.
-const AHEAD_MAX_NS: u64 = 60_000_000_000;
+/// Maximum number of remembered requests.
+const MAX_REMEMBERED: usize = 256;
+/// Maximum number of requests in progress.
+const MAX_IN_PROGRESS: usize = 4;
+/// Maximum time from now to a deadline, ns.
+const MAX_DEADLINE_AHEAD_NS: u64 = 60_000_000_000;
 
-/// So long before the deadline no tick is waited for any more, so that this can be answered, ms.
-const ANSWER_MS: u64 = 500;
+/// Time before the deadline at which the supervisor gives up waiting, so that the reply is in time,
+/// ms.
+const REPLY_MARGIN_MS: u64 = 500;
 
-/// How the supervisor is asked; the error is for people.
-pub type Asking = Box<dyn Fn(control::SwapRequest) -> Result<SwapReport, String> + Send + Sync>;
+/// Function that forwards a request to the supervisor. The error is a text for display.
+pub type SwapClient = Box<dyn Fn(control::SwapRequest) -> Result<SwapReport, String> + Send + Sync>;
 
-/// Where requests come in.
+/// Swap requests that are in progress or remembered.
 pub struct IdempotentSwaps {
-    asking: Asking,
+    client: SwapClient,
     state: Mutex<State>,
-    answered: Condvar,
+    replied: Condvar,
 }
 
 #[derive(Default)]
 struct State {
-    remembered: VecDeque<Remembered>,
-    asked: u64,
-    answered_here: u64,
+    requests: VecDeque<RequestEntry>,
+    forwarded: u64,
+    answered_locally: u64,
 }
 
-struct Remembered {
+struct RequestEntry {
     request: SwapRequest,
-    answer: Option<SwapAnswer>,
+    reply: Option<SwapAnswer>,
 }
 
 impl IdempotentSwaps {
-    /// Swaps that are passed on.
-    pub fn new(asking: Asking) -> Self {
-        Self { asking, state: Mutex::default(), answered: Condvar::new() }
+    /// Creates an empty set of requests that are forwarded through `client`.
+    pub fn new(client: SwapClient) -> Self {
+        Self { client, state: Mutex::default(), replied: Condvar::new() }
     }
 
-    /// Requests passed on, and those answered without.
+    /// Returns the number of requests forwarded to the supervisor, and of those answered without
+    /// it.
     pub fn counts(&self) -> [u64; 2] {
         let state = locked(&self.state);
-        [state.asked, state.answered_here]
+        [state.forwarded, state.answered_locally]
     }
 
-    /// Answers a request; waits no longer than its deadline.
-    pub fn answer(self: &Arc<Self>, request: SwapRequest) -> SwapAnswer {
-        match self.take(&request) {
+    /// Executes a request and returns the reply, waiting no longer than its deadline.
+    pub fn handle(self: &Arc<Self>, request: SwapRequest) -> SwapAnswer {
+        match self.register(&request) {
             Ok(true) => {
                 let (swaps, request) = (self.clone(), request.clone());
-                thread::spawn(move || swaps.carry_out(request));
+                thread::spawn(move || swaps.execute(request));
             }
             Ok(false) => {}
-            Err(reason) => return refused(&request, reason),
+            Err(reason) => return rejected(&request, reason),
         }
-        self.wait(&request)
+        self.wait_for_reply(&request)
     }
 
-    /// Remembers a new request: `true`. One that is known is not new; one that cannot be taken is refused with the reason.
-    fn take(&self, request: &SwapRequest) -> Result<bool, String> {
+    /// Registers a request. Returns `true` if it is new, `false` if it is a repetition.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the request is rejected.
+    fn register(&self, request: &SwapRequest) -> Result<bool, String> {
         let mut state = locked(&self.state);
-        state.answered_here += 1;
-        if let Some(known) = state.remembered.iter().find(|known| known.request.request_id == request.request_id) {
-            return if is_same(&known.request, request) {
+        state.answered_locally += 1;
+        if let Some(entry) = state.requests.iter().find(|entry| entry.request.request_id == request.request_id) {
+            return if is_repeat(&entry.request, request) {
                 Ok(false)
             } else {
-                Err(format!("the id {:?} was that of another request; choose a new one", request.request_id))
+                Err(format!("request_id {:?} was used for another request; choose a new one", request.request_id))
             };
         }
         let now_ns = monotonic_ns();
         if request.t_deadline_ns <= now_ns {
             let late_ms = (now_ns - request.t_deadline_ns) / 1_000_000;
-            return Err(format!("it came {late_ms} ms after its deadline; ask for `services`, and again"));
+            return Err(format!("request received {late_ms} ms after its deadline; query `services` and send a new request"));
         }
-        if request.t_deadline_ns - now_ns > AHEAD_MAX_NS {
+        if request.t_deadline_ns - now_ns > MAX_DEADLINE_AHEAD_NS {
             return Err(
-                "its deadline is more than a minute ahead; it counts on the board's clock, t_now_ns of `services`"
+                "t_deadline_ns is more than a minute ahead; derive it from t_now_ns of `services`, the board's clock"
                     .into(),
             );
         }
-        if state.remembered.iter().filter(|known| known.answer.is_none()).count() >= UNDER_WAY_MAX {
-            return Err("too many requests are under way; wait for an answer".into());
+        if state.requests.iter().filter(|entry| entry.reply.is_none()).count() >= MAX_IN_PROGRESS {
+            return Err(format!("{MAX_IN_PROGRESS} requests are in progress already; wait for a reply"));
         }
-        if state.remembered.len() >= REMEMBERED_MAX
-            && let Some(oldest) = state.remembered.iter().position(|known| known.answer.is_some())
+        if state.requests.len() >= MAX_REMEMBERED
+            && let Some(oldest) = state.requests.iter().position(|entry| entry.reply.is_some())
         {
-            state.remembered.remove(oldest);
+            state.requests.remove(oldest);
         }
-        state.remembered.push_back(Remembered { request: request.clone(), answer: None });
-        (state.asked, state.answered_here) = (state.asked + 1, state.answered_here - 1);
+        state.requests.push_back(RequestEntry { request: request.clone(), reply: None });
+        (state.forwarded, state.answered_locally) = (state.forwarded + 1, state.answered_locally - 1);
         Ok(true)
     }
 
-    fn carry_out(&self, request: SwapRequest) {
-        let answer = match (self.asking)(wish(&request)) {
-            Ok(report) => answer(&request, report),
-            Err(cause) => refused(&request, cause),
+    fn execute(&self, request: SwapRequest) {
+        let reply = match (self.client)(to_supervisor(&request)) {
+            Ok(report) => to_reply(&request, report),
+            Err(cause) => rejected(&request, cause),
         };
         let mut state = locked(&self.state);
-        if let Some(known) = state.remembered.iter_mut().find(|known| known.request.request_id == request.request_id) {
-            known.answer = Some(answer);
+        if let Some(entry) = state.requests.iter_mut().find(|entry| entry.request.request_id == request.request_id) {
+            entry.reply = Some(reply);
         }
-        self.answered.notify_all();
+        self.replied.notify_all();
     }
 
-    fn wait(&self, request: &SwapRequest) -> SwapAnswer {
+    fn wait_for_reply(&self, request: &SwapRequest) -> SwapAnswer {
         let find = |state: &State| {
-            let known = state.remembered.iter().find(|known| known.request.request_id == request.request_id)?;
-            known.answer.clone()
+            let entry = state.requests.iter().find(|entry| entry.request.request_id == request.request_id)?;
+            entry.reply.clone()
         };
-        let limit = Duration::from_nanos(request.t_deadline_ns.saturating_sub(monotonic_ns()).min(AHEAD_MAX_NS));
-        let waited = self.answered.wait_timeout_while(locked(&self.state), limit, |state| find(state).is_none());
+        let timeout = Duration::from_nanos(request.t_deadline_ns.saturating_sub(monotonic_ns()).min(MAX_DEADLINE_AHEAD_NS));
+        let waited = self.replied.wait_timeout_while(locked(&self.state), timeout, |state| find(state).is_none());
         let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         find(&state).unwrap_or_else(|| SwapAnswer {
             outcome: swap_answer::Outcome::Unknown.into(),
-            reason: "the deadline passed first; ask for `services`, or the same again with a later deadline".into(),
-            ..refused(request, String::new())
+            reason: "the deadline passed before the swap ended; query `services`, or send the same request with a later deadline".into(),
+            ..rejected(request, String::new())
         })
     }
 }
@@ -144,30 +151,30 @@ impl fmt::Debug for IdempotentSwaps {
     }
 }
 
-/// The same but for how long one is willing to wait.
-fn is_same(one: &SwapRequest, other: &SwapRequest) -> bool {
-    SwapRequest { t_deadline_ns: 0, ..one.clone() } == SwapRequest { t_deadline_ns: 0, ..other.clone() }
+/// Returns `true` if the requests differ in their deadlines at most.
+fn is_repeat(first: &SwapRequest, second: &SwapRequest) -> bool {
+    SwapRequest { t_deadline_ns: 0, ..first.clone() } == SwapRequest { t_deadline_ns: 0, ..second.clone() }
 }
 
-fn wish(request: &SwapRequest) -> control::SwapRequest {
+fn to_supervisor(request: &SwapRequest) -> control::SwapRequest {
     let SwapRequest { slot, stage, set, expected_epoch, .. } = request.clone();
-    let left_ms = request.t_deadline_ns.saturating_sub(monotonic_ns()) / 1_000_000;
-    let limit_ms = Some(left_ms.saturating_sub(ANSWER_MS));
+    let remaining_ms = request.t_deadline_ns.saturating_sub(monotonic_ns()) / 1_000_000;
+    let timeout_ms = Some(remaining_ms.saturating_sub(REPLY_MARGIN_MS));
     control::SwapRequest {
         slot,
-        stage: Stage { stage, set },
+        stage: StageConfig { stage, set },
         shadow: false,
         expected_epoch: Some(expected_epoch),
-        limit_ms,
+        timeout_ms,
     }
 }
 
-fn answer(request: &SwapRequest, report: SwapReport) -> SwapAnswer {
+fn to_reply(request: &SwapRequest, report: SwapReport) -> SwapAnswer {
     let SwapReport { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = report;
     let outcome = match outcome {
-        Outcome::Committed => swap_answer::Outcome::Committed,
-        Outcome::Refused => swap_answer::Outcome::Refused,
-        Outcome::Aborted => swap_answer::Outcome::Aborted,
+        SwapOutcome::Committed => swap_answer::Outcome::Committed,
+        SwapOutcome::Refused => swap_answer::Outcome::Refused,
+        SwapOutcome::Aborted => swap_answer::Outcome::Aborted,
     };
     SwapAnswer {
         request_id: request.request_id.clone(),
@@ -184,7 +191,7 @@ fn answer(request: &SwapRequest, report: SwapReport) -> SwapAnswer {
     }
 }
 
-fn refused(request: &SwapRequest, reason: String) -> SwapAnswer {
+fn rejected(request: &SwapRequest, reason: String) -> SwapAnswer {
     SwapAnswer {
         request_id: request.request_id.clone(),
         outcome: swap_answer::Outcome::Refused.into(),

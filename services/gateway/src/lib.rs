@@ -1,33 +1,40 @@
-//! The gateway: what goes beyond the board, and what comes from there.
+//! Gateway between the bus and the network: telemetry, queries and swap requests.
 //!
-//! Input: the topics of the bus, and questions from the network. Output: protobuf under the keys of [`wire::keys`], and answers. Time:
-//! the clock or the ticks of a slow path say when it looks at the bus; nobody waits for it. Failure: what the network does not
-//! take is dropped, oldest first, and counted; a network that is dead, slow or blocked is not noticed on board.
+//! Input: the topics of the bus, and queries from the network.
 //!
-//! Two threads: one looks at the bus, puts what is to go out into a queue that has an end, and takes it to the network; while the other
-//! is at the network, with signs of life or a report, it takes along what is in the queue. Each question has a thread of its own, up to a
-//! limit.
+//! Output: protobuf messages under the keys of [`wire::keys`], and replies.
 //!
-//! | module | what it holds |
+//! Time: the bus is polled on a timer, or on each tick if ticks are slow enough. No service waits
+//! for the gateway.
+//!
+//! Failure: messages that the network does not accept are dropped, oldest first, and counted. A
+//! dead, slow or blocked network does not affect the board.
+//!
+//! The main thread polls the bus, pushes batches into a bounded queue and sends them. While the
+//! network thread is busy with liveliness tokens or a report, it sends the queued batches instead.
+//! Each query has its own thread, up to a limit.
+//!
+//! | module | contents |
 //! | --- | --- |
-//! | `tap` | a topic of the bus, thinned out to its rate |
-//! | `pace` | when to look at the bus again |
-//! | `queue` | between bus and network; newest wins |
-//! | `sender` | to the network, each message in its envelope |
-//! | `answers` | last values, schema, services |
-//! | `worker_pool` | who answers, so that the network waits for no reader |
-//! | `memory` | how much memory it may take |
-//! | `idempotent_swaps` | requests for a swap, each carried out once |
-//! | [`split`] | one system on several hosts: ticks from one gateway to another |
+//! | `tap` | reads a topic of the bus, reduced to its rate |
+//! | [`decimator`] | selection of samples to meet a rate |
+//! | `poll_timer` | schedule of polling the bus |
+//! | [`queue`] | bounded queue between bus and network, which drops the oldest |
+//! | `network_publisher` | publishes messages in envelopes, liveliness tokens and the report |
+//! | `queries` | replies to queries: last messages, schema, services, swaps |
+//! | `worker_pool` | threads that reply, so that the network never waits for a client |
+//! | `memory_limit` | limit of the gateway's memory |
+//! | [`idempotent_swaps`] | swap requests, each executed once |
+//! | [`split`] | split systems: ticks from one gateway to another |
 #![forbid(unsafe_code)]
 
-mod answers;
 pub mod decimator;
 pub mod idempotent_swaps;
-mod memory;
-mod pace;
+mod memory_limit;
+mod network_publisher;
+mod poll_timer;
+mod queries;
 pub mod queue;
-mod sender;
 pub mod split;
 mod tap;
 mod worker_pool;
@@ -48,162 +55,168 @@ use keys::access::AccessList;
 use launch::{Launch, Service};
 use link::LinkError;
 use messages::{Health, State};
-use runtime::{RuntimeError, ServiceContext, service_config::BUFFER_BESIDE};
-use wire::Refusals;
+use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
+use wire::DecodeErrorCounts;
 
 use crate::{
     idempotent_swaps::IdempotentSwaps,
-    memory::Memory,
-    pace::Pace,
+    memory_limit::MemoryLimit,
+    network_publisher::NetworkPublisher,
+    poll_timer::PollTimer,
     queue::Queue,
-    sender::Sender,
-    split::{End, Split},
+    split::{BusSide, NetworkSide},
     tap::Taps,
 };
 
-/// Messages between bus and network: a second and more of every topic.
-const QUEUE_MAX: usize = 512;
-/// How much more than the services of the path the gateway lets others have the machine.
+/// Capacity of the queue between bus and network: more than a second of every topic.
+const MAX_QUEUED_BATCHES: usize = 512;
+/// Niceness of the gateway. Services of the data path keep the default priority.
 const NICENESS: i32 = 5;
-/// How long the supervisor is sought for, to be told where the gateway listens.
-const DOOR_LIMIT: Duration = Duration::from_secs(30);
-/// How often one's own certificates are looked at.
+/// Time for which a request to the supervisor is retried.
+const SUPERVISOR_CONNECT_TIMEOUT: Duration = Duration::from_secs(30);
+/// Interval between checks of the gateway's own certificates.
 const CERTIFICATES_INTERVAL: Duration = Duration::from_secs(60);
-/// A service that has said nothing for so long does not live.
-const ALIVE_LIMIT: Duration = Duration::from_millis(1000);
+/// Time without a health message after which a service no longer counts as live.
+const HEALTH_TIMEOUT: Duration = Duration::from_millis(1000);
 
-/// Why the gateway ended.
+/// Reason for the end of the gateway.
 #[derive(Debug, thiserror::Error)]
 pub enum GatewayError {
-    /// The system could not be joined.
+    /// The system cannot be joined.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
-    /// The bus failed.
+    /// Access to the bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// The network could not be opened.
+    /// The network cannot be opened, or a declaration failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// It has taken too much memory.
+    /// The process exceeds its memory limit.
     #[error(
-        "keeping what comes from the network: {has_mib} MiB, and {limit_mib} MiB is the limit; somebody sends or asks for too much. It begins anew, and whoever is connected connects again"
+        "memory limit exceeded: {used_mib} MiB used, {limit_mib} MiB allowed; a client sends or requests too much; the gateway restarts and clients reconnect"
     )]
     Memory {
-        /// What it has, MiB.
-        has_mib: u64,
-        /// What it may have, MiB.
+        /// Memory used, MiB.
+        used_mib: u64,
+        /// Limit, MiB.
         limit_mib: u64,
     },
-    /// A thread ended that was not to.
-    #[error("sending to the network: the thread ended by itself")]
-    Sender,
+    /// The network thread panicked.
+    #[error("network thread terminated unexpectedly")]
+    NetworkThread,
 }
 
-/// What both threads know.
+/// State shared by the threads of the gateway.
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub(crate) system: String,
     pub(crate) vehicle: String,
     pub(crate) queue: Queue,
     pub(crate) swaps: Arc<IdempotentSwaps>,
-    /// Messages from outside that were none.
-    pub(crate) refusals: Mutex<Refusals>,
-    /// Questions beyond those that were being seen to.
-    pub(crate) turned_away: Arc<AtomicU64>,
-    /// When each service was heard last.
-    heard: Mutex<[Option<Instant>; Service::ALL.len()]>,
-    /// Samples dropped in all, for the health.
+    /// Counts of invalid messages from the network.
+    pub(crate) decode_errors: Mutex<DecodeErrorCounts>,
+    /// Number of queries rejected because too many were in progress.
+    pub(crate) rejected_queries: Arc<AtomicU64>,
+    /// Time of the last health message of each service.
+    last_health: Mutex<[Option<Instant>; Service::ALL.len()]>,
+    /// Total number of samples dropped, as reported in the health.
     pub(crate) dropped: AtomicU64,
-    ends: AtomicBool,
+    stopping: AtomicBool,
 }
 
 impl Shared {
-    pub(crate) fn ends(&self) -> bool {
-        self.ends.load(Ordering::SeqCst)
+    pub(crate) fn is_stopping(&self) -> bool {
+        self.stopping.load(Ordering::SeqCst)
     }
 
-    /// The services that live.
-    pub(crate) fn living(&self) -> Vec<Service> {
-        let heard = locked(&self.heard);
-        let lives = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < ALIVE_LIMIT);
-        Service::ALL.into_iter().zip(heard.iter()).filter(|(_, at)| lives(at)).map(|(service, _)| service).collect()
+    /// Returns the services that published their health recently.
+    pub(crate) fn live_services(&self) -> Vec<Service> {
+        let last_health = locked(&self.last_health);
+        let is_live = |at: &Option<Instant>| at.is_some_and(|at| at.elapsed() < HEALTH_TIMEOUT);
+        Service::ALL.into_iter().zip(last_health.iter()).filter(|(_, at)| is_live(at)).map(|(service, _)| service).collect()
     }
 
     fn on_health(&self, health: &Health) {
-        if let Some(at) = locked(&self.heard).get_mut(health.service as usize) {
+        if let Some(at) = locked(&self.last_health).get_mut(health.service as usize) {
             *at = Some(Instant::now());
         }
     }
 }
 
-/// The network's end of the queue, once the network is open: of whoever has something to send.
-type Sending = Arc<OnceLock<Mutex<Sender>>>;
+/// Publisher that both threads use, set once the network is open.
+type SharedPublisher = Arc<OnceLock<Mutex<NetworkPublisher>>>;
 
-/// What another thread left, even if it panicked: there are only counts and queues in it.
+/// Locks a mutex, even if a thread panicked while holding it. The contents are counts and queues,
+/// which stay usable.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The service.
+/// Runs the gateway service until the system stops.
+///
+/// # Errors
+///
+/// Returns an error if the system cannot be joined, the bus or the network fails, or the memory
+/// limit is exceeded.
 pub fn run() -> Result<(), GatewayError> {
     let mut context = ServiceContext::join(Service::Gateway)?;
     let launch = context.config.launch.clone();
     let is_split = launch.gateway.is_split();
     if !is_split {
-        // A machine that has too little for everybody has it for the data path. Where that cannot be had it is not needed.
+        // On an overloaded machine the data path takes precedence. A failure is harmless.
         let _ = rustix::process::nice(NICENESS);
     }
     let mut taps = Taps::open(&context)?;
-    let health = context.bus.subscriber::<Health>(BUFFER_BESIDE)?;
+    let health = context.bus.subscriber::<Health>(CONTROL_BUFFER)?;
     let shared = Arc::new(Shared {
         system: launch.name.clone(),
         vehicle: launch.gateway.vehicle.clone().unwrap_or_else(|| launch.name.clone()),
-        queue: Queue::new(QUEUE_MAX, Topic::ALL.len()),
-        swaps: Arc::new(IdempotentSwaps::new(ask_for_swap(launch.name.clone()))),
-        refusals: Mutex::default(),
-        turned_away: Arc::default(),
-        heard: Mutex::default(),
+        queue: Queue::new(MAX_QUEUED_BATCHES, Topic::ALL.len()),
+        swaps: Arc::new(IdempotentSwaps::new(swap_client(launch.name.clone()))),
+        decode_errors: Mutex::default(),
+        rejected_queries: Arc::default(),
+        last_health: Mutex::default(),
         dropped: AtomicU64::new(0),
-        ends: AtomicBool::new(false),
+        stopping: AtomicBool::new(false),
     });
-    let mut split = Split::open(&context, &shared)?;
-    let sending = Sending::default();
+    let mut split = BusSide::open(&context, &shared)?;
+    let publisher = SharedPublisher::default();
     let network = thread::spawn({
-        let (shared, end, start_ns) = (shared.clone(), split.end(), runtime::clock::monotonic_ns());
-        let sending = sending.clone();
-        move || send(&shared, &sending, &end, &launch, start_ns)
+        let (shared, network_side, start_ns) = (shared.clone(), split.network_side(), runtime::clock::monotonic_ns());
+        let publisher = publisher.clone();
+        move || run_network(&shared, &publisher, &network_side, &launch, start_ns)
     });
-    let mut pace = Pace::of(&context.config);
-    let mut memory = Memory::new(is_split);
-    while !context.ends() && !network.is_finished() {
+    let mut timer = PollTimer::new(&context.config);
+    let mut memory = MemoryLimit::new(is_split);
+    while !context.should_stop() && !network.is_finished() {
         memory.check()?;
-        taps.look(&shared.queue)?;
-        match sending.get().map(Mutex::try_lock) {
-            Some(Ok(mut sender)) => sender.empty(),
+        taps.poll(&shared.queue)?;
+        match publisher.get().map(Mutex::try_lock) {
+            Some(Ok(mut publisher)) => publisher.send_queued(),
             _ => shared.queue.wake(),
         }
-        health.drain(BUFFER_BESIDE * Service::ALL.len(), |health| shared.on_health(&health))?;
+        health.drain(CONTROL_BUFFER * Service::ALL.len(), |health| shared.on_health(&health))?;
         split.poll(&context)?;
         let (ticks, lost) =
             split.ticks_and_lost().unwrap_or_else(|| (taps.samples(), shared.dropped.load(Ordering::Relaxed)));
-        let refused = locked(&shared.refusals).total() + shared.turned_away.load(Ordering::Relaxed);
+        let refused = locked(&shared.decode_errors).total() + shared.rejected_queries.load(Ordering::Relaxed);
         let state = if split.is_finished() { State::FINISHED } else { State::RUNNING };
         context.publish_health(state, |health| (health.ticks, health.lost, health.refused) = (ticks, lost, refused))?;
-        pace.rest(|limit| split.wait(&taps, limit));
+        timer.wait(|limit| split.wait(&taps, limit));
     }
     if let Some((ticks, lost)) = split.ticks_and_lost() {
         split.poll(&context)?;
-        context.publish_last_health(|health| (health.ticks, health.lost) = (ticks, lost))?;
+        context.publish_final_health(|health| (health.ticks, health.lost) = (ticks, lost))?;
     }
-    shared.ends.store(true, Ordering::SeqCst);
-    network.join().unwrap_or(Err(GatewayError::Sender))
+    shared.stopping.store(true, Ordering::SeqCst);
+    network.join().unwrap_or(Err(GatewayError::NetworkThread))
 }
 
-/// The network's side, to the end.
-fn send(
+/// Runs the network thread until the gateway stops.
+fn run_network(
     shared: &Arc<Shared>,
-    sending: &Sending,
-    end: &End,
+    publisher: &SharedPublisher,
+    network_side: &NetworkSide,
     launch: &Launch,
     start_ns: u64,
 ) -> Result<(), GatewayError> {
@@ -214,53 +227,53 @@ fn send(
         connect: gateway.connect.clone(),
         tls,
         access: gateway.access.clone(),
-        plain: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
+        plain_access: Some(AccessList::of_gateway(&shared.vehicle, !gateway.export.is_empty(), gateway.access.is_none())),
         client: false,
     };
     let endpoints = endpoints.with_free_ports()?;
     let link = link::Link::open(&endpoints)?;
     let at = endpoints.listen.join(" ");
-    notify_supervisor(shared.clone(), ControlRequest::At { service: Service::Gateway.name().into(), at });
-    let carrying = end.carry(&link, &endpoints, shared)?;
-    let sender = Sender::open(&link, shared.clone(), launch, start_ns)?;
-    let _answering = answers::open(&link, shared, sender.last())?;
-    let sender = sending.get_or_init(|| Mutex::new(sender));
-    let (mut checked, mut flaw) = (None::<Instant>, None);
-    while !shared.ends() {
-        shared.queue.wait(sender::TURN_LIMIT);
-        locked(sender).poll()?;
+    notify_supervisor(shared.clone(), ControlRequest::Address { service: Service::Gateway.name().into(), address: at });
+    let split_thread = network_side.spawn(&link, &endpoints, shared)?;
+    let network_publisher = NetworkPublisher::open(&link, shared.clone(), launch, start_ns)?;
+    let _queryables = queries::serve(&link, shared, network_publisher.last())?;
+    let network_publisher = publisher.get_or_init(|| Mutex::new(network_publisher));
+    let (mut checked, mut reported) = (None::<Instant>, None);
+    while !shared.is_stopping() {
+        shared.queue.wait(network_publisher::LIVELINESS_INTERVAL);
+        locked(network_publisher).poll()?;
         if checked.is_none_or(|checked| checked.elapsed() > CERTIFICATES_INTERVAL) {
             checked = Some(Instant::now());
-            // Whoever is shown a certificate that has ended closes the door without a word.
-            let found = endpoints.check().err().map(|error| error.to_string());
-            if let Some(what) = found.clone().filter(|_| found != flaw) {
+            // A peer drops a connection with an expired certificate without a message.
+            let found = endpoints.check_certificates().err().map(|error| error.to_string());
+            if let Some(line) = found.clone().filter(|_| found != reported) {
                 notify_supervisor(
                     shared.clone(),
-                    ControlRequest::Tell { service: Service::Gateway.name().into(), what },
+                    ControlRequest::Announce { service: Service::Gateway.name().into(), line },
                 );
             }
-            flaw = found;
+            reported = found;
         }
     }
-    // It ends with the rest; one that panicked has nothing more to send.
-    let _ = carrying.map(thread::JoinHandle::join);
+    // The thread stops with the gateway. If it has panicked, there is nothing left to send.
+    let _ = split_thread.map(thread::JoinHandle::join);
     link.close();
     Ok(())
 }
 
-/// Tells the supervisor something, once it answers.
-pub(crate) fn notify_supervisor(shared: Arc<Shared>, news: ControlRequest) {
+/// Sends a request to the supervisor in the background, retrying until it responds.
+pub(crate) fn notify_supervisor(shared: Arc<Shared>, request: ControlRequest) {
     thread::spawn(move || {
-        let deadline = Instant::now() + DOOR_LIMIT;
-        while control::ask::<()>(&shared.system, &news).is_err() && Instant::now() < deadline && !shared.ends() {
+        let deadline = Instant::now() + SUPERVISOR_CONNECT_TIMEOUT;
+        while control::send_request::<()>(&shared.system, &request).is_err() && Instant::now() < deadline && !shared.is_stopping() {
             thread::sleep(Duration::from_millis(100));
         }
     });
 }
 
-/// How the supervisor is asked for a swap.
-fn ask_for_swap(system: String) -> idempotent_swaps::Asking {
-    Box::new(move |wish| {
-        control::ask::<control::SwapReport>(&system, &ControlRequest::Swap(wish)).map_err(|error| error.to_string())
+/// Returns a client that forwards swap requests to the supervisor.
+fn swap_client(system: String) -> idempotent_swaps::SwapClient {
+    Box::new(move |request| {
+        control::send_request::<control::SwapReport>(&system, &ControlRequest::Swap(request)).map_err(|error| error.to_string())
     })
 }

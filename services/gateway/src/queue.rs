@@ -1,6 +1,8 @@
-//! Between bus and network: a queue with an end. When it is full the oldest goes, for the newest is what counts.
+//! Bounded queue between bus and network. A full queue drops the oldest batch, since the newest
+//! data matter most.
 //!
-//! Whoever fills it empties it as well where he can; only what he cannot send is left to the other thread, which is then woken.
+//! The thread that fills the queue also sends from it. It leaves batches to the network thread, and
+//! wakes it, only while that thread is using the publisher.
 
 use std::{
     collections::VecDeque,
@@ -10,27 +12,27 @@ use std::{
 
 use crate::locked;
 
-/// Samples of a topic on their way out.
+/// Encoded samples of a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Batch {
-    /// The topic's place in the table of [`graph`].
-    pub topic: usize,
-    /// The samples as they stand in a batch.
+    /// Index of the topic in the table of [`graph`].
+    pub topic_index: usize,
+    /// Samples, encoded as fields of a batch message.
     pub bytes: Vec<u8>,
-    /// How many there are.
+    /// Number of samples.
     pub samples: u64,
-    /// Samples of the topic left out by its rate so far.
+    /// Number of samples of the topic omitted so far to limit the rate.
     pub decimated: u64,
-    /// Samples of the topic overwritten on the bus so far.
+    /// Number of samples of the topic overwritten on the bus so far.
     pub overwritten: u64,
 }
 
-/// The queue.
+/// Queue of batches with a count of dropped samples for each topic.
 #[derive(Debug)]
 pub struct Queue {
     inner: Mutex<Inner>,
-    filled: Condvar,
-    max: usize,
+    not_empty: Condvar,
+    capacity: usize,
 }
 
 #[derive(Debug)]
@@ -40,46 +42,46 @@ struct Inner {
 }
 
 impl Queue {
-    /// An empty queue for `max` batches of so many topics.
-    pub fn new(max: usize, topics: usize) -> Self {
-        let inner = Inner { batches: VecDeque::with_capacity(max), dropped: vec![0; topics] };
-        Self { inner: Mutex::new(inner), filled: Condvar::new(), max }
+    /// Creates an empty queue of `capacity` batches for a number of topics.
+    pub fn new(capacity: usize, topics: usize) -> Self {
+        let inner = Inner { batches: VecDeque::with_capacity(capacity), dropped: vec![0; topics] };
+        Self { inner: Mutex::new(inner), not_empty: Condvar::new(), capacity }
     }
 
-    /// Puts a batch in; never waits for whoever takes it.
+    /// Appends a batch without blocking on the consumer. A full queue drops its oldest batch.
     pub fn push(&self, batch: Batch) {
         let mut inner = locked(&self.inner);
-        if inner.batches.len() >= self.max
+        if inner.batches.len() >= self.capacity
             && let Some(oldest) = inner.batches.pop_front()
-            && let Some(dropped) = inner.dropped.get_mut(oldest.topic)
+            && let Some(dropped) = inner.dropped.get_mut(oldest.topic_index)
         {
             *dropped += oldest.samples;
         }
         inner.batches.push_back(batch);
     }
 
-    /// Wakes who waits for a batch.
+    /// Wakes the thread that waits for a batch.
     pub fn wake(&self) {
-        self.filled.notify_one();
+        self.not_empty.notify_one();
     }
 
-    /// Waits for a batch, no longer than `limit`.
+    /// Waits for a batch, at most for `limit`.
     pub fn wait(&self, limit: Duration) {
-        let filled = self.filled.wait_timeout_while(locked(&self.inner), limit, |inner| inner.batches.is_empty());
-        drop(filled.unwrap_or_else(PoisonError::into_inner));
+        let waited = self.not_empty.wait_timeout_while(locked(&self.inner), limit, |inner| inner.batches.is_empty());
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// The oldest batch, and how many samples of its topic were dropped so far.
-    pub fn take(&self) -> Option<(Batch, u64)> {
+    /// Removes the oldest batch. Returns it with the number of samples of its topic dropped so far.
+    pub fn pop(&self) -> Option<(Batch, u64)> {
         let mut inner = locked(&self.inner);
         let batch = inner.batches.pop_front()?;
-        let dropped = inner.dropped.get(batch.topic).copied().unwrap_or(0);
+        let dropped = inner.dropped.get(batch.topic_index).copied().unwrap_or(0);
         Some((batch, dropped))
     }
 
-    /// How many batches wait, and how many may.
+    /// Returns the number of queued batches and the capacity.
     pub fn depth(&self) -> (usize, usize) {
-        (locked(&self.inner).batches.len(), self.max)
+        (locked(&self.inner).batches.len(), self.capacity)
     }
 }
 
@@ -87,23 +89,23 @@ impl Queue {
 mod tests {
     use super::*;
 
-    fn batch(topic: usize, samples: u64) -> Batch {
-        Batch { topic, bytes: Vec::new(), samples, decimated: 0, overwritten: 0 }
+    fn batch(topic_index: usize, samples: u64) -> Batch {
+        Batch { topic_index, bytes: Vec::new(), samples, decimated: 0, overwritten: 0 }
     }
 
     #[test]
-    fn the_newest_win_and_what_they_drove_out_is_counted_by_topic() {
+    fn full_queue_drops_oldest_and_counts_by_topic() {
         let queue = Queue::new(3, 2);
         (1..=5).for_each(|samples| queue.push(batch(samples as usize % 2, samples)));
         assert_eq!(queue.depth(), (3, 3));
-        let take = || queue.take().map(|(batch, dropped)| (batch.samples, dropped));
-        assert_eq!([take(), take(), take(), take()], [Some((3, 1)), Some((4, 2)), Some((5, 1)), None]);
+        let pop = || queue.pop().map(|(batch, dropped)| (batch.samples, dropped));
+        assert_eq!([pop(), pop(), pop(), pop()], [Some((3, 1)), Some((4, 2)), Some((5, 1)), None]);
     }
 
     #[test]
-    fn whoever_puts_in_does_not_wait_for_whoever_takes_out() {
+    fn push_never_blocks_without_consumer() {
         let queue = Queue::new(8, 1);
         (0..100_000).for_each(|_| queue.push(batch(0, 1)));
-        assert_eq!(queue.take().map(|(_, dropped)| dropped), Some(100_000 - 8));
+        assert_eq!(queue.pop().map(|(_, dropped)| dropped), Some(100_000 - 8));
     }
 }

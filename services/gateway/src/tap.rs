@@ -1,12 +1,12 @@
-//! A topic of the bus, thinned out to its rate and put into batches.
+//! Readers of bus topics, which reduce each topic to its rate and encode batches.
 
 use std::{thread, time::Duration};
 
 use bus::{BusError, Subscriber};
 use graph::{Presence, Topic};
-use launch::Rate;
+use launch::TopicRate;
 use messages::Ticked;
-use runtime::{ServiceContext, clock::monotonic_ns, frames::attitude_in, service_config::FIRST_EPOCH};
+use runtime::{ServiceContext, clock::monotonic_ns, frames::attitude_to_frame, service_config::FIRST_EPOCH};
 use swap::ReorderBuffer;
 use wire::Payload;
 
@@ -15,11 +15,11 @@ use crate::{
     queue::{Batch, Queue},
 };
 
-/// The topics that go out, in the order of the path.
-pub(crate) struct Taps(Vec<Box<dyn Tapping>>);
+/// Taps of all topics that are sent, in the order of the data path.
+pub(crate) struct Taps(Vec<Box<dyn TopicTap>>);
 
 impl Taps {
-    /// Opens every topic that the launch file gives a rate.
+    /// Subscribes to every topic that has a rate in the launch file.
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, BusError> {
         let rates = &context.config.launch.gateway.rates;
         let rated = |topic: &Topic| Some((*topic, *rates.get(topic.name())?));
@@ -27,63 +27,65 @@ impl Taps {
         Ok(Self(taps.collect::<Result<_, _>>()?))
     }
 
-    /// Takes what has come.
-    pub(crate) fn look(&mut self, queue: &Queue) -> Result<(), BusError> {
-        self.0.iter_mut().try_for_each(|tap| tap.look(queue))
+    /// Reads new messages and pushes selected samples into the queue.
+    pub(crate) fn poll(&mut self, queue: &Queue) -> Result<(), BusError> {
+        self.0.iter_mut().try_for_each(|tap| tap.poll(queue))
     }
 
-    /// Sleeps until a tick has come as far along the path as topics go out, no longer than `limit`.
+    /// Waits for a tick of the last dense topic that is sent, at most for `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
-        match self.0.iter().rfind(|tap| tap.has_every_tick()) {
+        match self.0.iter().rfind(|tap| tap.is_dense()) {
             Some(tap) => tap.wait(limit),
             None => thread::sleep(limit),
         }
     }
 
-    /// Samples taken to go out.
+    /// Returns the number of samples selected.
     pub(crate) fn samples(&self) -> u64 {
         self.0.iter().map(|tap| tap.samples()).sum()
     }
 }
 
-trait Tapping {
-    fn look(&mut self, queue: &Queue) -> Result<(), BusError>;
-    fn has_every_tick(&self) -> bool;
+trait TopicTap {
+    fn poll(&mut self, queue: &Queue) -> Result<(), BusError>;
+    fn is_dense(&self) -> bool;
     fn wait(&self, limit: Duration);
     fn samples(&self) -> u64;
 }
 
-fn tap(context: &ServiceContext, topic: Topic, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
+fn tap(context: &ServiceContext, topic: Topic, rate: TopicRate) -> Result<Box<dyn TopicTap>, BusError> {
     if topic == Topic::Attitude {
         let frame = context.config.launch.output.frame;
-        return in_order(context, rate, move |output| attitude_in(frame, output));
+        return ordered(context, rate, move |output| attitude_to_frame(frame, output));
     }
     messages::dispatch!(topic,
         ticked M => match topic.entry().presence {
-            Presence::EveryTick => in_order::<M>(context, rate, |message| message),
-            Presence::Flagged(_) | Presence::NoTick => in_any_order::<M>(context, rate),
+            Presence::EveryTick => ordered::<M>(context, rate, |message| message),
+            Presence::Flagged(_) | Presence::NoTick => unordered::<M>(context, rate),
         },
-        other M => in_any_order::<M>(context, rate)
+        other M => unordered::<M>(context, rate)
     )
 }
 
-/// A topic with every tick: each once, in order, whoever fills the slot, and as `given` makes it; what is missing was overwritten before it was taken.
-fn in_order<M: Ticked + Payload>(
+/// Creates a tap of a dense topic: each tick once and in order, across changes of the slot's owner.
+///
+/// Messages are passed through `convert`. Missing ticks were overwritten before they were read.
+fn ordered<M: Ticked + Payload>(
     context: &ServiceContext,
-    rate: Rate,
-    given: impl Fn(M) -> M + 'static,
-) -> Result<Box<dyn Tapping>, BusError> {
-    let mut reorder_buffer = ReorderBuffer::joining(FIRST_EPOCH, context.config.lateness_ticks() / 2);
-    let mut joined = false;
+    rate: TopicRate,
+    convert: impl Fn(M) -> M + 'static,
+) -> Result<Box<dyn TopicTap>, BusError> {
+    let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, context.config.lateness_ticks() / 2);
+    let mut has_started = false;
     let order = move |message: M, deliver: &mut dyn FnMut(M, u64)| {
         reorder_buffer
-            .offer(message, &mut |message, missing| deliver(given(message), if joined { missing } else { 0 }));
-        joined |= reorder_buffer.sequence().ticks > 0;
+            .offer(message, &mut |message, missing| deliver(convert(message), if has_started { missing } else { 0 }));
+        has_started |= reorder_buffer.sequence().ticks > 0;
     };
     Ok(Box::new(Tap::new(context, rate, order)?))
 }
 
-fn in_any_order<M: Payload>(context: &ServiceContext, rate: Rate) -> Result<Box<dyn Tapping>, BusError> {
+fn unordered<M: Payload>(context: &ServiceContext, rate: TopicRate) -> Result<Box<dyn TopicTap>, BusError> {
     Ok(Box::new(Tap::new(context, rate, |message: M, deliver: &mut dyn FnMut(M, u64)| deliver(message, 0))?))
 }
 
@@ -93,22 +95,22 @@ struct Tap<M: Payload, O> {
     rate_hz: f64,
     order: O,
     decimator: Decimator,
-    taken: Vec<M>,
+    selected: Vec<M>,
     samples: u64,
     decimated: u64,
     overwritten: u64,
 }
 
 impl<M: Payload, O> Tap<M, O> {
-    fn new(context: &ServiceContext, rate: Rate, order: O) -> Result<Self, BusError> {
-        let buffer = context.config.buffer(M::TOPIC);
+    fn new(context: &ServiceContext, rate: TopicRate, order: O) -> Result<Self, BusError> {
+        let buffer = context.config.buffer_size(M::TOPIC);
         Ok(Self {
             subscriber: context.bus.subscriber(buffer)?,
             buffer,
             rate_hz: context.config.rate_hz,
             order,
-            decimator: Decimator::to(rate),
-            taken: Vec::new(),
+            decimator: Decimator::new(rate),
+            selected: Vec::new(),
             samples: 0,
             decimated: 0,
             overwritten: 0,
@@ -116,39 +118,39 @@ impl<M: Payload, O> Tap<M, O> {
     }
 }
 
-impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> Tapping for Tap<M, O> {
-    fn look(&mut self, queue: &Queue) -> Result<(), BusError> {
-        let Self { subscriber, buffer, rate_hz, order, decimator, taken, samples, decimated, overwritten } = self;
+impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> TopicTap for Tap<M, O> {
+    fn poll(&mut self, queue: &Queue) -> Result<(), BusError> {
+        let Self { subscriber, buffer, rate_hz, order, decimator, selected, samples, decimated, overwritten } = self;
         subscriber.drain(*buffer, |message| {
             order(message, &mut |message, missing| {
                 *overwritten += missing;
                 let time_ns = message.source_time_ns(*rate_hz).unwrap_or_else(|| monotonic_ns().cast_signed());
-                match decimator.keeps(time_ns) {
-                    true => taken.push(message),
+                match decimator.accept(time_ns) {
+                    true => selected.push(message),
                     false => *decimated += 1,
                 }
             });
         })?;
-        for some in taken.chunks(wire::batch::room(size_of::<M>() * 2)) {
-            *samples += some.len() as u64;
+        for chunk in selected.chunks(wire::batch::capacity(size_of::<M>() * 2)) {
+            *samples += chunk.len() as u64;
             queue.push(Batch {
-                topic: M::TOPIC.place,
-                bytes: wire::samples(some),
-                samples: some.len() as u64,
+                topic_index: M::TOPIC.index,
+                bytes: wire::encode_samples(chunk),
+                samples: chunk.len() as u64,
                 decimated: *decimated,
                 overwritten: *overwritten,
             });
         }
-        taken.clear();
+        selected.clear();
         Ok(())
     }
 
-    fn has_every_tick(&self) -> bool {
+    fn is_dense(&self) -> bool {
         M::TOPIC.presence == Presence::EveryTick
     }
 
     fn wait(&self, limit: Duration) {
-        // Woken or not, the caller looks.
+        // The caller polls in either case.
         self.subscriber.wait(limit);
     }
 

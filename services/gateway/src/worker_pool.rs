@@ -1,7 +1,8 @@
-//! Who sees to questions, away from the network's own threads: an answer waits for its reader, and the network must not.
+//! Threads that reply to queries, since a reply may wait for its client and Zenoh's own threads
+//! must not.
 //!
-//! Up to a limit each question has a thread of its own. Those beyond are told so by one more thread, and those beyond what it has before
-//! it end without an answer; both are counted.
+//! Each query has its own thread, up to a limit. One more thread rejects further queries. Queries
+//! beyond its backlog are dropped, which ends them without a reply. Both are counted.
 
 use std::{
     sync::{
@@ -12,43 +13,43 @@ use std::{
     thread,
 };
 
-use link::Question;
+use link::IncomingQuery;
 
-/// Questions at once.
-const CLERKS_MAX: usize = 8;
-/// Questions that wait to be turned away.
-const TURNED_AWAY_MAX: usize = 64;
+/// Maximum number of concurrent queries.
+const MAX_WORKERS: usize = 8;
+/// Maximum number of queries waiting for their rejection.
+const MAX_PENDING_REJECTIONS: usize = 64;
 
-/// Those who see to the questions of a kind.
+/// Limited number of threads for one kind of query.
 #[derive(Debug, Clone)]
 pub(crate) struct WorkerPool {
     busy: Arc<AtomicUsize>,
-    refusing: SyncSender<Question>,
-    turned_away: Arc<AtomicU64>,
+    rejections: SyncSender<IncomingQuery>,
+    rejected_queries: Arc<AtomicU64>,
 }
 
 impl WorkerPool {
-    /// Workers that count whom they turn away.
-    pub(crate) fn new(turned_away: &Arc<AtomicU64>) -> Self {
-        let (refusing, questions) = sync_channel::<Question>(TURNED_AWAY_MAX);
+    /// Creates a pool that adds rejected queries to a shared counter.
+    pub(crate) fn new(rejected_queries: &Arc<AtomicU64>) -> Self {
+        let (rejections, queries) = sync_channel::<IncomingQuery>(MAX_PENDING_REJECTIONS);
         thread::spawn(move || {
-            questions.iter().for_each(|question| question.refuse("too many questions at once; ask again"));
+            queries.iter().for_each(|query| query.reject("too many concurrent queries; try again"));
         });
-        Self { busy: Arc::default(), refusing, turned_away: turned_away.clone() }
+        Self { busy: Arc::default(), rejections, rejected_queries: rejected_queries.clone() }
     }
 
-    /// Has a question seen to.
-    pub(crate) fn see_to(&self, question: Question, see_to: impl FnOnce(&Question) + Send + 'static) {
-        if self.busy.fetch_add(1, Ordering::SeqCst) >= CLERKS_MAX {
+    /// Runs `answer` for the query in a new thread, or rejects the query if the pool is busy.
+    pub(crate) fn spawn(&self, query: IncomingQuery, answer: impl FnOnce(&IncomingQuery) + Send + 'static) {
+        if self.busy.fetch_add(1, Ordering::SeqCst) >= MAX_WORKERS {
             self.busy.fetch_sub(1, Ordering::SeqCst);
-            self.turned_away.fetch_add(1, Ordering::Relaxed);
-            // One for which there is no room is dropped, which ends it.
-            let _ = self.refusing.try_send(question);
+            self.rejected_queries.fetch_add(1, Ordering::Relaxed);
+            // A query that exceeds the backlog is dropped, which ends it.
+            let _ = self.rejections.try_send(query);
             return;
         }
         let busy = self.busy.clone();
         thread::spawn(move || {
-            see_to(&question);
+            answer(&query);
             busy.fetch_sub(1, Ordering::SeqCst);
         });
     }
@@ -71,38 +72,38 @@ mod tests {
     const LIMIT: Duration = Duration::from_secs(60);
 
     #[test]
-    fn the_network_waits_for_no_clerk_and_whoever_finds_none_is_told_so_and_counted() {
-        let turned_away = Arc::default();
-        let workers = WorkerPool::new(&turned_away);
+    fn excess_queries_are_rejected_and_counted() {
+        let rejected_queries = Arc::default();
+        let workers = WorkerPool::new(&rejected_queries);
         let endpoint = format!("tcp/{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
         let board = Link::open(&Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() }).unwrap();
-        // Each answer waits as one for a reader who does not read.
-        let (release, waits) = mpsc::channel::<()>();
-        let (waits, busy) = (Arc::new(Mutex::new(waits)), workers.busy.clone());
-        let answer = move |question| {
-            let waits = waits.clone();
-            workers.see_to(question, move |question| {
-                let _ = waits.lock().map(|waits| waits.recv());
-                question.hand_over(KEY, vec![1]);
+        // Each reply blocks, as one to a client that does not read.
+        let (release, released) = mpsc::channel::<()>();
+        let (released, busy) = (Arc::new(Mutex::new(released)), workers.busy.clone());
+        let answer_query = move |query| {
+            let released = released.clone();
+            workers.spawn(query, move |query| {
+                let _ = released.lock().map(|released| released.recv());
+                query.reply_raw(KEY, vec![1]);
             });
         };
-        let _answering = board.answering(KEY, answer).unwrap();
-        let link = Link::open(&Endpoints::connecting(&[endpoint])).unwrap();
-        assert!(link.await_somebody(LIMIT));
+        let _answering = board.handle_queries(KEY, answer_query).unwrap();
+        let link = Link::open(&Endpoints::with_connect(&[endpoint])).unwrap();
+        assert!(link.wait_for_peer(LIMIT));
         thread::scope(|scope| {
             let asking: Vec<_> =
-                (0..CLERKS_MAX).map(|_| scope.spawn(|| link.ask(KEY, Vec::new(), LIMIT).unwrap())).collect();
+                (0..MAX_WORKERS).map(|_| scope.spawn(|| link.query(KEY, Vec::new(), LIMIT).unwrap())).collect();
             let deadline = Instant::now() + LIMIT;
-            while busy.load(Ordering::SeqCst) < CLERKS_MAX && Instant::now() < deadline {
+            while busy.load(Ordering::SeqCst) < MAX_WORKERS && Instant::now() < deadline {
                 thread::sleep(Duration::from_millis(5));
             }
-            let error = link.ask(KEY, Vec::new(), LIMIT).unwrap_err();
+            let error = link.query(KEY, Vec::new(), LIMIT).unwrap_err();
             drop(release);
-            assert!(matches!(&error, LinkError::Refused { reason, .. } if reason.contains("too many")), "{error}");
+            assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason.contains("too many")), "{error}");
             for asking in asking {
                 assert_eq!(asking.join().unwrap().len(), 1);
             }
         });
-        assert_eq!(turned_away.load(Ordering::Relaxed), 1);
+        assert_eq!(rejected_queries.load(Ordering::Relaxed), 1);
     }
 }

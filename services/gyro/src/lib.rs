@@ -1,12 +1,18 @@
-//! The slot `gyro`: from `imu` to `gyro`, the motion of each tick.
+//! The slot `gyro`: reads `imu` and publishes the motion of each tick on `gyro`.
 //!
-//! Input: checked IMU samples. Output: the step's turn and the open-loop attitude. Time: the samples' own. Failure: ticks that never
-//! came are bridged by the mean of the rates around them, no longer than [`BRIDGE_S`]; over a longer gap the attitude is held.
+//! Input: checked IMU samples.
+//!
+//! Output: the rotation of the step and the open-loop attitude.
+//!
+//! Time: the timestamps of the samples.
+//!
+//! Failure: missing ticks are bridged by the mean of the adjacent rates, up to
+//! [`MAX_BRIDGED_GAP_S`]. Over a longer gap the attitude is held.
 #![forbid(unsafe_code)]
 
 use attitude::{
     Vector3,
-    accel::FORCE_MIN_M_S2,
+    accel::MIN_FORCE_M_S2,
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     point::Point,
     state::Attitude,
@@ -15,28 +21,36 @@ use host::AnyStage;
 use launch::Service;
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
-    BRIDGE_S, EachTick, RuntimeError, ServiceConfig, ServiceContext, Work,
-    quantities::{chart_of, pair},
+    MAX_BRIDGED_GAP_S, SingleInputSlot, RuntimeError, ServiceConfig, ServiceContext, TickProcessor,
+    convert::{chart_to_payload, complex_to_payload},
     serve,
-    stage::{self, Filled},
-    state_words::Words,
+    stage::{self, ResettingStage},
+    state_words::StateWords,
 };
 
-/// The work of the slot.
+/// Processing of the slot `gyro`.
 #[derive(Debug)]
-pub struct GyroWork {
-    filled: Filled<AnyStage<Gyro>>,
-    aligned: bool,
+pub struct GyroProcessor {
+    stage: ResettingStage<AnyStage<Gyro>>,
+    is_aligned: bool,
     t_end_ns: Option<i64>,
 }
 
-/// The slot with the stage that `config` names.
-pub fn slot(config: &ServiceConfig) -> Result<EachTick<GyroWork>, RuntimeError> {
-    let filled = Filled::new(stage::chosen(Service::Gyro, &config.launch, Gyro::named)?);
-    Ok(EachTick::new(GyroWork { filled, aligned: false, t_end_ns: None }))
+/// Creates the slot with the stage that `config` names.
+///
+/// # Errors
+///
+/// Returns an error if the stage cannot be built.
+pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
+    let stage = ResettingStage::new(stage::build_stage(Service::Gyro, &config.launch, Gyro::from_name)?);
+    Ok(SingleInputSlot::new(GyroProcessor { stage, is_aligned: false, t_end_ns: None }))
 }
 
-/// The service.
+/// Runs the service until the end of the system.
+///
+/// # Errors
+///
+/// Returns an error if the service cannot join the system, build its stage or continue.
 pub fn run() -> Result<(), RuntimeError> {
     let context = ServiceContext::join(Service::Gyro)?;
     let slot = slot(&context.config)?;
@@ -44,55 +58,55 @@ pub fn run() -> Result<(), RuntimeError> {
     serve(context, slot, &[&imu])
 }
 
-impl GyroWork {
-    /// The open-loop attitude starts level with the first force that has a direction.
-    fn align(&mut self, input: &ImuSample) -> Option<Attitude> {
+impl GyroProcessor {
+    /// Aligns the open-loop attitude with the first force that has a direction.
+    fn align_level(&mut self, input: &ImuSample) -> Option<Attitude> {
         let force_m_s2 = Vector3::from(input.force_m_s2);
         let usable = !input.header.flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL);
-        let up = Point::of(force_m_s2).filter(|_| usable && force_m_s2.norm() >= FORCE_MIN_M_S2)?;
-        let level = Attitude::levelled(up);
-        self.filled.stage.align(level);
-        self.aligned = true;
+        let up = Point::from_direction(force_m_s2).filter(|_| usable && force_m_s2.norm() >= MIN_FORCE_M_S2)?;
+        let level = Attitude::from_up(up);
+        self.stage.stage.align(level);
+        self.is_aligned = true;
         Some(level)
     }
 }
 
-impl Work for GyroWork {
+impl TickProcessor for GyroProcessor {
     type Input = ImuSample;
     type Output = GyroStep;
     type Stage = AnyStage<Gyro>;
 
-    fn work(&mut self, input: &ImuSample, mut header: Header) -> Option<GyroStep> {
-        let before_ns = self.t_end_ns.replace(header.t_end_ns).unwrap_or(header.t_start_ns);
-        let dt_s = (header.t_end_ns - before_ns) as f64 * 1e-9;
+    fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<GyroStep> {
+        let previous_ns = self.t_end_ns.replace(header.t_end_ns).unwrap_or(header.t_start_ns);
+        let dt_s = (header.t_end_ns - previous_ns) as f64 * 1e-9;
         let kind = if header.flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
-        let dt_s = if dt_s <= BRIDGE_S { dt_s } else { 0.0 };
-        let (mut motion, anew) = self.filled.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind })?;
-        header.flags |= Flags::RESET.when(anew);
-        if !self.aligned {
-            motion.attitude = self.align(input).unwrap_or(motion.attitude);
+        let dt_s = if dt_s <= MAX_BRIDGED_GAP_S { dt_s } else { 0.0 };
+        let (mut motion, was_reset) = self.stage.step(&RateSample { rate_rad_s: input.rate_rad_s.into(), dt_s, kind })?;
+        header.flags |= Flags::RESET.when(was_reset);
+        if !self.is_aligned {
+            motion.attitude = self.align_level(input).unwrap_or(motion.attitude);
         }
         Some(GyroStep {
             header,
-            w: pair(motion.attitude.up.w),
+            w: complex_to_payload(motion.attitude.up.w),
             z_rad: motion.attitude.z_rad,
-            chart: chart_of(motion.attitude.up.chart),
-            p: pair(motion.turn.p),
-            s: pair(motion.turn.s),
+            chart: chart_to_payload(motion.attitude.up.chart),
+            p: complex_to_payload(motion.rotation.p),
+            s: complex_to_payload(motion.rotation.s),
             rate_rad_s: motion.rate_rad_s.into(),
         })
     }
 
-    fn filled(&self) -> &Filled<AnyStage<Gyro>> {
-        &self.filled
+    fn resetting_stage(&self) -> &ResettingStage<AnyStage<Gyro>> {
+        &self.stage
     }
 
-    fn filled_mut(&mut self) -> &mut Filled<AnyStage<Gyro>> {
-        &mut self.filled
+    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Gyro>> {
+        &mut self.stage
     }
 
-    fn visit_own(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        self.aligned.visit(visit);
+    fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        self.is_aligned.visit(visit);
         self.t_end_ns.visit(visit);
     }
 }
@@ -107,17 +121,17 @@ mod tests {
 
     use super::*;
 
-    fn service(stage: &str, role: Role, from: Option<&Checkpoint>) -> SlotService<EachTick<GyroWork>> {
-        service_at(stage, role, from, 0)
+    fn service(stage: &str, role: Role, from: Option<&Checkpoint>) -> SlotService<SingleInputSlot<GyroProcessor>> {
+        service_from_tick(stage, role, from, 0)
     }
 
-    /// One of a slot that has published what comes before `output_tick`.
-    fn service_at(
+    /// Creates a service for a slot with output published up to `output_tick`, exclusive.
+    fn service_from_tick(
         stage: &str,
         role: Role,
         from: Option<&Checkpoint>,
         output_tick: u64,
-    ) -> SlotService<EachTick<GyroWork>> {
+    ) -> SlotService<SingleInputSlot<GyroProcessor>> {
         let mut launch = Launch::default();
         launch.gyro.stage = stage.into();
         let resume = from.map(|checkpoint| Resume::Checkpoint(Box::new(checkpoint.into())));
@@ -125,28 +139,29 @@ mod tests {
             launch,
             rate_hz: 1000.0,
             pace: Pace::Max,
-            ticks_max: None,
+            max_ticks: None,
             incarnation: 1,
             epoch: 1,
             role,
             prior: None,
             resume,
-            readings: false,
+            publishes_readings: false,
             supervisor_pid: 0,
         };
-        let (service, refused) = SlotService::new(slot(&config).unwrap(), Service::Gyro, &config, 0, output_tick);
-        assert_eq!(refused, None);
+        let (service, rejected) = SlotService::new(slot(&config).unwrap(), Service::Gyro, &config, 0, output_tick);
+        assert_eq!(rejected, None);
         service
     }
 
-    /// The ticks that are published, each with whether it says that another stage than before has made it.
-    fn published(service: &mut SlotService<EachTick<GyroWork>>, ticks: std::ops::Range<u64>) -> Vec<(u64, bool)> {
-        flagged(service, ticks, Flags::SWAPPED)
+    /// Returns each published tick with its `SWAPPED` flag, which marks the first output of another
+    /// stage.
+    fn output_swapped_flags(service: &mut SlotService<SingleInputSlot<GyroProcessor>>, ticks: std::ops::Range<u64>) -> Vec<(u64, bool)> {
+        output_flags(service, ticks, Flags::SWAPPED)
     }
 
-    /// The ticks that are published, each with whether it has the flag.
-    fn flagged(
-        service: &mut SlotService<EachTick<GyroWork>>,
+    /// Returns each published tick, and `true` if it has `flag`.
+    fn output_flags(
+        service: &mut SlotService<SingleInputSlot<GyroProcessor>>,
         ticks: std::ops::Range<u64>,
         flag: Flags,
     ) -> Vec<(u64, bool)> {
@@ -164,29 +179,29 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_that_dies_before_its_first_output_still_says_there_that_it_is_another() {
+    fn first_output_after_restart_keeps_swapped_flag() {
         let mut former = service("mobius", Role::Owner { from_tick: 0 }, None);
-        published(&mut former, 0..50);
+        output_swapped_flags(&mut former, 0..50);
         let state = former.checkpoint().unwrap();
-        for (stage, is_another) in [("rk4", true), ("mobius", false)] {
+        for (stage, swapped) in [("rk4", true), ("mobius", false)] {
             let mut candidate = service(stage, Role::Candidate, Some(&state));
-            assert_eq!(published(&mut candidate, 50..60), []);
+            assert_eq!(output_swapped_flags(&mut candidate, 50..60), []);
             let state = candidate.checkpoint().unwrap();
             let mut owner = service(stage, Role::Owner { from_tick: 70 }, Some(&state));
-            let expected: Vec<_> = (70..80).map(|tick| (tick, is_another && tick == 70)).collect();
-            assert_eq!(published(&mut owner, 60..80), expected, "{stage}");
+            let expected: Vec<_> = (70..80).map(|tick| (tick, swapped && tick == 70)).collect();
+            assert_eq!(output_swapped_flags(&mut owner, 60..80), expected, "{stage}");
         }
     }
     #[test]
-    fn who_goes_on_without_some_inputs_says_so_with_the_first_output_that_is_new() {
+    fn missing_inputs_flag_first_new_output() {
         let mut former = service("mobius", Role::Owner { from_tick: 0 }, None);
-        published(&mut former, 0..50);
+        output_swapped_flags(&mut former, 0..50);
         let state = former.checkpoint().unwrap();
-        for (first, misses) in [(50, false), (55, true)] {
-            let mut owner = service_at("mobius", Role::Owner { from_tick: 0 }, Some(&state), 60);
-            flagged(&mut owner, first..60, Flags::LOST_BEFORE);
-            let expected: Vec<_> = (60..70).map(|tick| (tick, misses && tick == 60)).collect();
-            assert_eq!(flagged(&mut owner, 60..70, Flags::LOST_BEFORE), expected);
+        for (first, has_loss) in [(50, false), (55, true)] {
+            let mut owner = service_from_tick("mobius", Role::Owner { from_tick: 0 }, Some(&state), 60);
+            output_flags(&mut owner, first..60, Flags::LOST_BEFORE);
+            let expected: Vec<_> = (60..70).map(|tick| (tick, has_loss && tick == 60)).collect();
+            assert_eq!(output_flags(&mut owner, 60..70, Flags::LOST_BEFORE), expected);
         }
     }
 }

@@ -11,26 +11,26 @@ use crate::source::ReceiverFix;
 /// A value this many times beyond the range is not a measurement.
 const SENSE: f64 = 10.0;
 /// A fix that says more than this of a speed is not one, m/s: nothing that is guided by us is faster.
-const SPEED_MAX_M_S: f64 = 3000.0;
+const MAX_SPEED_M_S: f64 = 3000.0;
 /// An altitude beyond this is not told, m.
-const ALTITUDE_MAX_M: f64 = 1e6;
+const MAX_ALTITUDE_M: f64 = 1e6;
 
 /// A fix that makes sense; what does not is left out, flagged.
 pub(crate) fn checked(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
     let Some(ReceiverFix { fix, longitude_rad, altitude_m }) = fix else { return (None, Flags::NONE) };
     // The comparison also refuses what is not a number.
-    if !fix.velocity_m_s.iter().all(|x| x.abs() < SPEED_MAX_M_S) {
+    if !fix.velocity_m_s.iter().all(|x| x.abs() < MAX_SPEED_M_S) {
         return (None, Flags::FIX_INVALID);
     }
     let sound = |value: Option<f64>, limit: f64| value.filter(|value| value.is_finite() && value.abs() <= limit);
     let fix = Fix {
         velocity_m_s: fix.velocity_m_s,
-        sd_m_s: sound(fix.sd_m_s, SPEED_MAX_M_S).filter(|sd| *sd > 0.0),
+        sd_m_s: sound(fix.sd_m_s, MAX_SPEED_M_S).filter(|sd| *sd > 0.0),
         age_s: sound(fix.age_s, 10.0).filter(|age| *age >= 0.0),
         latitude_rad: sound(fix.latitude_rad, std::f64::consts::FRAC_PI_2),
     };
     let longitude_rad = sound(longitude_rad, std::f64::consts::PI);
-    (Some(ReceiverFix { fix, longitude_rad, altitude_m: sound(altitude_m, ALTITUDE_MAX_M) }), Flags::FIX)
+    (Some(ReceiverFix { fix, longitude_rad, altitude_m: sound(altitude_m, MAX_ALTITUDE_M) }), Flags::FIX)
 }
 
 /// The magnetometer.

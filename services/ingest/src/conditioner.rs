@@ -33,9 +33,9 @@ use crate::{
 /// A stamp farther ahead than this is a leap of the clock, not a gap, ns.
 const LEAP_NS: i64 = 10_000_000_000;
 /// The first stamp is taken no farther from zero than this, so that time has room to grow for years, ns: 285 years.
-const START_MAX_NS: i64 = 9_000_000_000_000_000_000;
+const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
 /// Earlier stamps refused in a row before the sensor's clock is taken as broken and time goes on without it.
-const PAST_MAX: i64 = 10;
+const MAX_PAST: i64 = 10;
 
 /// What becomes of a reading: one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,10 +134,10 @@ impl Conditioner {
             field: FieldChannel { limit_ut: limits.field_max_ut, last_ut: None },
             fix: None,
             body: Body {
-                mounting: Mounting::of_matrix(matrix(ingest.mounting))?,
-                gyro: ingest.calibration.gyro.acting()?,
-                accel: ingest.calibration.accel.acting()?,
-                mag: ingest.calibration.mag.acting()?,
+                mounting: Mounting::from_matrix(matrix(ingest.mounting))?,
+                gyro: ingest.calibration.gyro.to_calibration()?,
+                accel: ingest.calibration.accel.to_calibration()?,
+                mag: ingest.calibration.mag.to_calibration()?,
             },
             gap_ns,
             kind: Flags::RATE_INSTANT.when(kind == GyroSamples::Instants),
@@ -224,7 +224,7 @@ impl Conditioner {
                 let t_ns = reading.t_ns.saturating_add(self.offset_ns);
                 return Some((t_ns, t_ns, Flags::GAP));
             }
-            let t_ns = reading.t_ns.clamp(-START_MAX_NS, START_MAX_NS);
+            let t_ns = reading.t_ns.clamp(-MAX_START_NS, MAX_START_NS);
             self.offset_ns = t_ns - reading.t_ns;
             return Some((t_ns, t_ns, Flags::CLOCK_LEAP.when(self.offset_ns != 0)));
         };
@@ -253,7 +253,7 @@ impl Conditioner {
     fn set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.past {
             Some((before_ns, count))
-                if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= PAST_MAX =>
+                if (1..=self.gap_ns).contains(&t_ns.saturating_sub(before_ns)) || count >= MAX_PAST =>
             {
                 Some(self.usual_ns.saturating_mul(count + 1))
             }

@@ -3,7 +3,7 @@
 use bus::{BusError, Subscriber};
 use launch::Service;
 use messages::{Health, ReceiverReading, SensorReading, State};
-use runtime::{RuntimeError, ServiceContext, service_config::BUFFER_BESIDE};
+use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
 
 use crate::source::{Reading, fix_of};
 
@@ -18,7 +18,7 @@ pub(crate) struct Feed {
 
 impl Feed {
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
-        let is_driven = context.config.launch.ingest.source.is_driven();
+        let is_driven = context.config.launch.ingest.source.needs_drivers();
         let buffer = context.config.buffer_ticks();
         let bus = &context.bus;
         let (sensor, receiver) = match (is_driven, context.config.resume.is_some()) {
@@ -29,9 +29,9 @@ impl Feed {
             (false, _) => (context.subscriber()?, context.subscriber()?),
         };
         if context.config.resume.is_some() {
-            sensor.note_all_taken();
+            sensor.mark_all_consumed();
         }
-        let drivers = is_driven.then(|| bus.subscriber(BUFFER_BESIDE)).transpose()?;
+        let drivers = is_driven.then(|| bus.subscriber(CONTROL_BUFFER)).transpose()?;
         Ok(Self { sensor, receiver, drivers, has_ended: false })
     }
 
@@ -40,7 +40,7 @@ impl Feed {
         let Self { drivers, has_ended, .. } = self;
         let is_last = |health: &Health| health.service == Service::Drivers as u32 && health.state == State::FINISHED;
         if let Some(drivers) = drivers {
-            drivers.drain(BUFFER_BESIDE, |health| *has_ended |= is_last(&health))?;
+            drivers.drain(CONTROL_BUFFER, |health| *has_ended |= is_last(&health))?;
         }
         Ok(*has_ended)
     }
@@ -53,7 +53,7 @@ impl Feed {
             taken += 1;
             take(Reading { fix: fix.take(), ..reading.into() });
         })?;
-        self.sensor.note_taken(taken);
+        self.sensor.add_consumed(taken);
         Ok(())
     }
 }

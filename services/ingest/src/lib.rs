@@ -22,7 +22,7 @@ use messages::{
 use runtime::{
     Pace, RuntimeError, ServiceConfig, ServiceContext,
     clock::{monotonic_ns, sleep_until_ns},
-    service_config::{BUFFER_BESIDE, Resume},
+    service_config::{CONTROL_BUFFER, Resume},
 };
 
 use conditioner::{Conditioner, Sample};
@@ -61,7 +61,7 @@ pub fn conditioner(config: &ServiceConfig) -> Result<Conditioner, SourceError> {
 pub fn run() -> Result<(), IngestError> {
     let mut ingest = Ingest::join()?;
     match ingest.context.config.launch.ingest.source {
-        source if source.can_be_read_again() => ingest.pace()?,
+        source if source.is_repeatable() => ingest.pace()?,
         _ => ingest.relay()?,
     }
     ingest.finish()
@@ -95,24 +95,24 @@ struct Ingest {
 impl Ingest {
     fn join() -> Result<Self, IngestError> {
         let context = ServiceContext::join(Service::Ingest)?;
-        runtime::clock::wake_on_time();
+        runtime::clock::minimise_timer_slack();
         let mut conditioner = conditioner(&context.config)?;
         let (mut first_tick, mut again_until, mut start_ns) = (0, 0, 0);
         if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {
             (first_tick, start_ns) = (next_tick, since_ns);
-            again_until = context.config.again_until(first_tick, context.bus.next_tick(ImuSample::TOPIC));
-            if !context.config.launch.ingest.source.can_be_read_again() {
+            again_until = context.config.catch_up_end_tick(first_tick, context.bus.next_tick(ImuSample::TOPIC));
+            if !context.config.launch.ingest.source.is_repeatable() {
                 first_tick = context.bus.next_tick(ImuSample::TOPIC);
                 conditioner.continue_at(first_tick, offset_ns);
             }
         }
         Ok(Self {
             conditioner,
-            taken: match context.config.readings {
+            taken: match context.config.publishes_readings {
                 true => Some(TakenReadings::new(context.publisher()?, &context.config, first_tick)),
                 false => None,
             },
-            checkpoints: context.bus.publisher(BUFFER_BESIDE)?,
+            checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
             first_tick,
             again_until,
             start_ns,
@@ -121,7 +121,7 @@ impl Ingest {
             mag: context.publisher()?,
             gnss: context.publisher()?,
             reference: context.bus.publisher(context.config.buffer_ticks())?,
-            credit: context.bus.late_subscriber(BUFFER_BESIDE)?,
+            credit: context.bus.late_subscriber(CONTROL_BUFFER)?,
             context,
             allowed_ticks: 0,
             end_tick: None,
@@ -139,12 +139,12 @@ impl Ingest {
         let Some(first_ns) = next.as_ref().map(|sample| sample.imu.header.t_end_ns) else { return Ok(()) };
         // What an earlier incarnation has published is made again, for the sake of what comes after it.
         while let (false, Some(_)) =
-            (self.context.ends(), next.take_if(|sample| sample.imu.header.tick < self.first_tick))
+            (self.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < self.first_tick))
         {
             next = self.read(&mut readings)?;
             self.publish_health(State::READY)?;
         }
-        while let (false, Some(sample)) = (self.context.ends(), &next) {
+        while let (false, Some(sample)) = (self.context.should_stop(), &next) {
             self.drain_credit()?;
             self.deliver_history()?;
             if self.end_tick.is_some_and(|end_tick| sample.imu.header.tick >= end_tick) {
@@ -209,7 +209,7 @@ impl Ingest {
     fn relay(&mut self) -> Result<(), IngestError> {
         let mut feed = Feed::open(&self.context)?;
         self.publish_health(State::READY)?;
-        while !self.context.ends() {
+        while !self.context.should_stop() {
             self.drain_credit()?;
             self.deliver_history()?;
             if self.end_tick.is_some() || self.published_ticks >= self.ticks_max() {
@@ -244,13 +244,13 @@ impl Ingest {
 
     /// The source is at its end, unless the service was asked to end before; it stays until the last reader has what it sent.
     fn finish(&mut self) -> Result<(), IngestError> {
-        while !self.context.ends() {
+        while !self.context.should_stop() {
             self.deliver_history()?;
             self.publish_health(State::FINISHED)?;
             self.context.wait::<Credit>(&self.credit);
         }
         let counts = self.counts();
-        Ok(self.context.publish_last_health(counts)?)
+        Ok(self.context.publish_final_health(counts)?)
     }
 
     /// The next reading that can be placed, as a sample.
@@ -314,7 +314,7 @@ impl Ingest {
             ..bytemuck::Zeroable::zeroed()
         };
         checkpoint.words[..2].copy_from_slice(&[self.start_ns, self.conditioner.offset_ns().cast_unsigned()]);
-        checkpoint.checksum = checkpoint.sum();
+        checkpoint.checksum = checkpoint.compute_checksum();
         Ok(self.checkpoints.send(&checkpoint)?)
     }
 
@@ -327,7 +327,7 @@ impl Ingest {
 
     fn drain_credit(&mut self) -> Result<(), IngestError> {
         let Self { credit, allowed_ticks, end_tick, imu, .. } = self;
-        Ok(credit.drain(BUFFER_BESIDE, |credit| {
+        Ok(credit.drain(CONTROL_BUFFER, |credit| {
             *allowed_ticks = credit.ticks.max(*allowed_ticks);
             // What an earlier incarnation has published is made again.
             *end_tick = end_tick.or((credit.ends != 0).then(|| imu.next_tick()));
@@ -346,6 +346,6 @@ impl Ingest {
     }
 
     fn ticks_max(&self) -> u64 {
-        self.context.config.ticks_max.unwrap_or(u64::MAX)
+        self.context.config.max_ticks.unwrap_or(u64::MAX)
     }
 }

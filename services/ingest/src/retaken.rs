@@ -35,7 +35,7 @@ pub struct LostReadings {
 impl Retaken {
     /// For a flight of this configuration.
     pub fn new(config: &ServiceConfig) -> Result<Self, SourceError> {
-        let from_bus = !config.launch.ingest.source.can_be_read_again();
+        let from_bus = !config.launch.ingest.source.is_repeatable();
         Ok(Self { conditioner: crate::conditioner(config)?, config: config.clone(), from_bus, last: None, refused: 0 })
     }
 

@@ -7,7 +7,7 @@ use launch::{Gnss, Launch, Replay, Source};
 use messages::{ReceiverReading, SensorReading};
 use recording::{
     Reader, RecordingError, Row,
-    gnss::{self, Fixes},
+    gnss::{self, FixReader},
 };
 use scenario::{ScenarioError, Sensors};
 
@@ -169,18 +169,18 @@ impl Iterator for Readings {
 /// A recording with the fixes beside it.
 pub struct Recorded {
     rows: Reader,
-    fixes: Option<Fixes>,
+    fixes: Option<FixReader>,
     mag: bool,
 }
 
 impl Recorded {
     /// Opens both. Without `mag` the magnetic field is left out.
     pub fn open(file: &Path, fixes: Option<&Path>, mag: bool) -> Result<Self, RecordingError> {
-        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(Fixes::open).transpose()?, mag })
+        Ok(Self { rows: Reader::open(file)?, fixes: fixes.map(FixReader::open).transpose()?, mag })
     }
 
     fn read(&mut self, row: Row) -> Result<Reading, RecordingError> {
-        let fix = self.fixes.as_mut().map_or(Ok(None), |fixes| fixes.until(row.t_ns))?;
+        let fix = self.fixes.as_mut().map_or(Ok(None), |fixes| fixes.latest_until(row.t_ns))?;
         let fix = fix.map(|fix| ReceiverFix {
             fix: Fix {
                 velocity_m_s: fix.velocity_m_s.into(),
@@ -207,7 +207,7 @@ impl Iterator for Recorded {
 /// The file with the fixes that go with a recording, where there is one.
 pub fn fixes_of(recording: &Path, gnss: &Gnss) -> Option<PathBuf> {
     match gnss {
-        Gnss::Auto => gnss::beside(recording),
+        Gnss::Auto => gnss::find_for(recording),
         Gnss::Off => None,
         Gnss::File(path) => Some(path.clone()),
     }

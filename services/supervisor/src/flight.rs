@@ -1,7 +1,8 @@
-//! A flight that is flown again: what was told of it, and what its ingest took.
+//! Replay of a recorded flight: its events and the readings of its source.
 //!
-//! Input: messages of the topics `event` and `reading`, in the order in which they were published. Output: what runs, when which stage takes over,
-//! and with what the run began. Time: none. Failure: a flight whose events do not tell how it began is refused.
+//! - Input: messages of the topics `event` and `reading`, in the order of publication.
+//! - Output: the launch file, the tick of each stage's takeover, and the prior of the run.
+//! - Failure: a flight without the event that starts a run is rejected.
 
 use launch::{Date, Launch, Source};
 use messages::{EventKind, SystemEvent, TakenReading};
@@ -10,20 +11,20 @@ use runtime::Prior;
 
 use crate::UpError;
 
-/// Readings as they were recorded, or why there are no more, for people.
+/// Recorded readings in order. An error ends the iteration; its text is shown to the user.
 pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;
 
-/// A flight.
+/// Recorded flight.
 pub struct Flight {
-    /// The launch file of the flight; its source is the one that the flight had.
+    /// Launch file of the flight, with the source that the flight used.
     pub launch: Launch,
-    /// Samples per second of the source's time.
+    /// Sample rate in the source's time, Hz.
     pub rate_hz: f64,
-    /// What the run before it had found of the sensors.
+    /// Sensor errors known at the start, from a warm start; `None` after a cold start.
     pub prior: Option<Prior>,
-    /// Which stage has which slot from which tick on.
+    /// Stage of each slot by tick.
     pub schedule: Schedule,
-    /// What ingest took.
+    /// Recorded readings of the source.
     pub readings: TakenReadings,
 }
 
@@ -34,7 +35,7 @@ impl std::fmt::Debug for Flight {
     }
 }
 
-/// The sources in the order of their numbers in the event that begins a run.
+/// Sources in the order of their numbers in the event that starts a run.
 const SOURCES: [Source; 9] = [
     Source::Sim,
     Source::Replay,
@@ -50,38 +51,44 @@ const RATE: &str = "rate_hz";
 const SOURCE: &str = "source";
 const DATE: &str = "date";
 
-/// The event that begins a run: its rate, its source, and the date of the magnetic model where it is used.
-pub(crate) fn beginning(rate_hz: f64, launch: &Launch) -> SystemEvent {
-    let place = SOURCES.iter().position(|other| *other == launch.ingest.source).unwrap_or(0);
+/// Creates the event that starts a run: sample rate, source, and the date of the magnetic model if
+/// used.
+pub(crate) fn start_event(rate_hz: f64, launch: &Launch) -> SystemEvent {
+    let index = SOURCES.iter().position(|other| *other == launch.ingest.source).unwrap_or(0);
     let date = launch.north.date.filter(|_| launch.north.is_true).map(|date| (DATE, date.number().into()));
     SystemEvent::new(EventKind::STARTED)
-        .with_stage("", [(RATE, rate_hz), (SOURCE, place as f64)].into_iter().chain(date))
+        .with_stage("", [(RATE, rate_hz), (SOURCE, index as f64)].into_iter().chain(date))
 }
 
 impl Flight {
-    /// A flight that ran `launch`, of which this was told.
+    /// Creates a flight from its launch file, events and readings.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the events do not contain a valid start event.
     pub fn new(mut launch: Launch, events: &[SystemEvent], readings: TakenReadings) -> Result<Self, UpError> {
-        let is_beginning =
-            |event: &&SystemEvent| event.kind == EventKind::STARTED && event.service == SystemEvent::NOBODY;
-        let settings = events.iter().find(is_beginning).and_then(SystemEvent::settings).ok_or_else(no_beginning)?;
+        let is_start =
+            |event: &&SystemEvent| event.kind == EventKind::STARTED && event.service == SystemEvent::NONE_U32;
+        let settings = events.iter().find(is_start).and_then(SystemEvent::settings).ok_or_else(missing_start)?;
         let number = |name| settings.iter().find(|(other, _)| *other == name).map(|(_, number)| *number);
-        let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or_else(no_beginning)?;
-        let place = number(SOURCE).ok_or_else(no_beginning)?;
-        launch.ingest.source = *SOURCES.get(place as usize).ok_or_else(no_beginning)?;
-        // Where the launch file says none it was that of the day.
-        launch.north.date = launch.north.date.or(number(DATE).and_then(|number| Date::of_number(number as u32)));
+        let rate_hz = number(RATE).filter(|rate_hz| (1e-3..=1e6).contains(rate_hz)).ok_or_else(missing_start)?;
+        let index = number(SOURCE).ok_or_else(missing_start)?;
+        launch.ingest.source = *SOURCES.get(index as usize).ok_or_else(missing_start)?;
+        // Without a date in the launch file the flight used the current date, which the event
+        // contains.
+        launch.north.date = launch.north.date.or(number(DATE).and_then(|number| Date::from_number(number as u32)));
         let warm = events.iter().find(|event| event.kind == EventKind::WARM);
         let prior = match warm {
-            Some(warm) => Some(warm.settings().and_then(|known| Prior::of_numbers(&known)).ok_or_else(no_beginning)?),
+            Some(warm) => Some(warm.settings().and_then(|known| Prior::from_named_values(&known)).ok_or_else(missing_start)?),
             None => None,
         };
         Ok(Self { launch, rate_hz, prior, schedule: Schedule::new(events), readings })
     }
 }
 
-fn no_beginning() -> UpError {
+fn missing_start() -> UpError {
     UpError::Flight(
-        "replaying a flight: its recording does not tell how it began; `plumb up --record` records one from its beginning".into(),
+        "cannot replay the flight: the start of the run is missing from the recording; record from the start with `plumb up --record`".into(),
     )
 }
 
@@ -89,18 +96,18 @@ fn no_beginning() -> UpError {
 #[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
-    use launch::North;
+    use launch::NorthReference;
 
     #[test]
-    fn a_flight_has_the_date_on_which_it_was_flown() {
-        let north = North { is_true: true, position: None, date: Date::new(2026, 11, 3) };
-        let begun = beginning(200.0, &Launch { north, ..Launch::default() });
-        let again = |date| {
-            let carried = Launch { north: North { date, ..north }, ..Launch::default() };
-            Flight::new(carried, &[begun], Box::new(std::iter::empty())).unwrap().launch.north.date
+    fn replayed_flight_uses_recorded_date() {
+        let north = NorthReference { is_true: true, position: None, date: Date::new(2026, 11, 3) };
+        let event = start_event(200.0, &Launch { north, ..Launch::default() });
+        let replayed_date = |date| {
+            let launch = Launch { north: NorthReference { date, ..north }, ..Launch::default() };
+            Flight::new(launch, &[event], Box::new(std::iter::empty())).unwrap().launch.north.date
         };
-        assert_eq!([again(None), again(Date::new(2025, 1, 1))], [north.date, Date::new(2025, 1, 1)]);
-        let begun = beginning(200.0, &Launch { north: North { is_true: false, ..north }, ..Launch::default() });
-        assert_eq!(begun.settings().unwrap().len(), 2, "it is told where it is used");
+        assert_eq!([replayed_date(None), replayed_date(Date::new(2025, 1, 1))], [north.date, Date::new(2025, 1, 1)]);
+        let event = start_event(200.0, &Launch { north: NorthReference { is_true: false, ..north }, ..Launch::default() });
+        assert_eq!(event.settings().unwrap().len(), 2, "the date is included only if used");
     }
 }

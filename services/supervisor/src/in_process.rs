@@ -1,4 +1,4 @@
-//! All slots in this process, without the bus: the same slots, the same join, the same bytes.
+//! Runs all slots in this process without the bus, with the same joins and bit-identical results.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -21,42 +21,52 @@ use runtime::{
 use crate::{
     Plan, Report, UpError, announce,
     flight::{Flight, TakenReadings},
-    input::InputJudge,
+    input::InputChecker,
     processes::own_cpu_s,
-    report::{Account, ServiceReport},
+    report::{RunTotals, ServiceReport},
     view::View,
 };
 
-/// Longest sleep before looking for a signal.
-const SLEEP_LIMIT: Duration = Duration::from_millis(50);
-/// How often people see something new, ns.
+/// Longest sleep between two checks for a stop signal.
+const MAX_SLEEP: Duration = Duration::from_millis(50);
+/// Minimum interval between two updates of the display, ns.
 const VIEW_INTERVAL_NS: u64 = 100_000_000;
 
 /// Runs the plan in this process.
-pub fn run(plan: &Plan, ends: &AtomicBool) -> Result<Report, UpError> {
+///
+/// # Errors
+///
+/// Returns an error if the source, a stage or the output file could not be opened. Later failures
+/// are part of the report.
+pub fn run(plan: &Plan, stop_requested: &AtomicBool) -> Result<Report, UpError> {
     let samples = Samples::Source {
         readings: Box::new(Readings::open(&plan.config.launch)?),
         conditioner: Box::new(ingest::conditioner(&plan.config)?),
     };
-    flow(plan, ends, samples, Path::new(&plan.config)?)
+    run_samples(plan, stop_requested, samples, Path::new(&plan.config)?)
 }
 
-/// Flies a flight again in this process: the readings that were taken, and the swaps at their ticks.
-pub fn replay(plan: &Plan, flight: Flight, ends: &AtomicBool) -> Result<Report, UpError> {
+/// Replays a recorded flight in this process, from its recorded readings and swaps.
+///
+/// # Errors
+///
+/// Returns an error if a stage or the output file could not be opened. Later failures are part of
+/// the report.
+pub fn replay(plan: &Plan, flight: Flight, stop_requested: &AtomicBool) -> Result<Report, UpError> {
     let path = Path::with_swaps(&plan.config, &flight.schedule)?;
     flight.schedule.doubts().iter().for_each(announce);
     let samples = Samples::Flight { readings: flight.readings, retaken: Box::new(Retaken::new(&plan.config)?) };
-    flow(plan, ends, samples, path)
+    run_samples(plan, stop_requested, samples, path)
 }
 
-/// Samples, and how many there were.
+/// Source of samples, with their count.
 enum Samples {
     Source { readings: Box<Readings>, conditioner: Box<Conditioner> },
     Flight { readings: TakenReadings, retaken: Box<Retaken> },
 }
 
 impl Samples {
-    /// The next sample; `None` at the end.
+    /// Returns the next sample, or `None` at the end.
     fn next(&mut self) -> Result<Option<Sample>, UpError> {
         match self {
             Self::Source { readings, conditioner } => {
@@ -68,8 +78,8 @@ impl Samples {
                 }
             }
             Self::Flight { readings, retaken } => {
-                for taken in readings {
-                    if let Some(sample) = retaken.sample(&taken.map_err(UpError::Flight)?)? {
+                for reading in readings {
+                    if let Some(sample) = retaken.sample(&reading.map_err(UpError::Flight)?)? {
                         return Ok(Some(sample));
                     }
                 }
@@ -85,7 +95,7 @@ impl Samples {
         }
     }
 
-    fn refused(&self) -> u64 {
+    fn rejected(&self) -> u64 {
         match self {
             Self::Source { conditioner, .. } => conditioner.refused(),
             Self::Flight { retaken, .. } => retaken.refused(),
@@ -93,48 +103,48 @@ impl Samples {
     }
 }
 
-/// Lets the samples flow to their end.
-fn flow(plan: &Plan, ends: &AtomicBool, mut samples: Samples, mut path: Path) -> Result<Report, UpError> {
+/// Processes all samples and creates the report.
+fn run_samples(plan: &Plan, stop_requested: &AtomicBool, mut samples: Samples, mut path: Path) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_ref())?;
     let mut view = View::new(plan)?;
     let (start_ns, cpu_start_s) = (monotonic_ns(), own_cpu_s());
-    let mut judge = InputJudge::default();
-    let flowed = pump(plan, ends, &mut samples, &mut path, &mut judge, (&mut collector, &mut view));
-    view.announce(judge.finish());
-    view.end();
-    let account = Account {
-        warnings: judge.into_warnings(),
+    let mut checker = InputChecker::default();
+    let result = pump(plan, stop_requested, &mut samples, &mut path, &mut checker, (&mut collector, &mut view));
+    view.announce(checker.finish());
+    view.finish();
+    let totals = RunTotals {
+        warnings: checker.into_warnings(),
         ticks_in: samples.ticks(),
         ticks_out: None,
-        refused: samples.refused(),
+        rejected: samples.rejected(),
         cpu_s_per_s: (own_cpu_s() - cpu_start_s) / ((monotonic_ns() - start_ns) as f64 * 1e-9).max(1e-9),
         services: Service::PATH
             .map(|service| ServiceReport { name: service.name(), pid: Some(std::process::id()), restarts: 0 })
             .into(),
     };
-    Ok(Report::new(collector, account, flowed.err()))
+    Ok(Report::new(collector, totals, result.err()))
 }
 
 fn pump(
     plan: &Plan,
-    ends: &AtomicBool,
+    stop_requested: &AtomicBool,
     samples: &mut Samples,
     path: &mut Path,
-    judge: &mut InputJudge,
+    checker: &mut InputChecker,
     (collector, view): (&mut Collector, &mut View),
 ) -> Result<(), UpError> {
     let start_ns = monotonic_ns();
-    let (mut first_ns, mut seen_ns) = (None, 0);
+    let (mut first_ns, mut shown_ns) = (None, 0);
     let needs_fused = plan.out.as_ref().is_some_and(OutFile::needs_fused);
     let mut fused = Vec::new();
-    runtime::clock::wake_on_time();
-    while !ends.load(Ordering::SeqCst) && plan.config.ticks_max.is_none_or(|max| samples.ticks() < max) {
+    runtime::clock::minimise_timer_slack();
+    while !stop_requested.load(Ordering::SeqCst) && plan.config.max_ticks.is_none_or(|max| samples.ticks() < max) {
         let Some(mut sample) = samples.next()? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
         if let Pace::Speed(speed) = plan.config.pace {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
-            while monotonic_ns() < due_ns && !ends.load(Ordering::SeqCst) {
-                sleep_until_ns(due_ns, SLEEP_LIMIT);
+            while monotonic_ns() < due_ns && !stop_requested.load(Ordering::SeqCst) {
+                sleep_until_ns(due_ns, MAX_SLEEP);
             }
         }
         sample.imu.header.t_born_ns = monotonic_ns();
@@ -142,19 +152,19 @@ fn pump(
         if let Some(Truth { quaternion, scored }) = sample.reference {
             collector.reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
         }
-        view.announce(judge.take(&sample.imu, sample.mag.as_ref()));
-        let mut see = |state: &FusedState| {
+        view.announce(checker.check(&sample.imu, sample.mag.as_ref()));
+        let mut collect_fused = |state: &FusedState| {
             if needs_fused {
                 fused.push(*state);
             }
         };
-        path.offer_seen(sample, &mut see, &mut |mut output| {
+        path.offer_seen(sample, &mut collect_fused, &mut |mut output| {
             output.header.t_sent_ns = monotonic_ns();
             collector.attitude(&output);
         })?;
         fused.drain(..).for_each(|state| collector.fused(&state));
-        if sample.imu.header.t_born_ns - seen_ns > VIEW_INTERVAL_NS {
-            seen_ns = sample.imu.header.t_born_ns;
+        if sample.imu.header.t_born_ns - shown_ns > VIEW_INTERVAL_NS {
+            shown_ns = sample.imu.header.t_born_ns;
             view.show(collector, None, Duration::ZERO);
         }
     }

@@ -1,79 +1,82 @@
-//! What is said of the input while it is fused: the judge beside the path.
+//! Warnings about implausible input, computed in parallel with the data path.
 //!
-//! Input: samples as ingest gives them. Output: warnings. Time: the samples' own. Failure: none; what cannot be read is not judged, and nobody
-//! waits for it.
+//! - Input: samples as published by ingest.
+//! - Output: warnings.
+//! - Time: sample time.
+//! - Failure: a sample that cannot be read is not checked. The data path never waits for the check.
 
 use bus::{Bus, BusError, Subscriber};
-use judge::{Fields, Finding, Judge};
+use judge::{Diagnosis, FieldQueue, InputCheck};
 use launch::Service;
 use messages::{ImuSample, MagSample};
 use runtime::ServiceConfig;
 
-/// The judge, and what it has said.
+/// Input check with the warnings given so far.
 #[derive(Debug, Default)]
-pub(crate) struct InputJudge {
-    judge: Judge,
+pub(crate) struct InputChecker {
+    checker: InputCheck,
     warnings: Vec<String>,
 }
 
-impl InputJudge {
-    /// Takes a sample, with the field where one came with it; gives lines for people.
-    pub(crate) fn take(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<String> {
-        let found = self.judge.take(imu, mag);
-        self.told(&found)
+impl InputChecker {
+    /// Checks a sample, with its magnetic field if present, and returns new warnings to announce.
+    pub(crate) fn check(&mut self, imu: &ImuSample, mag: Option<&MagSample>) -> Vec<String> {
+        let diagnoses = self.checker.update(imu, mag);
+        self.record(&diagnoses)
     }
 
-    /// What is found at the end and was not told before.
+    /// Finishes the check and returns the remaining warnings.
     pub(crate) fn finish(&mut self) -> Vec<String> {
-        let found = self.judge.finish();
-        self.told(&found)
+        let diagnoses = self.checker.finish();
+        self.record(&diagnoses)
     }
 
-    /// It has said all that it will.
-    pub(crate) fn is_ended(&self) -> bool {
-        self.judge.is_ended()
+    /// Returns `true` once no further warnings can follow.
+    pub(crate) fn is_finished(&self) -> bool {
+        self.checker.is_finished()
     }
 
-    /// Everything that was said.
+    /// Returns all warnings.
     pub(crate) fn into_warnings(self) -> Vec<String> {
         self.warnings
     }
 
-    fn told(&mut self, found: &[Finding]) -> Vec<String> {
-        self.warnings.extend(found.iter().map(Finding::to_string));
-        found.iter().map(|finding| format!("warning: {finding}")).collect()
+    fn record(&mut self, diagnoses: &[Diagnosis]) -> Vec<String> {
+        self.warnings.extend(diagnoses.iter().map(Diagnosis::to_string));
+        diagnoses.iter().map(|diagnosis| format!("warning: {diagnosis}")).collect()
     }
 }
 
-/// The topics that are judged, as the supervisor reads them.
+/// Subscriptions of the supervisor to the checked topics.
 pub(crate) struct InputTopics {
     imu: Subscriber<ImuSample>,
     mag: Subscriber<MagSample>,
-    fields: Fields,
+    fields: FieldQueue,
     buffer: usize,
 }
 
 impl InputTopics {
-    /// None where the samples come from another host, which judges them itself.
+    /// Subscribes to the topics. Returns `None` if the samples come from another host, which checks
+    /// them itself.
     pub(crate) fn open(bus: &Bus, config: &ServiceConfig) -> Result<Option<Self>, BusError> {
-        if config.launch.origin() != Service::Ingest {
+        if config.launch.tick_source() != Service::Ingest {
             return Ok(None);
         }
         let buffer = config.buffer_ticks();
         let (imu, mag) = (bus.subscriber(buffer)?, bus.subscriber(buffer)?);
-        Ok(Some(Self { imu, mag, fields: Fields::default(), buffer }))
+        Ok(Some(Self { imu, mag, fields: FieldQueue::default(), buffer }))
     }
 
-    /// Hands over what has come; gives lines for people.
-    pub(crate) fn look(&mut self, judge: &mut InputJudge) -> Vec<String> {
+    /// Checks the messages received and returns new warnings to announce.
+    pub(crate) fn poll(&mut self, checker: &mut InputChecker) -> Vec<String> {
         let Self { imu, mag, fields, buffer } = self;
         let mut samples = Vec::new();
-        // A field is published before its sample, so those of these samples are there.
+        // A field is published before its sample, so the fields of these samples have arrived.
         let _ = imu.drain(*buffer, |sample| samples.push(sample));
         let _ = mag.drain(*buffer, |field| fields.push(field));
         let mut lines = Vec::new();
         for sample in samples {
-            lines.extend(judge.take(&sample, fields.of(sample.header.tick).as_ref()));
+            lines.extend(checker.check(&sample, fields.take(sample.header.tick).as_ref()));
         }
         lines
     }

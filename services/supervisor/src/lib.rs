@@ -1,28 +1,30 @@
-//! The supervisor: `plumb up`.
+//! The supervisor, `plumb up`.
 //!
-//! Input: a launch file and what the command line adds to it. Output: a running system, its attitude, and how it went. Time: the
-//! clock, for deadlines and for what people see. Failure: a service that ends is started again where it was; one that cannot
-//! live ends the system, or stays away, as the launch file has it.
+//! - Input: a launch file and the options of the command line.
+//! - Output: a running system, its attitudes and a report.
+//! - Time: the system clock, for deadlines and the display.
+//! - Failure: a service that exits resumes from its checkpoint. A service that fails repeatedly
+//!   stops the system or is given up, according to the launch file.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! | --- | --- |
-//! | [`plan`] | what is to run, checked before anything starts |
-//! | [`system`] | the services as processes on the bus: the shell around `supervision`, which decides |
+//! | [`plan`] | the validated configuration of a run |
+//! | [`system`] | services as processes on the bus, driven by the decisions of `supervision` |
 //! | [`in_process`] | the same slots in this process, without the bus |
-//! | [`flight`] | a flight that is flown again |
-//! | [`report`] | how it went, for scripts and for people |
-//! | [`recorder`] | who takes down what flows |
-//! | `processes` | the processes: started, ended, reaped |
-//! | `warm` | what outlives a stop of the whole system |
-//! | `reaper` | what killed services leave on the bus |
-//! | `scheduling` | which process runs first |
-//! | `view` | the terminal |
-//! | `notify` | what the service manager is told |
+//! | [`flight`] | replay of a recorded flight |
+//! | [`report`] | report of a run, as JSON and as text |
+//! | [`recorder`] | interface of the flight recorder |
+//! | `processes` | start, termination and reaping of processes |
+//! | `warm` | state kept across restarts of the whole system |
+//! | `reaper` | removal of what killed services leave on the bus |
+//! | `scheduling` | scheduling priorities of the processes |
+//! | `view` | progress display on the terminal |
+//! | `notify` | notifications to the service manager |
 pub mod flight;
 pub mod in_process;
 mod input;
 mod notify;
-mod people;
+mod terminal;
 pub mod plan;
 mod processes;
 mod reaper;
@@ -53,155 +55,170 @@ pub use plan::{Plan, Request};
 pub use recorder::{Recorder, RecordingReport};
 pub use report::Report;
 
-/// Runs what was asked for, to its end, and has it taken down by `recorder`. What did not run is an error; of what did there is a
-/// report, which may have one too.
+/// Runs a system to its end and records it with `recorder`, if given.
+///
+/// The report of a run that started may contain an error as well.
+///
+/// # Errors
+///
+/// Returns an error if the system could not be started.
 pub fn up(request: &Request, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
     if request.in_process && recorder.is_some() {
         return Err(UpError::NoBus);
     }
-    // From here on a signal ends it with a report.
-    let ends = asked_to_end()?;
+    // From here on a signal ends the run with a report.
+    let stop_requested = install_signal_handlers()?;
     let plan = Plan::new(request)?;
-    // A program says what is wrong with its parameters before anything starts; one that does not start is a matter of the rule for restarts.
+    // An external stage rejects invalid parameters before anything starts. A stage that does not
+    // start is handled by the restart rule instead.
     if !plan.config.launch.stages.is_empty()
         && let Err(error @ RuntimeError::Parameter { .. }) = pipeline::Path::new(&plan.config)
     {
         return Err(error.into());
     }
-    if request.in_process { in_process::run(&plan, &ends) } else { system::run(&plan, ends, recorder) }
+    if request.in_process { in_process::run(&plan, &stop_requested) } else { system::run(&plan, stop_requested, recorder) }
 }
 
-/// Flies a flight again, in this process, to its end.
-pub fn fly_again(request: &Request, flight: Flight) -> Result<Report, UpError> {
+/// Replays a recorded flight to its end, in this process.
+///
+/// # Errors
+///
+/// Returns an error if the output would overwrite the recording, or if the replay could not start.
+pub fn replay(request: &Request, flight: Flight) -> Result<Report, UpError> {
     if let (Some(out), Some(recording)) = (&request.out, &request.replay)
         && pipeline::is_same_file(out, recording)
     {
         return Err(UpError::OutIsReplay { path: out.clone() });
     }
-    let ends = asked_to_end()?;
-    in_process::replay(&Plan::of_flight(request, &flight), flight, &ends)
+    let stop_requested = install_signal_handlers()?;
+    in_process::replay(&Plan::from_flight(request, &flight), flight, &stop_requested)
 }
 
-/// Prints a line for people. One that nobody reads any more does not stop a system, and one that nobody takes is left out.
+/// Prints a line to standard error.
+///
+/// The line is dropped if standard error is closed or stays blocked for 1 s, so that a blocked
+/// terminal does not stop the system.
 pub fn announce(line: impl std::fmt::Display) {
-    people::say(line, people::LIMIT);
+    terminal::write_line(line, terminal::WRITE_TIMEOUT);
 }
 
-/// Becomes true when a person or the system asks for the end.
-fn asked_to_end() -> Result<Arc<AtomicBool>, UpError> {
-    let asked = Arc::new(AtomicBool::new(false));
+/// Installs handlers for SIGTERM, SIGINT and SIGHUP and returns the flag that they set.
+fn install_signal_handlers() -> Result<Arc<AtomicBool>, UpError> {
+    let stop_requested = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, asked.clone())
-            .map_err(|cause| UpError::System { doing: "catching signals".into(), cause })?;
+        signal_hook::flag::register(signal, stop_requested.clone())
+            .map_err(|cause| UpError::System { action: "installing signal handlers".into(), cause })?;
     }
-    Ok(asked)
+    Ok(stop_requested)
 }
 
-/// Why a system did not run, or did not run to its end.
+/// Reason why a system did not start, or did not run to its regular end.
 #[derive(Debug, thiserror::Error)]
 pub enum UpError {
-    /// The launch file is wrong.
+    /// The launch file is invalid.
     #[error(transparent)]
     Launch(#[from] LaunchError),
-    /// The recording is wrong.
+    /// The recording is invalid.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// The source is wrong.
+    /// The source is invalid or failed.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A flight that cannot be flown again.
+    /// The recorded flight cannot be replayed.
     #[error("{0}")]
     Flight(String),
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// A slot could not be filled.
+    /// A stage could not be created or failed.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
-    /// It was ended before its time.
+    /// The system stopped prematurely.
     #[error(transparent)]
     Failed(#[from] Failure),
-    /// What was asked for needs all slots on this host.
-    #[error("splitting the system over hosts: {why}; run it live, from \"sim\", \"bus\" or a device")]
+    /// The configuration requires all slots on this host.
+    #[error("cannot split the system over hosts: {reason}; run it live from \"sim\", \"bus\" or a device")]
     Split {
-        /// Why it cannot be.
-        why: &'static str,
+        /// Conflicting setting.
+        reason: &'static str,
     },
-    /// A terminal would be read as a sensor.
-    #[error("reading standard input: it is a terminal; give it a program or a file: PROGRAM | plumb up --source stdin")]
-    Terminal,
-    /// A receiver beside what has fixes of its own.
+    /// Standard input is the source but is a terminal.
     #[error(
-        "--receiver: a simulation and a recording bring their own fixes; name a device, too, as --source serial:/dev/ttyUSB0"
+        "cannot read samples from standard input: it is a terminal; pipe a program or a file into it: PROGRAM | plumb up --source stdin"
+    )]
+    Terminal,
+    /// A receiver was given for a source that includes fixes.
+    #[error(
+        "--receiver needs a device as source, because simulations and recordings contain their own fixes; add for example --source serial:/dev/ttyUSB0"
     )]
     Receiver,
-    /// The declination of an unknown day.
+    /// The date for the magnetic declination of a repeatable source is missing.
     #[error(
-        "counting the course from true north: what is read again must give the same course on any day; set its date in [course] of the launch file, as date = 2026-11-23"
+        "cannot compute true north: a repeatable source needs a fixed date; set its date in [course] of the launch file, for example date = 2026-11-23"
     )]
     NoDate,
-    /// The clock on the wall is not set, or the magnetic model has been superseded.
+    /// The current date is outside the validity of the magnetic model.
     #[error(
-        "counting the course from true north: the clock says {today}, and the magnetic model holds from {} to {}; set the clock, or date in [course] of the launch file",
+        "cannot compute true north: the system clock shows {today}, but the magnetic model is valid from {} to {}; set the clock, or date in [course] of the launch file",
         launch::MODEL_YEARS.start(),
         launch::MODEL_YEARS.end()
     )]
     NoModel {
-        /// The day.
+        /// Current date.
         today: String,
     },
-    /// The attitude would be written over the recording.
-    #[error("writing {path}: that is the recording itself; give --out another name")]
+    /// The output file is the recording being read.
+    #[error("cannot write {path}: it is the recording itself; choose another file with --out")]
     OutIsReplay {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// There is nothing to record.
-    #[error("recording the flight: one process has no bus to record; leave out --in-process, or --record")]
+    /// A recording was requested for a run without a bus.
+    #[error("cannot record the flight: --in-process has no bus to record; omit --in-process or --record")]
     NoBus,
-    /// The recording cannot be begun.
+    /// The recording could not be started.
     #[error("{0}")]
     Recorder(String),
-    /// A process could not be started or asked.
-    #[error("{doing}: {cause}")]
+    /// A system call failed.
+    #[error("{action}: {cause}")]
     System {
-        /// What was being done.
-        doing: String,
-        /// What the system answered.
+        /// Attempted action.
+        action: String,
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The attitudes cannot be collected, or not be written any more.
+    /// The attitudes could not be collected or written.
     #[error(transparent)]
     Collector(#[from] CollectorError),
-    /// The control socket cannot be opened.
+    /// The control socket could not be opened.
     #[error(transparent)]
     Control(#[from] ControlError),
     /// Ticks without an attitude.
     #[error(
-        "{lost} of {ticks_in} ticks never came out: a service did not answer, or came back too late for what its topics hold"
+        "{lost} of {ticks_in} ticks were lost: a service did not respond, or restarted too late for the buffer of its topics"
     )]
     Lost {
-        /// How many.
+        /// Number of lost ticks.
         lost: u64,
-        /// Of how many.
+        /// Number of ticks received.
         ticks_in: u64,
     },
-    /// Attitudes that were published and not taken by the supervisor.
+    /// Attitudes that were published but not collected by the supervisor.
     #[error(
-        "published, but neither in this report's figures nor in the file of --out: {}; the supervisor did not take them within buffer_s, as if it had been stopped",
-        launch::counted(*not_recorded, "attitude")
+        "{} published but missing from the report's figures and the --out file: the supervisor did not collect them within buffer_s; check whether it was stopped or starved",
+        launch::pluralize(*not_recorded, "attitude")
     )]
     NotRecorded {
-        /// How many.
+        /// Number of attitudes not collected.
         not_recorded: u64,
     },
-    /// Lines of the file of attitudes without what only the fused state tells.
+    /// Lines of the output file without the values of the fused state.
     #[error(
-        "without u, v, z and bias in the file of --out: {}; the supervisor did not take the fused states of these ticks within buffer_s",
-        launch::counted(*without_fused, "line")
+        "{} of the --out file without u, v, z and bias: the supervisor did not collect the fused states within buffer_s",
+        launch::pluralize(*without_fused, "line")
     )]
     WithoutFused {
-        /// How many.
+        /// Number of lines.
         without_fused: u64,
     },
 }
@@ -216,7 +233,10 @@ impl From<RetakeError> for UpError {
 }
 
 impl UpError {
-    /// The exit code of `plumb`: 3 when the configuration or an input file is wrong, 2 when the command line is, else 1.
+    /// Returns the exit code of `plumb`.
+    ///
+    /// It is 3 for an invalid configuration or input file, 2 for an invalid command line, otherwise
+    /// 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,

@@ -1,7 +1,7 @@
-//! What the service manager is told (sd_notify(3)): that the system runs, that its data flows, that it ends.
+//! Notifications to the service manager, sd_notify(3): ready, watchdog, stopping.
 //!
-//! The watchdog is fed by ticks that arrive at the collector and by nothing else: a supervisor that lives while its path stands still
-//! is not alive.
+//! The watchdog is fed only when new ticks arrive at the collector. A supervisor whose data path
+//! has stalled therefore counts as hung.
 
 use std::{
     env,
@@ -19,56 +19,55 @@ use std::{
 
 use crate::UpError;
 
-/// How long a manager that does not listen is waited for.
-const WAIT: Duration = Duration::from_millis(10);
-/// The watchdog is fed so many times as often as it asks for.
-const FEEDS: u32 = 4;
+/// Timeout for sending to a service manager that does not respond.
+const SEND_TIMEOUT: Duration = Duration::from_millis(10);
+/// Feeds of the watchdog within its timeout.
+const FEEDS_PER_TIMEOUT: u32 = 4;
 
-/// Tells the service manager, where there is one.
+/// Connection to the service manager, if there is one.
 #[derive(Debug)]
 pub(crate) struct Notifier {
     manager: Option<UnixDatagram>,
-    /// Between two feeds of the watchdog, where there is one.
-    interval: Option<Duration>,
-    fed: Instant,
-    fed_tick: u64,
-    /// It has been told of the end.
+    /// Interval between two feeds of the watchdog; `None` without a watchdog.
+    feed_interval: Option<Duration>,
+    last_fed: Instant,
+    last_fed_tick: u64,
     stopping: bool,
 }
 
 impl Notifier {
-    /// As the environment says: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
+    /// Connects as specified by the environment: NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
     pub(crate) fn new() -> Result<Self, UpError> {
         let manager = env::var_os("NOTIFY_SOCKET").filter(|address| !address.is_empty());
         let manager = manager
             .map(|address| connect(&address))
             .transpose()
-            .map_err(|cause| UpError::System { doing: "calling the service manager at NOTIFY_SOCKET".into(), cause })?;
+            .map_err(|cause| UpError::System { action: "connecting to the service manager at NOTIFY_SOCKET".into(), cause })?;
         Ok(Self {
             manager,
-            interval: watchdog().map(|limit| limit / FEEDS),
-            fed: Instant::now(),
-            fed_tick: 0,
+            feed_interval: watchdog_timeout().map(|timeout| timeout / FEEDS_PER_TIMEOUT),
+            last_fed: Instant::now(),
+            last_fed_tick: 0,
             stopping: false,
         })
     }
 
-    /// Every service runs.
-    pub(crate) fn ready(&mut self) {
+    /// Reports that every service runs.
+    pub(crate) fn notify_ready(&mut self) {
         self.send("READY=1");
-        self.fed = Instant::now();
+        self.last_fed = Instant::now();
     }
 
-    /// Ticks have come up to this one.
-    pub(crate) fn flowing(&mut self, next_tick: u64) {
-        if next_tick > self.fed_tick && self.interval.is_some_and(|interval| self.fed.elapsed() >= interval) {
-            (self.fed, self.fed_tick) = (Instant::now(), next_tick);
+    /// Feeds the watchdog if the tick has advanced and the feed interval has passed.
+    pub(crate) fn feed_watchdog(&mut self, next_tick: u64) {
+        if next_tick > self.last_fed_tick && self.feed_interval.is_some_and(|feed_interval| self.last_fed.elapsed() >= feed_interval) {
+            (self.last_fed, self.last_fed_tick) = (Instant::now(), next_tick);
             self.send("WATCHDOG=1");
         }
     }
 
-    /// The end has begun.
-    pub(crate) fn stopping(&mut self) {
+    /// Reports once that the shutdown has started.
+    pub(crate) fn notify_stopping(&mut self) {
         if !std::mem::replace(&mut self.stopping, true) {
             self.send("STOPPING=1");
         }
@@ -76,7 +75,7 @@ impl Notifier {
 
     fn send(&self, state: &str) {
         if let Some(manager) = &self.manager {
-            // A manager that cannot be told draws its own conclusions.
+            // A failed notification is left to the service manager's own timeouts.
             let _ = manager.send(state.as_bytes());
         }
     }
@@ -84,7 +83,7 @@ impl Notifier {
 
 fn connect(address: &OsStr) -> io::Result<UnixDatagram> {
     let socket = UnixDatagram::unbound()?;
-    socket.set_write_timeout(Some(WAIT))?;
+    socket.set_write_timeout(Some(SEND_TIMEOUT))?;
     match address.as_bytes() {
         [b'@', name @ ..] => socket.connect_addr(&SocketAddr::from_abstract_name(name)?)?,
         _ => socket.connect(address)?,
@@ -92,9 +91,9 @@ fn connect(address: &OsStr) -> io::Result<UnixDatagram> {
     Ok(socket)
 }
 
-/// After how long without being fed the service manager ends this process.
-fn watchdog() -> Option<Duration> {
-    let of_another = env::var("WATCHDOG_PID").is_ok_and(|pid| pid != std::process::id().to_string());
-    let limit_us: u64 = env::var("WATCHDOG_USEC").ok()?.parse().ok()?;
-    Some(Duration::from_micros(limit_us)).filter(|_| !of_another)
+/// Returns the timeout of this process's watchdog; `None` without a watchdog.
+fn watchdog_timeout() -> Option<Duration> {
+    let is_for_other_process = env::var("WATCHDOG_PID").is_ok_and(|pid| pid != std::process::id().to_string());
+    let timeout_us: u64 = env::var("WATCHDOG_USEC").ok()?.parse().ok()?;
+    Some(Duration::from_micros(timeout_us)).filter(|_| !is_for_other_process)
 }

@@ -1,4 +1,4 @@
-//! What is to run, checked before anything starts.
+//! Configuration of a run, validated before anything starts.
 
 use std::{
     fs,
@@ -13,74 +13,78 @@ use time::OffsetDateTime;
 
 use crate::{Flight, UpError, warm};
 
-/// The launch file that is looked for where none is named.
+/// Name of the launch file that is used by default.
 const LAUNCH_FILE: &str = "launch.toml";
-/// What runs where there is no launch file.
+/// Launch file that is used if no file exists.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
 
-/// A duration of a whole number of ticks may come out larger by its rounding, ticks.
-const ROUNDING: f64 = 1e-6;
+/// Tolerance for a duration that is a whole number of ticks except for rounding, ticks.
+const ROUNDING_TICKS: f64 = 1e-6;
 
-/// What the command line asks for.
+/// Options of the command line.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
-    /// The launch file.
+    /// Path of the launch file; `None` for the default.
     pub launch: Option<PathBuf>,
-    /// A source in one line that takes the place of the launch file's.
+    /// Source specification that overrides the launch file.
     pub source: Option<String>,
-    /// A receiver in one line that takes the place of the launch file's.
+    /// Receiver specification that overrides the launch file.
     pub receiver: Option<String>,
-    /// A recording that takes the place of the launch file's source.
+    /// Recording to replay, which overrides the launch file's source.
     pub replay: Option<PathBuf>,
-    /// What was imported of it, where it is the log of another system.
+    /// Recording converted from `replay`, if that is the log of another system.
     pub imported: Option<PathBuf>,
-    /// How fast the source goes.
+    /// Speed of the source; `None` for real time.
     pub pace: Option<Pace>,
-    /// How much of the source's time to run, s.
+    /// Duration of the run in the source's time, s; `None` for unlimited.
     pub duration_s: Option<f64>,
-    /// All slots in this process, without the bus.
+    /// Runs all slots in this process, without the bus.
     pub in_process: bool,
-    /// Where to write the attitude of each tick.
+    /// Path of the output file for the attitude of each tick.
     pub out: Option<PathBuf>,
-    /// What its lines have after time and quaternion.
+    /// Columns of the output file after time and quaternion.
     pub columns: Vec<Column>,
-    /// Nothing is taken over from an earlier run.
+    /// Ignores the state kept from an earlier run.
     pub cold: bool,
-    /// What the source gives is published as it came, so that the flight can be replayed.
-    pub readings: bool,
+    /// Publishes the raw readings of the source, so that the recorded flight can be replayed.
+    pub publish_readings: bool,
 }
 
-/// What is to run.
+/// Validated configuration of a run.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// What every service is told.
+    /// Configuration common to all services.
     pub config: ServiceConfig,
-    /// Ticks that the source will give, as far as it is known.
+    /// Number of ticks that the source will provide; `None` if unknown.
     pub ticks: Option<u64>,
-    /// After how much of the clock's time a source without an end is stopped, s.
+    /// Clock time after which an endless source is stopped, s.
     pub stop_after_s: Option<f64>,
-    /// The source knows the true attitude, at least now and then.
+    /// Set if the source has a reference attitude, at least occasionally.
     pub has_reference: bool,
-    /// The recording that is replayed, as it was named.
+    /// Path of the replayed recording, as given by the user.
     pub recording: Option<PathBuf>,
-    /// Where to write the attitude of each tick, and how.
+    /// Output file for the attitude of each tick.
     pub out: Option<OutFile>,
-    /// Where what outlives this run is kept, and what an earlier one has left.
+    /// Path of the state file that is kept across runs; `None` if the run uses none.
     pub state_file: Option<PathBuf>,
-    /// What is there is not used.
+    /// Cold start: an existing state file is ignored.
     pub cold: bool,
 }
 
 impl Plan {
-    /// The plan for a request.
+    /// Creates the plan for a request.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the launch file or the source is invalid, or if options conflict.
     pub fn new(request: &Request) -> Result<Self, UpError> {
-        let mut launch = launch(request.launch.as_deref())?;
+        let mut launch = read_launch(request.launch.as_deref())?;
         if let Some(line) = &request.source {
             launch.set_source(line).map_err(launch::LaunchError::from)?;
         }
         if let Some(line) = &request.receiver {
             launch.set_receiver(line).map_err(launch::LaunchError::from)?;
-            if launch.ingest.source.can_be_read_again() {
+            if launch.ingest.source.is_repeatable() {
                 return Err(UpError::Receiver);
             }
         }
@@ -89,32 +93,32 @@ impl Plan {
             launch.ingest.replay.file.clone_from(request.imported.as_ref().unwrap_or(file));
         }
         if launch.gateway.is_split() {
-            let obstacle = match launch.ingest.source {
-                Source::Replay => Some("a replay waits for its slowest reader"),
-                Source::Stdin => Some("standard input waits for its slowest reader"),
+            let reason = match launch.ingest.source {
+                Source::Replay => Some("a replay waits for its slowest subscriber"),
+                Source::Stdin => Some("standard input waits for its slowest subscriber"),
                 _ if request.pace.is_some_and(|pace| pace != Pace::Speed(1.0)) => {
-                    Some("at another speed the source waits for its slowest reader")
+                    Some("a source at another speed waits for its slowest subscriber")
                 }
-                _ if request.in_process => Some("one process has all slots"),
+                _ if request.in_process => Some("--in-process runs all slots in one process"),
                 _ => None,
             };
-            if let Some(why) = obstacle {
-                return Err(UpError::Split { why });
+            if let Some(reason) = reason {
+                return Err(UpError::Split { reason });
             }
         }
         let (rate_hz, rows, has_reference) = match launch.ingest.source {
             Source::Replay => {
                 let file = &launch.ingest.replay.file;
-                let is_read = |out: &&PathBuf| {
+                let is_input = |out: &&PathBuf| {
                     [Some(file), request.replay.as_ref()].into_iter().flatten().any(|read| is_same_file(out, read))
                 };
-                if let Some(path) = request.out.as_ref().filter(is_read) {
+                if let Some(path) = request.out.as_ref().filter(is_input) {
                     return Err(UpError::OutIsReplay { path: path.clone() });
                 }
                 let survey = recording::survey(file)?;
                 (survey.rate_hz, Some(survey.rows), survey.has_reference)
             }
-            // All others declare their rate.
+            // All other sources declare their rate.
             source => {
                 let rate_hz = launch.ingest.declared_rate_hz().unwrap_or(launch.ingest.sim.rate_hz);
                 (rate_hz, None, source == Source::Sim)
@@ -123,25 +127,25 @@ impl Plan {
         if launch.ingest.source == Source::Stdin && io::stdin().is_terminal() {
             return Err(UpError::Terminal);
         }
-        let live = !launch.ingest.source.can_be_read_again() && !launch.ingest.source.waits();
+        let is_live = !launch.ingest.source.is_repeatable() && !launch.ingest.source.is_blocking();
         if launch.north.is_true && launch.north.date.is_none() {
-            launch.north.date = Some(if live { today()? } else { return Err(UpError::NoDate) });
+            launch.north.date = Some(if is_live { today()? } else { return Err(UpError::NoDate) });
         }
-        let wanted = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
-        let ticks_max = wanted.filter(|_| !live);
+        let requested_ticks = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
+        let max_ticks = requested_ticks.filter(|_| !is_live);
         let config = ServiceConfig {
-            ticks_max,
-            readings: request.readings,
+            max_ticks,
+            publishes_readings: request.publish_readings,
             supervisor_pid: std::process::id(),
-            ..alone(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
+            ..standalone_config(launch, rate_hz, request.pace.unwrap_or(Pace::Speed(1.0)))
         };
         Ok(Self {
-            ticks: rows.into_iter().chain(ticks_max).min(),
-            stop_after_s: request.duration_s.filter(|_| live),
+            ticks: rows.into_iter().chain(max_ticks).min(),
+            stop_after_s: request.duration_s.filter(|_| is_live),
             has_reference: has_reference && config.launch.gateway.import.is_none(),
             recording: request.replay.clone(),
             out: out_file(request, &config.launch),
-            state_file: warm::place(&config.launch, !config.lockstep() && !request.in_process),
+            state_file: warm::state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
             cold: request.cold,
             config,
         })
@@ -149,17 +153,17 @@ impl Plan {
 }
 
 impl Plan {
-    /// The plan for a flight that is flown again, in this process.
-    pub fn of_flight(request: &Request, flight: &Flight) -> Self {
-        let ends = request.duration_s.map(|duration_s| ticks_in(duration_s, flight.rate_hz));
-        let ticks_max = flight.schedule.end_tick().into_iter().chain(ends).min();
+    /// Creates the plan for the replay of a flight in this process.
+    pub fn from_flight(request: &Request, flight: &Flight) -> Self {
+        let requested_ticks = request.duration_s.map(|duration_s| ticks_in(duration_s, flight.rate_hz));
+        let max_ticks = flight.schedule.end_tick().into_iter().chain(requested_ticks).min();
         let pace = request.pace.unwrap_or(Pace::Speed(1.0));
         let prior = flight.prior.filter(|_| !request.cold);
-        let config = ServiceConfig { ticks_max, prior, ..alone(flight.launch.clone(), flight.rate_hz, pace) };
+        let config = ServiceConfig { max_ticks, prior, ..standalone_config(flight.launch.clone(), flight.rate_hz, pace) };
         Self {
-            ticks: ticks_max,
+            ticks: max_ticks,
             stop_after_s: None,
-            has_reference: config.launch.ingest.source.can_be_read_again(),
+            has_reference: config.launch.ingest.source.is_repeatable(),
             recording: request.replay.clone(),
             out: out_file(request, &config.launch),
             state_file: None,
@@ -169,32 +173,32 @@ impl Plan {
     }
 }
 
-/// The date of the magnetic model while sensors are read.
+/// Returns the current date, for the magnetic model of a live source.
 fn today() -> Result<Date, UpError> {
     let today = OffsetDateTime::now_utc().date();
     let date = u16::try_from(today.year()).ok().and_then(|year| Date::new(year, today.month().into(), today.day()));
     date.ok_or_else(|| UpError::NoModel { today: today.to_string() })
 }
 
-/// The file of attitudes, in the frame of the launch file.
+/// Returns the output file, in the frame of the launch file.
 fn out_file(request: &Request, launch: &Launch) -> Option<OutFile> {
     let (path, columns) = (request.out.clone()?, request.columns.clone());
     Some(OutFile { path, output: launch.output, columns })
 }
 
-/// A duration in ticks, one at least.
+/// Converts a duration to ticks, at least 1.
 fn ticks_in(duration_s: f64, rate_hz: f64) -> u64 {
-    ((duration_s * rate_hz - ROUNDING).ceil() as u64).max(1)
+    ((duration_s * rate_hz - ROUNDING_TICKS).ceil() as u64).max(1)
 }
 
-/// What the slots are told that run without a supervisor.
-fn alone(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
+/// Creates the configuration of slots that run without a supervisor.
+fn standalone_config(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
     ServiceConfig {
         launch,
         rate_hz,
         pace,
-        ticks_max: None,
-        readings: false,
+        max_ticks: None,
+        publishes_readings: false,
         incarnation: 0,
         epoch: runtime::service_config::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
@@ -204,34 +208,39 @@ fn alone(launch: Launch, rate_hz: f64, pace: Pace) -> ServiceConfig {
     }
 }
 
-/// What is wrong with the stage that fills a slot, for people.
+/// Validates the stage that fills a slot. The error is shown to the user.
 pub(crate) fn validate(launch: &Launch, slot: Service) -> Result<(), String> {
-    // A program of the user's says itself what is wrong with its settings.
-    if launch.program(slot).is_some() {
+    // An external stage validates its settings itself.
+    if launch.external_stage(slot).is_some() {
         return Ok(());
     }
-    let config = alone(launch.clone(), 1000.0, Pace::Speed(1.0));
-    let filled = match slot {
+    let config = standalone_config(launch.clone(), 1000.0, Pace::Speed(1.0));
+    let result = match slot {
         Service::Ingest | Service::Gateway | Service::Drivers | Service::Cockpit => return Ok(()),
         Service::Gyro => gyro::slot(&config).map(|_| ()),
         Service::Accel => accel::slot(&config).map(|_| ()),
         Service::Fuser => fuser::slot(&config).map(|_| ()),
         Service::Course => course::slot(&config).map(|_| ()),
     };
-    filled.map_err(|error| error.to_string())
+    result.map_err(|error| error.to_string())
 }
 
-/// The launch file as it is written: the one named, else that of the folder, else the one built in.
-pub fn launch_text(named: Option<&Path>) -> io::Result<String> {
-    match named {
+/// Returns the text of the launch file: the given one, else `launch.toml` in the current folder,
+/// else the built-in one.
+///
+/// # Errors
+///
+/// Returns an error if the file cannot be read.
+pub fn launch_text(path: Option<&Path>) -> io::Result<String> {
+    match path {
         Some(path) => fs::read_to_string(path),
         None if Path::new(LAUNCH_FILE).exists() => fs::read_to_string(LAUNCH_FILE),
         None => Ok(BUILT_IN.into()),
     }
 }
 
-fn launch(named: Option<&Path>) -> Result<Launch, UpError> {
-    match named {
+fn read_launch(path: Option<&Path>) -> Result<Launch, UpError> {
+    match path {
         Some(path) => Ok(Launch::read(path)?),
         None if Path::new(LAUNCH_FILE).exists() => Ok(Launch::read(Path::new(LAUNCH_FILE))?),
         None => Ok(Launch::parse(LAUNCH_FILE, BUILT_IN).map_err(launch::LaunchError::from)?),

@@ -1,7 +1,9 @@
-//! The processes of the system: started, listened to, ended, reaped.
+//! Processes of the system: start, monitoring, termination, reaping.
 //!
-//! Input: what is to be started or ended. Output: processes, and how each ended. Time: the clock, after a death and at the end. Failure: what cannot be
-//! started is said; a process that has gone needs no signal.
+//! - Input: processes to start or end.
+//! - Output: running processes, and the exit status of each.
+//! - Time: the system clock, for delays after an exit and at shutdown.
+//! - Failure: a failed start is reported. Signals to an exited process are ignored.
 
 use std::{
     collections::BTreeMap,
@@ -25,9 +27,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{MORE_MEMORY, SharedMemory};
+use bus::{SHARED_MEMORY_REMEDY, SharedMemory};
 use launch::{Service, Source};
-use runtime::{ServiceConfig, clock::cpu_ns, stderr_tail::StderrTail};
+use runtime::{ServiceConfig, clock::cpu_time_ns, stderr_tail::StderrTail};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, WaitIdStatus, kill_process, pidfd_open, waitid},
@@ -35,48 +37,50 @@ use rustix::{
 
 use crate::scheduling::{self, SchedulingClass};
 
-/// In how many parts of a second the kernel tells times there.
+/// Unit of CPU times in `/proc/PID/stat`, ticks per second.
 const USER_HZ: f64 = 100.0;
-/// From the first request to end until a process is killed.
-const GRACE: Duration = Duration::from_millis(800);
+/// Time from the request to exit until a process is killed, at shutdown.
+const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 
-/// Dead processes that may wait to be reaped beside the supervisor.
-const DEAD_MAX: usize = 64;
-/// From a death until the process is reaped: its threads have cleared up after themselves by then. Whoever reaps it before that computes in the kernel
-/// until they have, and takes the processor that they need for it. At the end nobody waits for that.
-const DEAD_PAUSE: Duration = Duration::from_millis(300);
-const DEAD_LOOK: Duration = Duration::from_millis(5);
-/// How long the end waits until the dead are reaped.
-const REAP_LIMIT: Duration = Duration::from_millis(200);
+/// Maximum number of exited processes that wait for the reaper thread.
+const MAX_UNREAPED: usize = 64;
+/// Delay from an exit until the process is reaped, by which its threads have cleaned up.
+///
+/// Reaping earlier would spin in the kernel until they have, on the processor that they need. The
+/// delay is skipped at shutdown.
+const REAP_DELAY: Duration = Duration::from_millis(300);
+const REAP_POLL_INTERVAL: Duration = Duration::from_millis(5);
+/// Time limit for reaping at shutdown.
+const REAP_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// The processes that have not ended, by incarnation.
+/// Running processes by incarnation.
 #[derive(Debug, Default)]
 pub(crate) struct Processes {
     all: BTreeMap<u32, Process>,
-    /// To whom the dead go: to take one out of the kernel's table can last for seconds while somebody looks into its folder of `/proc`.
-    reaping: Option<Reaping>,
+    /// Thread that reaps exited processes. Reaping can take seconds while another process reads the
+    /// exited process's `/proc` directory.
+    reaper: Option<ReaperThread>,
 }
 
-/// The thread that reaps.
 #[derive(Debug)]
-struct Reaping {
-    dead: SyncSender<Dead>,
-    ends: Arc<AtomicBool>,
+struct ReaperThread {
+    exited: SyncSender<ExitedChild>,
+    stop: Arc<AtomicBool>,
     thread: JoinHandle<()>,
 }
 
-/// A process that has ended.
+/// Exit of a process.
 #[derive(Debug)]
 pub(crate) struct Exit {
     pub(crate) incarnation: u32,
-    /// How, for people.
-    pub(crate) how: String,
-    /// The end of what it said on standard error.
+    /// Exit status, shown to the user.
+    pub(crate) exit_status: String,
+    /// Last output on standard error.
     pub(crate) stderr: String,
 }
 
-/// A process that has ended, and when that was seen.
-type Dead = (Child, Instant);
+/// Exited child process and the time its exit was noticed.
+type ExitedChild = (Child, Instant);
 
 #[derive(Debug)]
 struct Process {
@@ -87,44 +91,52 @@ struct Process {
 }
 
 impl Processes {
-    /// Starts a service; its process.
+    /// Starts a service and returns its process ID.
+    ///
+    /// # Errors
+    ///
+    /// Returns a message for the user if the process could not be started or configured.
     pub(crate) fn start(
         &mut self,
         service: Service,
         config: &ServiceConfig,
         class: SchedulingClass,
     ) -> Result<u32, String> {
-        let failed = |cause| format!("starting the service {service}: {cause}");
+        let failed = |cause| format!("cannot start service {service}: {cause}");
         let process = Process::start(service, config).map_err(failed)?;
         let pid = process.pid;
-        scheduling::set(pid, class);
+        scheduling::set_class(pid, class);
         self.all.insert(config.incarnation, process);
         Ok(pid)
     }
 
-    /// Those that have ended since the last time; the others are listened to, so that none has to wait for a reader.
+    /// Returns the processes that have exited since the previous call.
+    ///
+    /// Reads the standard error of the others, so that none blocks on a full pipe.
     pub(crate) fn reap(&mut self) -> Vec<Exit> {
         let mut exits = Vec::new();
         let ended = self.all.extract_if(.., |incarnation, process| {
-            process.stderr.listen();
-            let Some(status) = process.ended() else { return false };
-            exits.push(Exit { incarnation: *incarnation, how: how(status), stderr: process.stderr.text() });
+            process.stderr.poll();
+            let Some(status) = process.exit_status() else { return false };
+            exits.push(Exit { incarnation: *incarnation, exit_status: describe_exit(status), stderr: process.stderr.text() });
             true
         });
-        let dead: Vec<_> = ended.map(|(_, process)| process.child).collect();
-        dead.into_iter().for_each(|child| self.reap_beside(child));
+        let children: Vec<_> = ended.map(|(_, process)| process.child).collect();
+        children.into_iter().for_each(|child| self.reap_in_background(child));
         exits
     }
 
-    /// Has a process that has ended reaped by a thread of its own; by this one where there is none, or it has too many.
-    fn reap_beside(&mut self, child: Child) {
-        self.reaping = self.reaping.take().or_else(Reaping::start);
-        let sent = match &self.reaping {
-            Some(Reaping { dead, .. }) => dead.try_send((child, Instant::now())),
+    /// Passes an exited process to the reaper thread.
+    ///
+    /// Reaps it here if the thread is missing or its queue is full.
+    fn reap_in_background(&mut self, child: Child) {
+        self.reaper = self.reaper.take().or_else(ReaperThread::start);
+        let result = match &self.reaper {
+            Some(ReaperThread { exited, .. }) => exited.try_send((child, Instant::now())),
             None => Err(TrySendError::Disconnected((child, Instant::now()))),
         };
-        if let Err(TrySendError::Full((mut child, _)) | TrySendError::Disconnected((mut child, _))) = sent {
-            // It has ended: only the kernel is waited for.
+        if let Err(TrySendError::Full((mut child, _)) | TrySendError::Disconnected((mut child, _))) = result {
+            // The process has exited, so the wait is for the kernel only.
             let _ = child.wait();
         }
     }
@@ -134,43 +146,43 @@ impl Processes {
     }
 
     pub(crate) fn schedule(&self, incarnation: u32, class: SchedulingClass) {
-        self.all.get(&incarnation).into_iter().for_each(|process| scheduling::set(process.pid, class));
+        self.all.get(&incarnation).into_iter().for_each(|process| scheduling::set_class(process.pid, class));
     }
 
-    /// Sleeps until a process ends, no longer than `limit`.
-    pub(crate) fn wait(&self, limit: Duration) {
+    /// Sleeps until a process exits, at most for `timeout`.
+    pub(crate) fn wait(&self, timeout: Duration) {
         let fds = self.all.values().filter_map(|process| process.fd.as_ref());
         let mut fds: Vec<_> = fds.map(|fd| PollFd::new(fd, PollFlags::IN)).collect();
-        let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: i64::from(limit.subsec_nanos()) };
-        // A signal ends it too: the caller looks again.
-        let _ = poll(&mut fds, Some(&limit));
+        let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
+        // A signal also ends the wait; the caller polls again.
+        let _ = poll(&mut fds, Some(&timeout));
     }
 
-    /// Kills all of them.
-    pub(crate) fn kill(&mut self) {
+    /// Kills all processes.
+    pub(crate) fn kill_all(&mut self) {
         self.all.values().for_each(|process| process.signal(Signal::KILL));
         for process in std::mem::take(&mut self.all).into_values() {
-            // A killed process ends; the wait is for the kernel only.
+            // The process has been killed, so the wait is for the kernel only.
             let _ = process.state(WaitIdOptions::EXITED | WaitIdOptions::NOWAIT);
-            self.reap_beside(process.child);
+            self.reap_in_background(process.child);
         }
     }
 
-    /// Ends and reaps all of them.
-    pub(crate) fn end(&mut self) {
-        let deadline = Instant::now() + GRACE;
+    /// Terminates and reaps all processes.
+    pub(crate) fn terminate_all(&mut self) {
+        let deadline = Instant::now() + TERMINATE_TIMEOUT;
         self.all.values().for_each(|process| process.signal(Signal::TERM));
         while !self.all.is_empty() && Instant::now() < deadline {
             self.reap();
             std::thread::sleep(Duration::from_millis(2));
         }
-        self.kill();
-        if let Some(reaping) = self.reaping.take() {
-            reaping.end();
+        self.kill_all();
+        if let Some(reaper) = self.reaper.take() {
+            reaper.finish();
         }
     }
 
-    /// CPU time of all of them since they started, s, and of those that have been reaped.
+    /// Returns the CPU time of all processes since their start, including reaped ones, s.
     pub(crate) fn cpu_s(&self) -> f64 {
         self.all.values().map(|process| cpu_s(process.pid)).sum::<f64>() + reaped_cpu_s()
     }
@@ -178,26 +190,26 @@ impl Processes {
 
 impl Drop for Processes {
     fn drop(&mut self) {
-        self.end();
+        self.terminate_all();
     }
 }
 
 impl Process {
     fn start(service: Service, config: &ServiceConfig) -> io::Result<Self> {
         let text = serde_json::to_string(config)?;
-        let mut child = Command::new(program()?)
+        let mut child = Command::new(executable()?)
             .args(["service", service.name()])
             .stdin(Stdio::piped())
-            .stdout(output(service, config)?)
+            .stdout(stdout_for(service, config)?)
             .stderr(Stdio::piped())
-            // Ctrl-C is for the supervisor, which ends the services.
+            // Ctrl-C is handled by the supervisor, which terminates the services.
             .process_group(0)
             .spawn()?;
-        let (stdin, stderr) = (child.stdin.take(), StderrTail::on(child.stderr.take()));
+        let (stdin, stderr) = (child.stdin.take(), StderrTail::new(child.stderr.take()));
         let pid = child.id();
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
         let process = Self { pid, child, fd, stderr };
-        // One that has ended before it read its configuration is found when it is reaped.
+        // A process that exited before it read its configuration is noticed when it is reaped.
         let written = stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()));
         match written.map_err(|cause| (cause.kind(), cause)) {
             Err((kind, cause)) if kind != io::ErrorKind::BrokenPipe => {
@@ -208,8 +220,8 @@ impl Process {
         }
     }
 
-    /// How it has ended, if it has; it stays in the kernel's table.
-    fn ended(&self) -> Option<ExitStatus> {
+    /// Returns the exit status if the process has exited. The process stays in the kernel's table.
+    fn exit_status(&self) -> Option<ExitStatus> {
         let status = self.state(WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)?;
         let raw = status.exit_status().map(|code| code << 8).or(status.terminating_signal())?;
         Some(ExitStatus::from_raw(raw))
@@ -221,53 +233,59 @@ impl Process {
 
     fn signal(&self, signal: Signal) {
         if let Some(pid) = Pid::from_raw(self.pid as i32) {
-            // A process that has just ended does not need the signal.
+            // An error means that the process has just exited.
             let _ = kill_process(pid, signal);
         }
     }
 }
 
-impl Reaping {
+impl ReaperThread {
     fn start() -> Option<Self> {
-        let (dead, sent) = mpsc::sync_channel::<Dead>(DEAD_MAX);
-        let ends = Arc::new(AtomicBool::new(false));
-        let ending = ends.clone();
+        let (exited, received) = mpsc::sync_channel::<ExitedChild>(MAX_UNREAPED);
+        let stop = Arc::new(AtomicBool::new(false));
+        let stop_flag = stop.clone();
         let work = move || {
-            // The kernel may compute for long to clear up after a process.
-            scheduling::set(scheduling::OWN, SchedulingClass::Leaving);
-            for (mut child, since) in sent {
-                while since.elapsed() < DEAD_PAUSE && !ending.load(Ordering::SeqCst) {
-                    thread::sleep(DEAD_LOOK);
+            // Reaping may use the processor for long.
+            scheduling::set_class(scheduling::CALLING_THREAD, SchedulingClass::Leaving);
+            for (mut child, exited_at) in received {
+                while exited_at.elapsed() < REAP_DELAY && !stop_flag.load(Ordering::SeqCst) {
+                    thread::sleep(REAP_POLL_INTERVAL);
                 }
                 let _ = child.wait();
             }
         };
         let thread = thread::Builder::new().name("reaping".into()).spawn(work).ok()?;
-        Some(Self { dead, ends, thread })
+        Some(Self { exited, stop, thread })
     }
 
-    /// Reaps at once those that wait; what takes longer is left to the kernel when this process ends.
-    fn end(self) {
-        self.ends.store(true, Ordering::SeqCst);
-        drop(self.dead);
-        let deadline = Instant::now() + REAP_LIMIT;
+    /// Reaps the waiting processes without delay, within a time limit. The kernel reaps the rest
+    /// when the supervisor exits.
+    fn finish(self) {
+        self.stop.store(true, Ordering::SeqCst);
+        drop(self.exited);
+        let deadline = Instant::now() + REAP_TIMEOUT;
         while !self.thread.is_finished() && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
         }
     }
 }
 
-/// The program that runs here, also where an upgrade has put another in the place of its file: all processes of a run are of one version.
-fn program() -> io::Result<PathBuf> {
+/// Returns the path of the running executable.
+///
+/// Uses `/proc/self/exe` if an upgrade has replaced the file, so that all processes of a run have
+/// the same version.
+fn executable() -> io::Result<PathBuf> {
     let running = PathBuf::from("/proc/self/exe");
     let file = std::env::current_exe()?;
     let identity = |path: &Path| fs::metadata(path).map(|file| (file.dev(), file.ino())).ok();
     Ok(if identity(&file) == identity(&running) { file } else { running })
 }
 
-/// What a service has in the place of its standard output, on which none of them says anything: the drivers have there what comes on the
-/// supervisor's standard input, where that is the source; their own brings the configuration.
-fn output(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
+/// Returns the standard output of a service, which services do not write to.
+///
+/// If standard input is the source, the drivers inherit it in this place, because their standard
+/// input carries the configuration.
+fn stdout_for(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
     match service {
         Service::Drivers if config.launch.ingest.source == Source::Stdin => {
             Ok(io::stdin().as_fd().try_clone_to_owned()?.into())
@@ -276,33 +294,34 @@ fn output(service: Service, config: &ServiceConfig) -> io::Result<Stdio> {
     }
 }
 
-fn how(status: ExitStatus) -> String {
+fn describe_exit(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
-        (Some(0), _) => "ended with code 0, as if somebody else had sent it SIGTERM".into(),
-        (Some(code), _) => format!("ended with code {code}"),
+        (Some(0), _) => "exited with code 0, as after a SIGTERM from another process".into(),
+        (Some(code), _) => format!("exited with code {code}"),
         (None, Some(libc::SIGBUS)) => {
-            let state = SharedMemory::now().map_or(String::new(), |memory| format!("{memory}; "));
-            format!("found no memory for its part of the bus (signal 7): {state}{MORE_MEMORY}")
+            let state = SharedMemory::query().map_or(String::new(), |memory| format!("{memory}; "));
+            format!("ran out of shared memory for the bus (signal 7): {state}{SHARED_MEMORY_REMEDY}")
         }
-        (None, Some(signal)) => format!("was ended by signal {signal}"),
-        (None, None) => "ended".into(),
+        (None, Some(signal)) => format!("was killed by signal {signal}"),
+        (None, None) => "exited".into(),
     }
 }
 
-/// CPU time of this process, s.
+/// Returns the CPU time of this process, s.
 pub(crate) fn own_cpu_s() -> f64 {
     cpu_s(std::process::id())
 }
 
-/// CPU time of the processes that this one has reaped, s: the times `cutime` and `cstime` of proc(5).
+/// Returns the CPU time of the reaped child processes, s: `cutime` and `cstime` of proc(5).
 fn reaped_cpu_s() -> f64 {
     let text = fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // The name of the executable, in parentheses, may have spaces; the state is the first word after it, and the third of the line.
+    // The executable name in parentheses may contain spaces. The word after it is field 3, the
+    // state.
     let words = text.rsplit_once(')').map_or("", |(_, words)| words).split_whitespace();
     words.skip(16 - 3).take(2).filter_map(|word| word.parse::<f64>().ok()).sum::<f64>() / USER_HZ
 }
 
-/// CPU time of a process, s; 0 when it is no more.
+/// Returns the CPU time of a process, s; 0 if the process no longer exists.
 fn cpu_s(pid: u32) -> f64 {
-    cpu_ns(pid).map_or(0.0, |ns| ns as f64 * 1e-9)
+    cpu_time_ns(pid).map_or(0.0, |ns| ns as f64 * 1e-9)
 }

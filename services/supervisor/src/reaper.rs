@@ -1,7 +1,10 @@
-//! Clears away what killed services leave on the bus, beside everything else: a new incarnation neither waits for it nor does it.
+//! Removes what killed services leave on the bus, in parallel with the supervisor.
 //!
-//! Input: that somebody has died. Output: ports and segments freed. Time: the clock, for a pause that leaves the machine to the next incarnation.
-//! Failure: what cannot be removed is tried again; iceoryx2 may wait for ever for a segment whose maker was killed, so it is a thread of its own.
+//! - Input: notifications of exits.
+//! - Output: freed ports and segments.
+//! - Time: the system clock, for a delay that leaves the processor to the restarted service.
+//! - Failure: a failed removal is retried. A separate thread is used because iceoryx2 may wait
+//!   forever for a segment whose creator was killed.
 
 use std::{
     sync::mpsc::{self, RecvTimeoutError, SyncSender},
@@ -13,54 +16,53 @@ use bus::SystemName;
 
 use crate::UpError;
 
-/// From a death until its remains are cleared away: the next incarnation has begun by then.
-const PAUSE: Duration = Duration::from_millis(50);
-/// At the latest after so long it looks by itself: an observer may have been killed.
-const LOOK: Duration = Duration::from_secs(1);
-/// How long the end waits for it.
-const END_LIMIT: Duration = Duration::from_millis(200);
+/// Delay from an exit to the removal, by which the service has restarted.
+const CLEANUP_DELAY: Duration = Duration::from_millis(50);
+/// Interval of the periodic removal, for example after an observer was killed.
+const CLEANUP_INTERVAL: Duration = Duration::from_secs(1);
+/// Time limit for the thread to end at shutdown.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// The thread.
 #[derive(Debug)]
 pub(crate) struct StaleNodeReaper {
-    deaths: Option<SyncSender<()>>,
+    exits: Option<SyncSender<()>>,
     thread: JoinHandle<()>,
 }
 
 impl StaleNodeReaper {
     pub(crate) fn new(system_name: SystemName) -> Result<Self, UpError> {
-        let (deaths, heard) = mpsc::sync_channel(1);
+        let (exits, received) = mpsc::sync_channel(1);
         let work = move || {
             loop {
-                match heard.recv_timeout(LOOK) {
-                    Ok(()) => thread::sleep(PAUSE),
+                match received.recv_timeout(CLEANUP_INTERVAL) {
+                    Ok(()) => thread::sleep(CLEANUP_DELAY),
                     Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => return,
                 }
-                // What is left is found again at the next look.
-                let _ = system_name.clean();
+                // A failed removal is retried in the next round.
+                let _ = system_name.remove_dead_nodes();
             }
         };
         let thread = thread::Builder::new()
             .name("reaper".into())
             .spawn(work)
-            .map_err(|cause| UpError::System { doing: "starting the reaper".into(), cause })?;
-        Ok(Self { deaths: Some(deaths), thread })
+            .map_err(|cause| UpError::System { action: "starting the reaper".into(), cause })?;
+        Ok(Self { exits: Some(exits), thread })
     }
 
-    /// Somebody has died.
-    pub(crate) fn note_death(&self) {
-        if let Some(deaths) = &self.deaths {
-            // One that waits already stands for this one too.
-            let _ = deaths.try_send(());
+    /// Notifies the thread that a process has exited.
+    pub(crate) fn notify_exit(&self) {
+        if let Some(exits) = &self.exits {
+            // A pending notification covers this exit as well.
+            let _ = exits.try_send(());
         }
     }
 }
 
 impl Drop for StaleNodeReaper {
     fn drop(&mut self) {
-        self.deaths = None;
-        let deadline = Instant::now() + END_LIMIT;
+        self.exits = None;
+        let deadline = Instant::now() + SHUTDOWN_TIMEOUT;
         while !self.thread.is_finished() && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
         }

@@ -1,7 +1,8 @@
-//! Who takes down everything that is published, while it is published.
+//! Interface of a recorder of all published messages.
 //!
-//! Input: the messages of every topic, from the first tick on. Output: what the recorder makes of them. Time: none. Failure: a recorder that
-//! can go on no more says so, and nothing else ends.
+//! - Input: the messages of every topic, from the first tick on.
+//! - Output: defined by the recorder.
+//! - Failure: a failed recorder reports its failure. The system keeps running.
 
 use std::path::PathBuf;
 
@@ -11,33 +12,40 @@ use serde::Serialize;
 
 use crate::{Report, UpError};
 
-/// Who takes down everything that is published. It never waits for long, but that a source in lockstep may wait for it.
+/// Recorder of all published messages.
+///
+/// The methods must not block for long. In lockstep the source may wait for them.
 pub trait Recorder {
-    /// The system is about to start.
-    fn begin(&mut self, config: &ServiceConfig) -> Result<(), UpError>;
-    /// A message of a topic.
-    fn take(&mut self, topic: Topic, message: &[u8]);
-    /// The buffer of a topic was full before it was read: messages may have been overwritten.
-    fn overflowed(&mut self, topic: Topic);
-    /// What there was has been taken; called several times a second.
-    fn look(&mut self);
-    /// Why nothing more is taken down, once it is so.
+    /// Starts the recording. Called before any service starts.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the recording cannot be created.
+    fn start(&mut self, config: &ServiceConfig) -> Result<(), UpError>;
+    /// Records a message of a topic.
+    fn record(&mut self, topic: Topic, message: &[u8]);
+    /// Reports that the buffer of a topic was full before it was read, so that messages may be
+    /// missing.
+    fn on_overflow(&mut self, topic: Topic);
+    /// Ends a round of messages. Called several times per second.
+    fn end_round(&mut self);
+    /// Returns why the recording has failed, or `None` while it works.
     fn failure(&self) -> Option<String>;
-    /// The run is over.
-    fn end(&mut self, report: &Report) -> RecordingReport;
+    /// Finishes the recording with the report of the run.
+    fn finish(&mut self, report: &Report) -> RecordingReport;
 }
 
-/// What became of a recording.
+/// Summary of a recording.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct RecordingReport {
-    /// The file.
+    /// Path of the file.
     pub file: PathBuf,
-    /// Messages in it.
+    /// Number of recorded messages.
     pub messages: u64,
-    /// Messages, at least, that were published and are not in it.
+    /// Minimum number of published messages that are not in the file.
     pub missed: u64,
-    /// Its length.
+    /// File size in bytes.
     pub bytes: u64,
-    /// Why it is not whole; `None` where it is.
+    /// Reason why the recording is incomplete; `None` if it is complete.
     pub error: Option<String>,
 }

@@ -1,118 +1,120 @@
-//! How a run went: one JSON object for scripts, a few lines for people.
+//! Report of a run: a JSON object for scripts and a short text for the user.
 
 use std::fmt;
 
-use launch::counted;
+use launch::pluralize;
 use messages::Flags;
 use pipeline::Collector;
 use serde::Serialize;
 
 use crate::{RecordingReport, UpError};
 
-/// How a run went.
+/// Report of a run.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Report {
-    /// Ticks that ingest numbered.
+    /// Ticks numbered by ingest.
     pub ticks_in: u64,
-    /// Ticks with an attitude; where that is made on another host, ticks that every slot here has published.
+    /// Ticks with an attitude. If another host computes the attitude, ticks published by every
+    /// local slot.
     pub ticks_out: u64,
-    /// Ticks without.
+    /// Ticks without an attitude.
     pub lost: u64,
-    /// Of the ticks with an attitude those that the figures below and the file do not have: the supervisor did not take them while the topic
-    /// held them.
+    /// Ticks with an attitude that are missing from the figures below and the output file.
+    ///
+    /// The supervisor did not collect them before they were overwritten in the topic.
     pub not_recorded: u64,
-    /// Attitudes that came again.
+    /// Attitudes published more than once.
     pub duplicated: u64,
-    /// From birth at ingest to publication of the attitude.
+    /// Latency from the birth of a sample at ingest to the publication of its attitude.
     pub latency_us: LatencyUs,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
-    /// Against the truth, where the source knows it.
+    /// Error against the reference attitude, if the source has one.
     pub error_deg: Option<ErrorDeg>,
-    /// The processes.
+    /// Services of the system.
     pub services: Vec<ServiceReport>,
-    /// The recording of the flight, where there is one.
+    /// Summary of the flight recording, if there was one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recording: Option<RecordingReport>,
-    /// What seems wrong with the input, each with the remedy.
+    /// Warnings about implausible input, with remedies.
     pub warnings: Vec<String>,
-    /// Why it is not as it should be, one reason a line; `None` where it is.
+    /// Reasons why the run failed, one per line; `None` if it succeeded.
     pub error: Option<String>,
-    /// Shared by runs whose attitudes are the same to the last bit.
+    /// Digest of all attitudes. Equal digests mean bit-identical attitudes.
     #[serde(skip)]
     pub digest: u64,
-    /// Readings refused at the source.
+    /// Readings rejected at the source.
     #[serde(skip)]
-    pub refused: u64,
-    /// Every flag of any attitude.
+    pub rejected: u64,
+    /// Union of the flags of all attitudes.
     #[serde(skip)]
     pub flags: Flags,
-    /// What `plumb` ends with.
+    /// Exit code of `plumb`.
     #[serde(skip)]
     pub exit_code: u8,
 }
 
-/// Latency, µs.
+/// Latency quantiles, µs.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LatencyUs {
     /// Median.
     pub p50: f64,
-    /// 99 %.
+    /// 99th percentile.
     pub p99: f64,
-    /// 99.9 %.
+    /// 99.9th percentile.
     pub p999: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
 /// Inclination error, degrees.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorDeg {
-    /// Root of the mean square.
+    /// Root mean square.
     pub inclination_rmse: f64,
-    /// Largest.
+    /// Maximum.
     pub inclination_max: f64,
 }
 
-/// A process.
+/// Service of a run.
 #[derive(Debug, Clone, Serialize)]
 pub struct ServiceReport {
-    /// Its name.
+    /// Service name.
     pub name: &'static str,
-    /// Its process, where there is one.
+    /// Process ID, if a process runs.
     pub pid: Option<u32>,
-    /// Times it was started again.
+    /// Number of restarts.
     pub restarts: u32,
 }
 
-/// What a run knows beside its attitudes.
+/// Totals of a run that the collector does not know.
 #[derive(Debug, Clone, Default)]
-pub struct Account {
-    /// Ticks that ingest numbered, or that were imported.
+pub struct RunTotals {
+    /// Ticks numbered by ingest, or imported from another host.
     pub ticks_in: u64,
-    /// Ticks that every slot here has published, where the attitude is made on another host.
+    /// Ticks published by every local slot, if another host computes the attitude.
     pub ticks_out: Option<u64>,
-    /// Readings refused at the source.
-    pub refused: u64,
+    /// Readings rejected at the source.
+    pub rejected: u64,
     /// CPU time of all processes per second of the run.
     pub cpu_s_per_s: f64,
-    /// The processes.
+    /// Services of the system.
     pub services: Vec<ServiceReport>,
-    /// What the judge of the input has said.
+    /// Warnings about implausible input.
     pub warnings: Vec<String>,
 }
 
 impl Report {
-    /// The report of a run that has come to its end, or to `failure`.
-    pub fn new(mut collector: Collector, account: Account, failure: Option<UpError>) -> Self {
+    /// Creates the report of a run that ended regularly or with `failure`.
+    pub fn new(mut collector: Collector, totals: RunTotals, failure: Option<UpError>) -> Self {
         let unwritten = collector.finish().err().map(UpError::from);
         let without_fused = collector.without_fused();
         let partial = (without_fused > 0).then_some(UpError::WithoutFused { without_fused });
         let accuracy = collector.accuracy();
         let not_recorded = collector.not_recorded();
-        // What ingest said last may be older than what came out.
-        let ticks_out = account.ticks_out.unwrap_or(collector.ticks() + not_recorded);
-        let ticks_in = account.ticks_in.max(collector.next_tick()).max(ticks_out);
+        // The newest health report of ingest may be older than the newest output.
+        let ticks_out = totals.ticks_out.unwrap_or(collector.ticks() + not_recorded);
+        let ticks_in = totals.ticks_in.max(collector.next_tick()).max(ticks_out);
         let lost = ticks_in - ticks_out;
         let losses = (lost > 0).then_some(UpError::Lost { lost, ticks_in });
         let gaps = (not_recorded > 0).then_some(UpError::NotRecorded { not_recorded });
@@ -124,25 +126,25 @@ impl Report {
             lost,
             not_recorded,
             duplicated: collector.duplicated(),
-            latency_us: LatencyUs::of(&collector),
-            cpu_s_per_s: account.cpu_s_per_s,
+            latency_us: LatencyUs::from_collector(&collector),
+            cpu_s_per_s: totals.cpu_s_per_s,
             error_deg: accuracy.rmse().map(|rmse| ErrorDeg {
                 inclination_rmse: rmse.inclination_deg,
                 inclination_max: accuracy.max.inclination_deg,
             }),
-            services: account.services,
+            services: totals.services,
             recording: None,
-            warnings: account.warnings,
+            warnings: totals.warnings,
             error: Some(error).filter(|error| !error.is_empty()),
             digest: collector.digest(),
-            refused: account.refused,
+            rejected: totals.rejected,
             flags: collector.flags(),
             exit_code: errors.first().map_or(0, UpError::exit_code),
         }
     }
 
-    /// Puts down what became of the recording. One that is not whole is told, and is a failure.
-    pub(crate) fn record(&mut self, recording: RecordingReport) {
+    /// Adds the summary of the recording. An incomplete recording is a failure of the run.
+    pub(crate) fn set_recording(&mut self, recording: RecordingReport) {
         if let Some(error) = &recording.error {
             let errors: Vec<_> = self.error.take().into_iter().chain([error.clone()]).collect();
             self.error = Some(errors.join("\n"));
@@ -151,20 +153,20 @@ impl Report {
         self.recording = Some(recording);
     }
 
-    /// The report of what did not run, and with which code it ends.
-    pub fn none(error: &dyn fmt::Display, exit_code: u8) -> Self {
+    /// Creates the report of a run that did not start.
+    pub fn from_error(error: &dyn fmt::Display, exit_code: u8) -> Self {
         Self { error: Some(error.to_string()), exit_code, ..Self::default() }
     }
 
-    /// The report for scripts: one object on one line.
-    pub fn json(&self) -> String {
+    /// Returns the report as a JSON object on one line.
+    pub fn to_json(&self) -> String {
         // Numbers, strings and lists always serialise.
         serde_json::to_string(self).unwrap_or_default()
     }
 }
 
 impl LatencyUs {
-    pub(crate) fn of(collector: &Collector) -> Self {
+    pub(crate) fn from_collector(collector: &Collector) -> Self {
         let latency = collector.latency_ns();
         let us = |ns: u64| ns as f64 / 1000.0;
         Self {
@@ -185,11 +187,11 @@ impl fmt::Display for LatencyUs {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks_in, ticks_out, lost, duplicated, refused, .. } = self;
-        let refused = counted(*refused, "reading");
+        let Self { ticks_in, ticks_out, lost, duplicated, rejected, .. } = self;
+        let rejected = pluralize(*rejected, "reading");
         writeln!(
             f,
-            "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {refused} refused"
+            "ticks    {ticks_in} in, {ticks_out} out, {lost} lost, {duplicated} duplicated, {rejected} rejected"
         )?;
         writeln!(f, "latency  {}", self.latency_us)?;
         writeln!(f, "cpu      {:.3} s per s", self.cpu_s_per_s)?;
@@ -204,7 +206,7 @@ impl fmt::Display for Report {
         }
         if let Some(RecordingReport { file, messages, missed, bytes, .. }) = &self.recording {
             let size = *bytes as f64 * 1e-6;
-            let messages = counted(*messages, "message");
+            let messages = pluralize(*messages, "message");
             writeln!(f, "flight   {}: {messages}, {missed} missed, {size:.1} MB", file.display())?;
         }
         write!(f, "digest   {:016x}", self.digest)

@@ -1,12 +1,15 @@
-//! Which process runs first where more is to be done than there are processors.
+//! Scheduling priorities, for machines with more runnable processes than processors.
 //!
-//! Input: a process and its standing. Output: its priority. Time: none. Failure: where a priority cannot be had the process runs all the
-//! same, as the kernel has it.
+//! - Input: a process and its class.
+//! - Output: its scheduling attributes.
+//! - Failure: if the attributes cannot be set, the process keeps those of the kernel.
 //!
-//! A process that starts or ends computes for some ten milliseconds, and a tick that waits for a processor would wait for a whole slice of that, some milliseconds.
-//! Whoever is on the path has therefore the shortest slices that the kernel knows (Linux 6.12 and later let it run at once when it is
-//! woken; others ignore it), and whoever starts beside the path or leaves it is nicer than the others. A policy that somebody chose for
-//! the whole system, such as `chrt --fifo`, stays that of the path.
+//! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
+//! processor would wait for a whole time slice of that process, some milliseconds. Processes on the
+//! data path therefore have the shortest slices; Linux 6.12 and later then run them as soon as they
+//! are woken, other versions ignore the slice. Processes that start as candidates or exit have an
+//! increased nice value. A policy chosen for the whole system, such as `chrt --fifo`, applies to
+//! the data path.
 
 use std::io;
 
@@ -15,55 +18,61 @@ use rustix::{
     thread::{CapabilitySet, capabilities},
 };
 
-/// The shortest slice, ns; a tick takes less.
-const SHORT_NS: u64 = 100_000;
-/// That of the supervisor, ns: after the path, before everybody else, who has milliseconds.
-const SUPERVISOR_NS: u64 = 1_000_000;
-/// By how much a process beside the path is nicer: a tenth of the weight, so that it starts on a loaded machine too.
-const NICER: i32 = 10;
-const NICEST: i32 = 19;
-/// To the kernel, the thread that asks.
-pub(crate) const OWN: u32 = 0;
+/// Time slice of processes on the data path, ns; a tick takes less.
+const PATH_SLICE_NS: u64 = 100_000;
+/// Time slice of the supervisor, ns: longer than on the data path, shorter than the default of some
+/// milliseconds.
+const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
+/// Increase of the nice value for starting and leaving processes.
+///
+/// They keep a tenth of the weight, so that they also start on a loaded machine.
+const NICE_INCREMENT: i32 = 10;
+const MAX_NICE: i32 = 19;
+/// Process ID that denotes the calling thread.
+pub(crate) const CALLING_THREAD: u32 = 0;
 
-/// Standings of processes.
+/// Scheduling class of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SchedulingClass {
-    /// On the path: it runs when it is woken.
+    /// On the data path: runs as soon as it is woken.
     Path,
-    /// Beside the path, like any other program.
-    Beside,
-    /// It starts, to be on the path later: the path runs first.
+    /// Auxiliary process with default scheduling.
+    Auxiliary,
+    /// Candidate that starts, with a lower priority than the data path.
     Starting,
-    /// It leaves for good, or clears up after one that has: likewise.
+    /// Process that exits, or thread that reaps one, with a lower priority than the data path.
     Leaving,
 }
 
-/// Gives a process, or the thread that asks, its standing. One that starts and could not be given the path's again is no nicer than others.
-pub(crate) fn set(pid: u32, class: SchedulingClass) {
-    let Ok(own) = scheduling_of(OWN) else { return };
-    let class = if class == SchedulingClass::Starting && !may_return(&own) { SchedulingClass::Beside } else { class };
-    // One that has just ended needs no priority, and a kernel that does not know slices goes without.
+/// Sets the scheduling of a process or of the calling thread.
+///
+/// A starting process whose priority could not be restored later keeps the default priority.
+pub(crate) fn set_class(pid: u32, class: SchedulingClass) {
+    let Ok(own) = attributes_of(CALLING_THREAD) else { return };
+    let class = if class == SchedulingClass::Starting && !can_restore(&own) { SchedulingClass::Auxiliary } else { class };
+    // An error is ignored: the process has just exited, or the kernel does not support slices.
     let _ = schedule(pid, &attributes(own, class));
 }
 
-/// The supervisor sees in time who is silent, whatever else the machine has to do.
-pub(crate) fn set_own() {
-    let Ok(own) = scheduling_of(OWN) else { return };
+/// Shortens the time slice of the supervisor, so that it detects silent services on a loaded
+/// machine.
+pub(crate) fn set_supervisor_slice() {
+    let Ok(own) = attributes_of(CALLING_THREAD) else { return };
     if own.sched_policy == libc::SCHED_OTHER as u32 {
-        let _ = schedule(OWN, &libc::sched_attr { sched_runtime: SUPERVISOR_NS, ..own });
+        let _ = schedule(CALLING_THREAD, &libc::sched_attr { sched_runtime: SUPERVISOR_SLICE_NS, ..own });
     }
 }
 
-/// What a process is to have, where the supervisor has `own`.
+/// Returns the attributes of a class, given those of the supervisor in `own`.
 fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr {
-    let usual = own.sched_policy == libc::SCHED_OTHER as u32;
+    let is_default = own.sched_policy == libc::SCHED_OTHER as u32;
     match class {
-        SchedulingClass::Path if usual => libc::sched_attr { sched_runtime: SHORT_NS, ..own },
-        SchedulingClass::Beside if usual => libc::sched_attr { sched_runtime: 0, ..own },
-        SchedulingClass::Path | SchedulingClass::Beside => own,
+        SchedulingClass::Path if is_default => libc::sched_attr { sched_runtime: PATH_SLICE_NS, ..own },
+        SchedulingClass::Auxiliary if is_default => libc::sched_attr { sched_runtime: 0, ..own },
+        SchedulingClass::Path | SchedulingClass::Auxiliary => own,
         SchedulingClass::Starting | SchedulingClass::Leaving => libc::sched_attr {
             sched_policy: libc::SCHED_OTHER as u32,
-            sched_nice: (own.sched_nice + NICER).min(NICEST),
+            sched_nice: (own.sched_nice + NICE_INCREMENT).min(MAX_NICE),
             sched_priority: 0,
             sched_runtime: 0,
             ..own
@@ -71,24 +80,25 @@ fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr
     }
 }
 
-/// A process that was made nicer may have back what the supervisor has.
-fn may_return(own: &libc::sched_attr) -> bool {
+/// Returns `true` if the supervisor may restore its own priority for a process with an increased
+/// nice value.
+fn can_restore(own: &libc::sched_attr) -> bool {
     let allowed = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
     capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_NICE))
-        // The kernel counts niceness from 20 downwards there.
+        // RLIMIT_NICE counts from 20 downwards.
         || (allowed(Resource::Nice) >= u64::from((20 - own.sched_nice).unsigned_abs())
             && allowed(Resource::Rtprio) >= u64::from(own.sched_priority))
 }
 
 fn schedule(pid: u32, attributes: &libc::sched_attr) -> io::Result<()> {
     #[allow(unsafe_code)]
-    // SAFETY: the kernel reads as many bytes as the structure says that it has, and writes none.
-    let answer = unsafe { libc::syscall(libc::SYS_sched_setattr, pid, std::ptr::from_ref(attributes), 0) };
-    if answer == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+    // SAFETY: the kernel reads as many bytes as the structure declares, and writes none.
+    let result = unsafe { libc::syscall(libc::SYS_sched_setattr, pid, std::ptr::from_ref(attributes), 0) };
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
-/// How a process is scheduled.
-fn scheduling_of(pid: u32) -> io::Result<libc::sched_attr> {
+/// Returns the scheduling attributes of a process.
+fn attributes_of(pid: u32) -> io::Result<libc::sched_attr> {
     let size = size_of::<libc::sched_attr>() as u32;
     let mut attributes = libc::sched_attr {
         size,
@@ -101,9 +111,9 @@ fn scheduling_of(pid: u32) -> io::Result<libc::sched_attr> {
         sched_period: 0,
     };
     #[allow(unsafe_code)]
-    // SAFETY: the kernel writes no more than the `size` bytes that it is told of, and all of them are integers.
-    let answer = unsafe { libc::syscall(libc::SYS_sched_getattr, pid, &raw mut attributes, size, 0) };
-    if answer == 0 { Ok(attributes) } else { Err(io::Error::last_os_error()) }
+    // SAFETY: the kernel writes at most `size` bytes, and all fields are integers.
+    let result = unsafe { libc::syscall(libc::SYS_sched_getattr, pid, &raw mut attributes, size, 0) };
+    if result == 0 { Ok(attributes) } else { Err(io::Error::last_os_error()) }
 }
 
 #[cfg(test)]
@@ -119,10 +129,10 @@ mod tests {
             Self(Command::new("sleep").arg("60").spawn().unwrap())
         }
 
-        /// Policy, niceness, slice.
-        fn under(&self, class: SchedulingClass) -> (u32, i32, u64) {
-            set(self.0.id(), class);
-            let now = scheduling_of(self.0.id()).unwrap();
+        /// Applies a class and returns policy, nice value and slice.
+        fn apply(&self, class: SchedulingClass) -> (u32, i32, u64) {
+            set_class(self.0.id(), class);
+            let now = attributes_of(self.0.id()).unwrap();
             (now.sched_policy, now.sched_nice, now.sched_runtime)
         }
     }
@@ -135,30 +145,30 @@ mod tests {
     }
 
     #[test]
-    fn whoever_starts_or_leaves_is_nicer_and_whoever_is_on_the_path_has_short_slices() {
-        let own = scheduling_of(OWN).unwrap();
+    fn class_sets_nice_value_and_slice() {
+        let own = attributes_of(CALLING_THREAD).unwrap();
         let (sleeper, policy) = (Sleeper::new(), libc::SCHED_OTHER as u32);
-        assert_eq!(own.sched_policy, policy, "the test runs under a policy of its own");
-        let nicer = (own.sched_nice + NICER).min(NICEST);
-        // Before 6.12 the kernel says 0 at all times.
-        let short_ns = if own.sched_runtime == 0 { 0 } else { SHORT_NS };
-        assert_eq!(sleeper.under(SchedulingClass::Path), (policy, own.sched_nice, short_ns));
-        if may_return(&own) {
-            assert_eq!(sleeper.under(SchedulingClass::Starting), (policy, nicer, own.sched_runtime));
+        assert_eq!(own.sched_policy, policy, "this test requires the default policy");
+        let nice = (own.sched_nice + NICE_INCREMENT).min(MAX_NICE);
+        // Kernels before 6.12 always report 0.
+        let slice_ns = if own.sched_runtime == 0 { 0 } else { PATH_SLICE_NS };
+        assert_eq!(sleeper.apply(SchedulingClass::Path), (policy, own.sched_nice, slice_ns));
+        if can_restore(&own) {
+            assert_eq!(sleeper.apply(SchedulingClass::Starting), (policy, nice, own.sched_runtime));
         } else {
-            assert_eq!(sleeper.under(SchedulingClass::Starting), (policy, own.sched_nice, own.sched_runtime));
+            assert_eq!(sleeper.apply(SchedulingClass::Starting), (policy, own.sched_nice, own.sched_runtime));
         }
-        assert_eq!(sleeper.under(SchedulingClass::Path), (policy, own.sched_nice, short_ns));
-        assert_eq!(sleeper.under(SchedulingClass::Beside), (policy, own.sched_nice, own.sched_runtime));
-        assert_eq!(sleeper.under(SchedulingClass::Leaving), (policy, nicer, own.sched_runtime));
+        assert_eq!(sleeper.apply(SchedulingClass::Path), (policy, own.sched_nice, slice_ns));
+        assert_eq!(sleeper.apply(SchedulingClass::Auxiliary), (policy, own.sched_nice, own.sched_runtime));
+        assert_eq!(sleeper.apply(SchedulingClass::Leaving), (policy, nice, own.sched_runtime));
     }
 
     #[test]
-    fn a_policy_that_somebody_chose_is_that_of_the_path_only() {
-        let own = scheduling_of(OWN).unwrap();
+    fn custom_policy_applies_to_path_and_auxiliary_only() {
+        let own = attributes_of(CALLING_THREAD).unwrap();
         let chosen = libc::sched_attr { sched_policy: libc::SCHED_FIFO as u32, sched_priority: 20, ..own };
         assert_eq!(attributes(chosen, SchedulingClass::Path).sched_priority, 20);
-        assert_eq!(attributes(chosen, SchedulingClass::Beside).sched_priority, 20);
+        assert_eq!(attributes(chosen, SchedulingClass::Auxiliary).sched_priority, 20);
         let starting = attributes(chosen, SchedulingClass::Starting);
         assert_eq!((starting.sched_policy, starting.sched_priority), (libc::SCHED_OTHER as u32, 0));
     }

@@ -1,7 +1,8 @@
-//! The services as processes on the bus: what happens is told to [`Supervision`], and what it asks for is done.
+//! Runs the services as processes on the bus: passes events to [`Supervision`] and performs its
+//! actions.
 
-mod attached;
-mod recorded;
+mod connection;
+mod recorded_topics;
 
 use std::{
     sync::{
@@ -21,64 +22,69 @@ use supervision::{Action, Config, Event, OutputProgress, RecordStatus, Reply, Sp
 
 use crate::{
     Plan, Report, UpError,
-    flight::beginning,
-    input::InputJudge,
+    flight::start_event,
+    input::InputChecker,
     notify::Notifier,
     processes::{Processes, own_cpu_s},
     recorder::Recorder,
-    report::{Account, ServiceReport},
+    report::{RunTotals, ServiceReport},
     scheduling::{self, SchedulingClass},
     view::View,
     warm::WarmStart,
 };
-use attached::{Attached, Reads};
+use connection::{BusConnection, OptionalInputs};
 
-/// How often people see something new.
+/// Interval between two updates of the display.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
-/// Between two looks whether the files of the bus are there while nobody ends.
-const LOOK_INTERVAL: Duration = Duration::from_secs(1);
+/// Interval between two checks for removed bus files while no process exits.
+const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Runs the plan as processes, and has them recorded.
-pub fn run(plan: &Plan, asked_to_end: Arc<AtomicBool>, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
+/// Runs the plan as processes and records it, if a recorder is given.
+///
+/// # Errors
+///
+/// Returns an error if the system could not be started. Later failures are part of the report.
+pub fn run(plan: &Plan, stop_requested: Arc<AtomicBool>, recorder: Option<&mut dyn Recorder>) -> Result<Report, UpError> {
     let mut collector = Collector::new(plan.out.as_ref())?;
-    let mut system = System::start(plan, asked_to_end, recorder)?;
+    let mut system = System::start(plan, stop_requested, recorder)?;
     let failure = system.run(&mut collector).err();
     let mut report = system.report(collector, failure);
-    if let Some(recorder) = system.end() {
-        report.record(recorder.end(&report));
+    if let Some(recorder) = system.finish() {
+        report.set_recording(recorder.finish(&report));
     }
     Ok(report)
 }
 
-/// A running system. Its fields are dropped in this order: processes, bus, and last the name.
+/// Running system. The fields are dropped in this order: processes, bus, and finally the system
+/// name.
 struct System<'r> {
     processes: Processes,
-    /// `None` while there is none, and where no new one could be made.
-    attached: Option<Attached>,
-    reads: Reads,
+    /// Connection to the bus; `None` if a new bus could not be created.
+    connection: Option<BusConnection>,
+    optional_inputs: OptionalInputs,
     supervision: Supervision,
     started: Instant,
-    /// What every service is told.
+    /// Configuration common to all services.
     config: ServiceConfig,
     warm: WarmStart,
     view: View,
     notifier: Notifier,
-    asked_to_end: Arc<AtomicBool>,
-    cost: Cost,
-    judge: InputJudge,
-    /// Events told.
-    events: u64,
+    stop_requested: Arc<AtomicBool>,
+    cpu_usage: CpuUsage,
+    checker: InputChecker,
+    /// Number of published events.
+    event_count: u64,
     recorder: Option<&'r mut dyn Recorder>,
-    /// That the recording has ended before its time is said once.
-    recording_ended: bool,
-    looked: Instant,
-    shown: Instant,
+    /// Set once the failure of the recording has been announced.
+    recording_failure_announced: bool,
+    last_file_check: Instant,
+    last_shown: Instant,
     finished: Option<Result<(), UpError>>,
     claim: Option<Claim>,
 }
 
-/// What the processes cost, from when every one was ready until the first was asked to end.
-struct Cost {
+/// CPU usage of the processes, from the time when every service was ready to the shutdown.
+struct CpuUsage {
     since: Instant,
     cpu_since_s: f64,
     cpu_s_per_s: Option<f64>,
@@ -87,155 +93,157 @@ struct Cost {
 impl<'r> System<'r> {
     fn start(
         plan: &Plan,
-        asked_to_end: Arc<AtomicBool>,
+        stop_requested: Arc<AtomicBool>,
         mut recorder: Option<&'r mut dyn Recorder>,
     ) -> Result<Self, UpError> {
         let notifier = Notifier::new()?;
         let system_name = SystemName::new(&plan.config.launch.name)?;
-        SharedMemory::suffices(system_name.name(), plan.config.shared_memory_bytes())?;
+        SharedMemory::check(system_name.name(), plan.config.shared_memory_bytes())?;
         let claim = system_name.claim()?;
-        // All topics of its own are open before a service starts: to wait for one that a service is just making is what a signal would
-        // break off.
-        let reads = Reads {
+        // All topics of the supervisor are opened before a service starts. A signal would interrupt
+        // the wait for a topic that a service is just creating.
+        let optional_inputs = OptionalInputs {
             fused: plan.out.as_ref().is_some_and(OutFile::needs_fused),
             every_topic: recorder.is_some(),
             input: true,
         };
-        let attached = Attached::open(&system_name, &plan.config, 0, reads)?;
+        let connection = BusConnection::open(&system_name, &plan.config, 0, optional_inputs)?;
         let view = View::new(plan)?;
-        let (warm, prior) = WarmStart::begin(plan)?;
+        let (warm, prior) = WarmStart::load(plan)?;
         if let Some(recorder) = &mut recorder {
-            recorder.begin(&plan.config)?;
+            recorder.start(&plan.config)?;
         }
-        scheduling::set_own();
+        scheduling::set_supervisor_slice();
         let mut system = Self {
             processes: Processes::default(),
-            attached: Some(attached),
-            reads,
-            supervision: Supervision::new(decisions(plan), Duration::ZERO),
+            connection: Some(connection),
+            optional_inputs,
+            supervision: Supervision::new(supervision_config(plan), Duration::ZERO),
             started: Instant::now(),
             config: ServiceConfig { prior, ..plan.config.clone() },
             warm,
             view,
             notifier,
-            asked_to_end,
-            cost: Cost { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
-            judge: InputJudge::default(),
-            events: 0,
+            stop_requested,
+            cpu_usage: CpuUsage { since: Instant::now(), cpu_since_s: 0.0, cpu_s_per_s: None },
+            checker: InputChecker::default(),
+            event_count: 0,
             recorder,
-            recording_ended: false,
-            looked: Instant::now(),
-            shown: Instant::now(),
+            recording_failure_announced: false,
+            last_file_check: Instant::now(),
+            last_shown: Instant::now(),
             finished: None,
             claim: Some(claim),
         };
         let Plan { config, .. } = plan;
-        system.tell(beginning(config.rate_hz, &config.launch));
+        system.publish_event(start_event(config.rate_hz, &config.launch));
         if let Some(prior) = prior {
-            system.tell(SystemEvent::new(EventKind::WARM).with_stage("", prior.numbers()));
+            system.publish_event(SystemEvent::new(EventKind::WARM).with_stage("", prior.named_values()));
         }
         Ok(system)
     }
 
-    /// Runs to the end.
+    /// Runs the system to its end.
     fn run(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        self.handle(Event::Time, collector)?;
+        self.handle(Event::Timer, collector)?;
         loop {
             if let Some(finished) = self.finished.take() {
-                self.notifier.stopping();
+                self.notifier.notify_stopping();
                 return finished;
             }
             self.wait();
-            self.round(collector)?;
-            if self.shown.elapsed() > VIEW_INTERVAL && self.supervision.is_running() {
-                self.shown = Instant::now();
+            self.poll_round(collector)?;
+            if self.last_shown.elapsed() > VIEW_INTERVAL && self.supervision.is_running() {
+                self.last_shown = Instant::now();
                 self.view.show(collector, Some(&self.supervision), self.started.elapsed());
             }
         }
     }
 
-    /// Tells what has happened since the last time.
-    fn round(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+    /// Passes everything that has happened since the previous round to the supervision.
+    fn poll_round(&mut self, collector: &mut Collector) -> Result<(), UpError> {
         let exits = self.processes.reap();
-        let died = !exits.is_empty();
-        let Some(attached) = &mut self.attached else { return Ok(()) };
-        // Checkpoints before attitudes: what was published before a checkpoint has then been taken.
-        let mut events = attached.read()?;
-        if self.supervision.published_elsewhere().is_none() {
-            attached.collect(collector)?;
+        let has_exits = !exits.is_empty();
+        let Some(connection) = &mut self.connection else { return Ok(()) };
+        // Checkpoints are read before attitudes, so that all attitudes published before a
+        // checkpoint are collected.
+        let mut events = connection.poll_events()?;
+        if self.supervision.local_next_tick().is_none() {
+            connection.collect(collector)?;
         }
-        // Before the source has leave to go on.
-        if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
-            recorded.look(&mut **recorder);
+        // The recorder reads before the source receives new credit.
+        if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
+            topics.poll(&mut **recorder);
         }
-        events.push(Event::Output(progress(collector)));
+        events.push(Event::Output(output_progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
-        if died {
-            attached.reaper.note_death();
+        if has_exits {
+            connection.reaper.notify_exit();
         }
         for event in events {
             self.handle(event, collector)?;
         }
-        self.judge_input();
-        self.look(died, collector)?;
-        self.answer_callers(collector)?;
-        if self.asked_to_end.load(Ordering::SeqCst) {
-            self.handle(Event::EndAsked, collector)?;
+        self.check_input();
+        self.check_bus_files(has_exits, collector)?;
+        self.handle_clients(collector)?;
+        if self.stop_requested.load(Ordering::SeqCst) {
+            self.handle(Event::StopRequested, collector)?;
         }
-        self.handle(Event::Time, collector)?;
-        self.notifier.flowing(self.supervision.next_tick());
-        let lines = self.warm.keep_newest(self.supervision.newest_checkpoint(Service::Fuser));
+        self.handle(Event::Timer, collector)?;
+        self.notifier.feed_watchdog(self.supervision.next_tick());
+        let lines = self.warm.update(self.supervision.newest_checkpoint(Service::Fuser));
         self.view.announce(lines);
-        if let Some(failure) = self.recording_failure().filter(|_| !self.recording_ended) {
-            self.recording_ended = true;
+        if let Some(failure) = self.recording_failure().filter(|_| !self.recording_failure_announced) {
+            self.recording_failure_announced = true;
             self.view.announce([failure]);
         }
         Ok(())
     }
 
-    /// Why the flight is recorded no more.
+    /// Returns the failure of the recording, or `None` while the flight is recorded.
     fn recording_failure(&self) -> Option<String> {
         self.recorder.as_ref().and_then(|recorder| recorder.failure())
     }
 
-    /// Sees whether somebody has removed files of the bus: now and then, and whenever a process has died.
-    fn look(&mut self, died: bool, collector: &mut Collector) -> Result<(), UpError> {
-        let Some(claim) = self.claim.as_ref().filter(|_| died || self.looked.elapsed() >= LOOK_INTERVAL) else {
+    /// Checks whether files of the bus were removed: periodically, and whenever a process has
+    /// exited.
+    fn check_bus_files(&mut self, has_exits: bool, collector: &mut Collector) -> Result<(), UpError> {
+        let Some(claim) = self.claim.as_ref().filter(|_| has_exits || self.last_file_check.elapsed() >= FILE_CHECK_INTERVAL) else {
             return Ok(());
         };
-        self.looked = Instant::now();
-        let services = self.supervision.entries().filter_map(|(_, entry)| entry.pid()).filter(|_| died);
+        self.last_file_check = Instant::now();
+        let services = self.supervision.entries().filter_map(|(_, entry)| entry.pid()).filter(|_| has_exits);
         let pids: Vec<_> = services.chain([std::process::id()]).collect();
-        match claim.system_name().removed(&pids) {
+        match claim.system_name().removed_file(&pids) {
             Some(path) => self.handle(Event::FilesRemoved { path }, collector),
             None => Ok(()),
         }
     }
 
-    fn answer_callers(&mut self, collector: &mut Collector) -> Result<(), UpError> {
-        let Some(attached) = &mut self.attached else { return Ok(()) };
-        let requests = attached.socket.requests();
-        let departed = attached.socket.departed();
-        for (caller, request) in requests {
-            self.handle(Event::Request { caller, request }, collector)?;
+    fn handle_clients(&mut self, collector: &mut Collector) -> Result<(), UpError> {
+        let Some(connection) = &mut self.connection else { return Ok(()) };
+        let requests = connection.socket.poll_requests();
+        let disconnected = connection.socket.take_disconnected();
+        for (client, request) in requests {
+            self.handle(Event::Request { client, request }, collector)?;
         }
-        for caller in departed {
-            self.handle(Event::CallerGone { caller }, collector)?;
+        for client in disconnected {
+            self.handle(Event::ClientDisconnected { client }, collector)?;
         }
         Ok(())
     }
 
-    /// Tells an event, and does what is asked for.
+    /// Passes an event to the supervision and performs the resulting actions.
     fn handle(&mut self, event: Event, collector: &mut Collector) -> Result<(), UpError> {
         for action in self.supervision.handle(self.started.elapsed(), event) {
-            self.act(action, collector)?;
+            self.perform(action, collector)?;
         }
         Ok(())
     }
 
-    fn act(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
-        // What was asked for before the end came is not done any more; who waits for an answer has it.
-        if self.finished.is_some() && !matches!(action, Action::Answer { .. }) {
+    fn perform(&mut self, action: Action, collector: &mut Collector) -> Result<(), UpError> {
+        // After the end only replies are still performed.
+        if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
         match action {
@@ -254,29 +262,29 @@ impl<'r> System<'r> {
             Action::Kill { incarnation } => self.processes.signal(incarnation, Signal::KILL),
             Action::PublishControl(control) => {
                 self.processes.schedule(control.owner, SchedulingClass::Path);
-                self.attached.iter().for_each(|attached| attached.publish(&control));
+                self.connection.iter().for_each(|connection| connection.publish_control(&control));
             }
-            Action::GrantCredit { ticks, ends } => {
-                self.attached
+            Action::GrantCredit { ticks, is_final } => {
+                self.connection
                     .as_ref()
-                    .map_or(Ok(()), |attached| attached.grant(Credit { ticks, ends: ends.into() }))?;
+                    .map_or(Ok(()), |connection| connection.publish_credit(Credit { ticks, ends: is_final.into() }))?;
             }
-            Action::Answer { caller, reply } => self.answer(caller, &reply, collector),
-            Action::Tell(event) => self.tell(*event),
+            Action::Reply { client, reply } => self.reply(client, &reply, collector),
+            Action::PublishEvent(event) => self.publish_event(*event),
             Action::Announce(line) => self.view.announce([line]),
             Action::Ready => {
-                self.notifier.ready();
-                if self.cost.cpu_since_s == 0.0 {
-                    (self.cost.since, self.cost.cpu_since_s) = (Instant::now(), own_cpu_s() + self.processes.cpu_s());
+                self.notifier.notify_ready();
+                if self.cpu_usage.cpu_since_s == 0.0 {
+                    (self.cpu_usage.since, self.cpu_usage.cpu_since_s) = (Instant::now(), own_cpu_s() + self.processes.cpu_s());
                 }
             }
             Action::Stopping => {
-                self.notifier.stopping();
-                // Before the first process is reaped, and its time with it.
-                self.cost.cpu_s_per_s = Some(self.cpu_s_per_s());
+                self.notifier.notify_stopping();
+                // Measured before the first process is reaped with its CPU time.
+                self.cpu_usage.cpu_s_per_s = Some(self.cpu_s_per_s());
             }
             Action::RenewBus => {
-                self.renew(collector.next_tick())?;
+                self.renew_bus(collector.next_tick())?;
                 return self.handle(Event::BusRenewed, collector);
             }
             Action::Finish(failure) => self.finished = Some(failure.map_or(Ok(()), |failure| Err(failure.into()))),
@@ -284,139 +292,142 @@ impl<'r> System<'r> {
         Ok(())
     }
 
-    /// Publishes an event, whether or not anybody listens.
-    fn tell(&mut self, event: SystemEvent) {
-        let number = self.events;
-        self.events += 1;
-        if let Some(attached) = &self.attached {
-            attached.tell(&SystemEvent { number, t_told_ns: monotonic_ns(), ..event });
+    /// Publishes an event, even without subscribers.
+    fn publish_event(&mut self, event: SystemEvent) {
+        let number = self.event_count;
+        self.event_count += 1;
+        if let Some(connection) = &self.connection {
+            connection.publish_event(&SystemEvent { number, t_told_ns: monotonic_ns(), ..event });
         }
     }
 
     fn spawn(&mut self, spawn: Spawn) -> Result<u32, String> {
         let Spawn { incarnation, service, stage, role, epoch, resume } = spawn;
         let launch = self.supervision.launch().clone();
-        let resume = resume.map(resume_of);
+        let resume = resume.map(to_service_resume);
         let mut config = ServiceConfig { launch, incarnation, epoch, role, resume, ..self.config.clone() };
-        if let Some((slot, stage)) = config.launch.slot_mut(service).zip(stage) {
+        if let Some((slot, stage)) = config.launch.stage_mut(service).zip(stage) {
             *slot = stage;
         }
         let class = match role {
-            _ if service.can_wait() => SchedulingClass::Beside,
+            _ if service.is_low_priority() => SchedulingClass::Auxiliary,
             Role::Owner { .. } => SchedulingClass::Path,
             Role::Candidate => SchedulingClass::Starting,
         };
         self.processes.start(service, &config, class)
     }
 
-    fn answer(&mut self, caller: u64, reply: &Reply, collector: &Collector) {
+    fn reply(&mut self, client: u64, reply: &Reply, collector: &Collector) {
         let recording_failure = self.recording_failure();
-        let Some(attached) = &mut self.attached else { return };
-        let socket = &mut attached.socket;
+        let Some(connection) = &mut self.connection else { return };
+        let socket = &mut connection.socket;
         match reply {
-            Reply::Swap(report) => socket.answer(caller, report),
-            Reply::Status(status) => socket.answer(caller, status),
+            Reply::Swap(report) => socket.respond(client, report),
+            Reply::Status(status) => socket.respond(client, status),
             Reply::ServiceConfig => {
-                socket.answer(
-                    caller,
+                socket.respond(
+                    client,
                     &ServiceConfig { launch: self.supervision.launch().clone(), ..self.config.clone() },
                 );
             }
-            Reply::Record => {
-                let out_ended = collector.out_ended().map(ToString::to_string);
-                let out_ended = out_ended.or(recording_failure);
-                socket.answer(caller, &RecordStatus { not_recorded: collector.not_recorded(), out_ended });
+            Reply::RecordStatus => {
+                let output_error = collector.out_ended().map(ToString::to_string);
+                let output_error = output_error.or(recording_failure);
+                socket.respond(client, &RecordStatus { not_recorded: collector.not_recorded(), output_error });
             }
-            Reply::Done => socket.answer(caller, &()),
+            Reply::Done => socket.respond(client, &()),
         }
     }
 
-    /// Another bus of the name, in the place of one whose files somebody has removed; `next_tick` comes out next.
-    fn renew(&mut self, next_tick: u64) -> Result<(), UpError> {
-        self.processes.kill();
-        // What was open on the old bus is closed first: its topics have the names of the new ones.
-        self.attached = None;
+    /// Creates a new bus of the same name after files of the old one were removed. `next_tick`
+    /// comes out next.
+    fn renew_bus(&mut self, next_tick: u64) -> Result<(), UpError> {
+        self.processes.kill_all();
+        // The old topics are closed first, because the new ones have the same names.
+        self.connection = None;
         let Some(claim) = self.claim.take() else { return Ok(()) };
         let claim = self.claim.insert(claim.renew()?);
-        self.reads.input = !self.judge.is_ended();
-        self.attached = Some(Attached::open(claim.system_name(), &self.config, next_tick, self.reads)?);
+        self.optional_inputs.input = !self.checker.is_finished();
+        self.connection = Some(BusConnection::open(claim.system_name(), &self.config, next_tick, self.optional_inputs)?);
         Ok(())
     }
 
-    /// In lockstep the source waits for the attitude to be taken, so that wakes this; else it looks from time to time, and when a service
-    /// ends.
+    /// Waits for the next round.
+    ///
+    /// In lockstep the source waits for the attitude to be collected, so an attitude ends the wait.
+    /// Otherwise the wait ends after a timeout or when a process exits.
     fn wait(&self) {
-        let limit = self.supervision.poll_interval();
-        match &self.attached {
-            Some(attached) if self.supervision.waits_for_output() => attached.wait(limit),
-            _ => self.processes.wait(limit),
+        let timeout = self.supervision.poll_interval();
+        match &self.connection {
+            Some(connection) if self.supervision.waits_for_output() => connection.wait(timeout),
+            _ => self.processes.wait(timeout),
         }
     }
 
-    /// Judges what has come in, until the verdict.
-    fn judge_input(&mut self) {
-        let Some(attached) = &mut self.attached else { return };
-        let warnings = attached.input.as_mut().map_or(Vec::new(), |input| input.look(&mut self.judge));
-        attached.input.take_if(|_| self.judge.is_ended());
+    /// Checks the received input until the check is finished.
+    fn check_input(&mut self) {
+        let Some(connection) = &mut self.connection else { return };
+        let warnings = connection.input.as_mut().map_or(Vec::new(), |input| input.poll(&mut self.checker));
+        connection.input.take_if(|_| self.checker.is_finished());
         self.view.announce(warnings);
     }
 
-    /// How it went, to the end or to what ended it.
+    /// Creates the report of the run, which ended regularly or with `failure`.
     fn report(&mut self, mut collector: Collector, failure: Option<UpError>) -> Report {
-        let cpu_s_per_s = self.cost.cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s());
+        let cpu_s_per_s = self.cpu_usage.cpu_s_per_s.unwrap_or_else(|| self.cpu_s_per_s());
         let mut failure = failure;
-        if let Some(attached) = &self.attached {
-            if self.supervision.published_elsewhere().is_none() {
-                failure = failure.or(attached.collect(&mut collector).err());
+        if let Some(connection) = &self.connection {
+            if self.supervision.local_next_tick().is_none() {
+                failure = failure.or(connection.collect(&mut collector).err());
             }
-            // What waits for ticks that have not come is counted with them as lost.
-            attached.finish(&mut collector);
-            if let Some((recorded, recorder)) = attached.recorded.as_ref().zip(self.recorder.as_mut()) {
-                recorded.look(&mut **recorder);
+            // Attitudes that wait for missing ticks are delivered; the missing ticks count as lost.
+            connection.finish(&mut collector);
+            if let Some((topics, recorder)) = connection.recorded.as_ref().zip(self.recorder.as_mut()) {
+                topics.poll(&mut **recorder);
             }
         }
-        let ingest = self.attached.as_ref().filter(|_| self.supervision.launch().origin() == Service::Ingest);
-        let published = ingest.map_or(0, |attached| attached.published(Service::Ingest));
+        let ingest = self.connection.as_ref().filter(|_| self.supervision.launch().tick_source() == Service::Ingest);
+        let published = ingest.map_or(0, |connection| connection.published(Service::Ingest));
         let services = self.supervision.entries().map(|(service, entry)| ServiceReport {
             name: service.name(),
             pid: entry.pid(),
             restarts: entry.restarts(),
         });
-        let warnings = self.judge.finish();
+        let warnings = self.checker.finish();
         self.view.announce(warnings);
-        let account = Account {
-            warnings: std::mem::take(&mut self.judge).into_warnings(),
+        let totals = RunTotals {
+            warnings: std::mem::take(&mut self.checker).into_warnings(),
             ticks_in: self.supervision.ticks_in().max(published),
-            ticks_out: self.supervision.published_elsewhere(),
-            refused: self.supervision.refused(),
+            ticks_out: self.supervision.local_next_tick(),
+            rejected: self.supervision.rejected(),
             cpu_s_per_s,
             services: services.collect(),
         };
-        Report::new(collector, account, failure)
+        Report::new(collector, totals, failure)
     }
 
     fn cpu_s_per_s(&self) -> f64 {
-        let Cost { since, cpu_since_s, .. } = self.cost;
+        let CpuUsage { since, cpu_since_s, .. } = self.cpu_usage;
         (own_cpu_s() + self.processes.cpu_s() - cpu_since_s).max(0.0) / since.elapsed().as_secs_f64()
     }
 
-    /// Ends what is left; gives back who recorded it.
-    fn end(mut self) -> Option<&'r mut dyn Recorder> {
-        self.processes.end();
-        let lines = self.warm.end(self.supervision.newest_checkpoint(Service::Fuser));
+    /// Terminates the remaining processes and returns the recorder.
+    fn finish(mut self) -> Option<&'r mut dyn Recorder> {
+        self.processes.terminate_all();
+        let lines = self.warm.finish(self.supervision.newest_checkpoint(Service::Fuser));
         self.view.announce(lines);
-        self.view.end();
+        self.view.finish();
         self.recorder
     }
 }
 
-/// What the supervision of a plan is told.
-fn decisions(plan: &Plan) -> Config {
+/// Creates the configuration of the supervision.
+fn supervision_config(plan: &Plan) -> Config {
     let config = &plan.config;
     Config {
         launch: config.launch.clone(),
         rate_hz: config.rate_hz,
-        lockstep: config.lockstep(),
+        lockstep: config.is_lockstep(),
         window_ticks: config.window_ticks(),
         buffer_ticks: config.buffer_ticks() as u64,
         stop_after: plan.stop_after_s.map(Duration::from_secs_f64),
@@ -424,19 +435,19 @@ fn decisions(plan: &Plan) -> Config {
     }
 }
 
-fn progress(collector: &mut Collector) -> OutputProgress {
+fn output_progress(collector: &mut Collector) -> OutputProgress {
     OutputProgress {
         next_tick: collector.next_tick(),
         lost: collector.lost(),
-        not_taken: collector.not_recorded(),
+        not_recorded: collector.not_recorded(),
         duplicated: collector.duplicated(),
-        gap_ns: collector.take_gap_ns(),
-        swapped: collector.swapped(),
+        max_gap_ns: collector.take_gap_ns(),
+        last_swap: collector.swapped(),
     }
 }
 
-/// The same as a service is told.
-fn resume_of(resume: supervision::Resume) -> runtime::service_config::Resume {
+/// Converts a resume state to that of the service configuration.
+fn to_service_resume(resume: supervision::Resume) -> runtime::service_config::Resume {
     use runtime::service_config::Resume;
     match resume {
         supervision::Resume::Fresh => Resume::Fresh,

@@ -1,4 +1,4 @@
-//! What people see while a system runs: a few live lines on a terminal, a line a second in a log; on standard error.
+//! Progress display on standard error: live lines on a terminal, one line per second in a log.
 
 mod painter;
 
@@ -10,67 +10,68 @@ use pipeline::Collector;
 use runtime::Pace;
 use supervision::{ProcessEntry, Supervision};
 
-use self::painter::{Painter, Picture};
+use self::painter::{Frame, Painter};
 use crate::{Plan, UpError, report::LatencyUs};
 
-/// A service that has said nothing for so long is shown as silent.
-const SILENT: Duration = Duration::from_millis(500);
-/// Lines above the services: head, attitude, error, flow.
-const HEAD_LINES: usize = 4;
-/// Between two lines of a log.
+/// Time without a health report after which a service is shown as silent.
+const SILENCE_THRESHOLD: Duration = Duration::from_millis(500);
+/// Number of lines above the services: header, attitude, error, throughput.
+const HEADER_LINES: usize = 4;
+/// Interval between two lines of a log.
 const LINE_INTERVAL: Duration = Duration::from_secs(1);
 
 pub(crate) struct View {
     painter: Painter,
-    head: String,
+    header: String,
     ticks: Option<u64>,
     rate_hz: f64,
     has_reference: bool,
-    shown: Instant,
-    shown_ticks: u64,
+    last_line: Instant,
+    last_line_ticks: u64,
     ticks_per_s: f64,
-    /// That the file has ended before its time is said once.
-    out_ended: bool,
+    /// Set once the failure of the output file has been announced.
+    output_error_announced: bool,
 }
 
 impl View {
     pub(crate) fn new(plan: &Plan) -> Result<Self, UpError> {
-        let painter = Painter::new(HEAD_LINES + plan.config.launch.services.len(), plan.ticks)?;
-        let head = head(plan);
+        let painter = Painter::new(HEADER_LINES + plan.config.launch.services.len(), plan.ticks)?;
+        let header = header(plan);
         if !painter.is_terminal() {
-            painter.line(head.clone());
+            painter.print_line(header.clone());
         }
         Ok(Self {
             painter,
-            head,
+            header,
             ticks: plan.ticks,
             rate_hz: plan.config.rate_hz,
             has_reference: plan.has_reference,
-            shown: Instant::now(),
-            shown_ticks: 0,
+            last_line: Instant::now(),
+            last_line_ticks: 0,
             ticks_per_s: 0.0,
-            out_ended: false,
+            output_error_announced: false,
         })
     }
 
-    /// Shows how it goes, and of processes how they are at `now`, the supervisor's time.
+    /// Shows the progress and, for a system of processes, the state of each at `now`, the
+    /// supervisor's time.
     pub(crate) fn show(&mut self, collector: &Collector, supervision: Option<&Supervision>, now: Duration) {
-        let elapsed_s = self.shown.elapsed().as_secs_f64();
+        let elapsed_s = self.last_line.elapsed().as_secs_f64();
         let ticks = collector.ticks();
-        if let Some(error) = collector.out_ended().filter(|_| !std::mem::replace(&mut self.out_ended, true)) {
+        if let Some(error) = collector.out_ended().filter(|_| !std::mem::replace(&mut self.output_error_announced, true)) {
             self.announce([error.to_string()]);
         }
-        let is_new_line = self.shown.elapsed() >= LINE_INTERVAL;
+        let is_new_line = self.last_line.elapsed() >= LINE_INTERVAL;
         if is_new_line {
-            self.ticks_per_s = (ticks - self.shown_ticks) as f64 / elapsed_s;
-            (self.shown, self.shown_ticks) = (Instant::now(), ticks);
+            self.ticks_per_s = (ticks - self.last_line_ticks) as f64 / elapsed_s;
+            (self.last_line, self.last_line_ticks) = (Instant::now(), ticks);
         }
         let (attitude, error) = (attitude(collector), self.error(collector));
         if self.painter.is_terminal() {
             let services = supervision.into_iter().flat_map(Supervision::entries);
             let services = services.map(|(service, entry)| service_line(service, entry, now));
-            self.painter.picture(Picture {
-                lines: [self.head.clone(), attitude, error, self.flow(collector)].into_iter().chain(services).collect(),
+            self.painter.show_frame(Frame {
+                lines: [self.header.clone(), attitude, error, self.flow(collector)].into_iter().chain(services).collect(),
                 progress: self
                     .ticks
                     .map(|_| (collector.next_tick(), format!("{:.1} × real time", self.ticks_per_s / self.rate_hz))),
@@ -85,14 +86,14 @@ impl View {
         }
     }
 
-    /// What has happened, on lines that stay.
-    pub(crate) fn announce(&self, news: impl IntoIterator<Item = String>) {
-        news.into_iter().for_each(|line| self.painter.line(line));
+    /// Prints lines that stay on the terminal.
+    pub(crate) fn announce(&self, lines: impl IntoIterator<Item = String>) {
+        lines.into_iter().for_each(|line| self.painter.print_line(line));
     }
 
-    /// The last picture stays.
-    pub(crate) fn end(&self) {
-        self.painter.end();
+    /// Writes the remaining lines. The last frame stays on the terminal.
+    pub(crate) fn finish(&self) {
+        self.painter.finish();
     }
 
     fn error(&self, collector: &Collector) -> String {
@@ -100,7 +101,7 @@ impl View {
         match accuracy.rmse() {
             Some(rmse) => {
                 let [now_deg, rmse_deg, max_deg] =
-                    [accuracy.now, rmse, accuracy.max].map(|error| error.inclination_deg);
+                    [accuracy.last, rmse, accuracy.max].map(|error| error.inclination_deg);
                 format!("inclination error {now_deg:.3}° now, {rmse_deg:.3}° RMSE, {max_deg:.3}° max")
             }
             None if self.has_reference => "no reference yet".into(),
@@ -109,13 +110,13 @@ impl View {
     }
 
     fn flow(&self, collector: &Collector) -> String {
-        let latency = LatencyUs::of(collector);
+        let latency = LatencyUs::from_collector(collector);
         let lost = collector.lost();
         format!("{:.0} ticks/s, lost {lost}, latency {latency}", self.ticks_per_s)
     }
 }
 
-fn head(plan: &Plan) -> String {
+fn header(plan: &Plan) -> String {
     let launch = &plan.config.launch;
     let source = match launch.ingest.source {
         _ if launch.gateway.import.is_some() => "slots on another host".into(),
@@ -134,7 +135,7 @@ fn head(plan: &Plan) -> String {
     };
     let [gyro, accel, fuser] = [&launch.gyro, &launch.accel, &launch.fuser].map(|slot| &slot.stage);
     let rate_hz = plan.config.rate_hz;
-    format!("{}: {source} at {rate_hz:.0} Hz{pace}; {gyro} + {accel} → {fuser}; Ctrl-C ends it", launch.name)
+    format!("{}: {source} at {rate_hz:.0} Hz{pace}; {gyro} + {accel} → {fuser}; press Ctrl-C to stop", launch.name)
 }
 
 fn attitude(collector: &Collector) -> String {
@@ -148,11 +149,11 @@ fn attitude(collector: &Collector) -> String {
 }
 
 fn service_line(service: Service, entry: &ProcessEntry, now: Duration) -> String {
-    let state = entry.state(now, SILENT);
+    let state = entry.state(now, SILENCE_THRESHOLD);
     let restarts = if entry.restarts() > 0 { format!("  restarts {}", entry.restarts()) } else { String::new() };
     let Some(health) = entry.health() else { return format!("  {service:<7} {state}{restarts}") };
     let Health { ticks, lost, pid, late_wakes, .. } = *health;
-    let notable = Flags(health.flags.0 & !Flags::USUAL.0);
+    let notable = Flags(health.flags.0 & !Flags::INFORMATIONAL.0);
     let late = if late_wakes > 0 { format!("  woken late {late_wakes}") } else { String::new() };
     format!("  {service:<7} {state:<10} pid {pid:<7} {ticks:>9} ticks  lost {lost}{restarts}{late}  {notable}")
 }

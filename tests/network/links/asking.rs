@@ -2,7 +2,7 @@
 
 use std::{net::TcpListener, sync::Mutex, time::Duration};
 
-use link::{Endpoints, Link, LinkError, Question};
+use link::{Endpoints, Link, LinkError, IncomingQuery};
 use wire::{
     command::ControlMessage,
     v1::{Services, SwapAnswer},
@@ -20,16 +20,16 @@ fn endpoint() -> String {
 
 /// One who can ask there.
 fn asking(endpoint: String) -> Link {
-    let asking = Link::open(&Endpoints::connecting(&[endpoint])).unwrap();
-    assert!(asking.await_somebody(LIMIT));
+    let asking = Link::open(&Endpoints::with_connect(&[endpoint])).unwrap();
+    assert!(asking.wait_for_peer(LIMIT));
     asking
 }
 
 /// One who answers so, and one who can ask.
-fn answering(answer: impl Fn(Question) + Send + Sync + 'static) -> (impl Sized, Link) {
+fn answering(answer: impl Fn(IncomingQuery) + Send + Sync + 'static) -> (impl Sized, Link) {
     let endpoint = endpoint();
     let board = Link::open(&Endpoints { listen: vec![endpoint.clone()], ..Endpoints::default() }).unwrap();
-    let answering = board.answering(KEY, answer).unwrap();
+    let answering = board.handle_queries(KEY, answer).unwrap();
     ((board, answering), asking(endpoint))
 }
 
@@ -39,28 +39,28 @@ fn services() -> Services {
 
 #[test]
 fn a_refusal_reaches_the_caller_with_its_reason() {
-    let (_board, asking) = answering(|question| question.refuse("the door\u{1b}[2J is closed"));
-    let error = asking.ask_one::<Services>(KEY, Vec::new(), LIMIT).unwrap_err();
+    let (_board, asking) = answering(|question| question.reject("the door\u{1b}[2J is closed"));
+    let error = asking.query_one::<Services>(KEY, Vec::new(), LIMIT).unwrap_err();
     // What a terminal would obey is left out.
-    assert!(matches!(&error, LinkError::Refused { reason, .. } if reason == "the door[2J is closed"), "{error}");
+    assert!(matches!(&error, LinkError::Rejected { reason, .. } if reason == "the door[2J is closed"), "{error}");
 }
 
 #[test]
 fn an_answer_counts_more_than_a_refusal() {
     let (_board, asking) = answering(|question| {
-        question.refuse("not by me");
-        question.answer(KEY, Services::NAME, services().encoded());
+        question.reject("not by me");
+        question.reply(KEY, Services::NAME, services().to_bytes());
     });
-    assert_eq!(asking.ask_one::<Services>(KEY, Vec::new(), LIMIT).unwrap(), services());
+    assert_eq!(asking.query_one::<Services>(KEY, Vec::new(), LIMIT).unwrap(), services());
 }
 
 #[test]
 fn silence_is_no_refusal() {
     let kept = Mutex::new(Vec::new());
     let (_board, asking) = answering(move |question| kept.lock().unwrap().push(question));
-    let error = asking.ask_one::<SwapAnswer>(KEY, Vec::new(), Duration::from_millis(300)).unwrap_err();
-    assert!(matches!(error, LinkError::NoAnswer { .. }), "{error}");
-    assert!(asking.ask(KEY, Vec::new(), Duration::from_millis(300)).unwrap().is_empty());
+    let error = asking.query_one::<SwapAnswer>(KEY, Vec::new(), Duration::from_millis(300)).unwrap_err();
+    assert!(matches!(error, LinkError::NoResponse { .. }), "{error}");
+    assert!(asking.query(KEY, Vec::new(), Duration::from_millis(300)).unwrap().is_empty());
 }
 
 #[test]
@@ -72,6 +72,6 @@ fn an_error_of_zenoh_itself_is_no_refusal() {
     let board = zenoh::open(config).wait().unwrap();
     let timeout = |query: zenoh::query::Query| query.reply_err("Timeout").wait().unwrap();
     let _answering = board.declare_queryable(KEY).callback(timeout).wait().unwrap();
-    let error = asking(endpoint).ask_one::<Services>(KEY, Vec::new(), LIMIT).unwrap_err();
-    assert!(matches!(error, LinkError::NoAnswer { .. }), "{error}");
+    let error = asking(endpoint).query_one::<Services>(KEY, Vec::new(), LIMIT).unwrap_err();
+    assert!(matches!(error, LinkError::NoResponse { .. }), "{error}");
 }

@@ -48,7 +48,7 @@ impl Board {
     fn ends(&self, party: &str, port: u16) -> Endpoints {
         Endpoints {
             tls: tls(&self.folder.path().join(party)),
-            ..Endpoints::connecting(&[format!("quic/127.0.0.1:{port}")])
+            ..Endpoints::with_connect(&[format!("quic/127.0.0.1:{port}")])
         }
     }
 }
@@ -110,9 +110,9 @@ fn socket() -> UdpSocket {
 fn what_was_sent_just_before_a_session_closes_arrives() {
     const MESSAGES: u32 = 200;
     let board = Board::with(&["vehicle.alpha"]);
-    let heard = board.link.stream("last").unwrap();
+    let heard = board.link.subscribe("last").unwrap();
     let alpha = Link::open(&board.ends("vehicle.alpha", board.port)).unwrap();
-    let outlet = alpha.outlet("last", "number").unwrap();
+    let outlet = alpha.publisher("last", "number").unwrap();
     while heard.next(TURN).is_none() {
         outlet.send(b"first").unwrap();
     }
@@ -128,10 +128,10 @@ fn what_was_sent_just_before_a_session_closes_arrives() {
 #[test]
 fn a_neighbour_that_falls_silent_is_missed_before_one_of_zenoh_without_a_configuration() {
     let board = Board::with(&["vehicle.alpha", "vehicle.beta"]);
-    let signs = board.link.signs("live/*").unwrap();
+    let signs = board.link.subscribe_liveliness("live/*").unwrap();
     let ways = [Way::to(board.port), Way::to(board.port)];
     let alpha = Link::open(&board.ends("vehicle.alpha", ways[0].port)).unwrap();
-    let _sign = alpha.sign("live/alpha").unwrap();
+    let _sign = alpha.declare_liveliness("live/alpha").unwrap();
 
     let mut config = zenoh::Config::default();
     let folder = board.folder.path().join("vehicle.beta");
@@ -150,7 +150,7 @@ fn a_neighbour_that_falls_silent_is_missed_before_one_of_zenoh_without_a_configu
     let beta = zenoh::open(config).wait().unwrap();
     let _token = beta.liveliness().declare_token("live/beta").wait().unwrap();
 
-    let next = || signs.next(LIMIT).map(|sign| (sign.key, sign.is_there)).unwrap();
+    let next = || signs.next(LIMIT).map(|sign| (sign.key, sign.is_present)).unwrap();
     let mut came = [next(), next()];
     came.sort();
     assert_eq!(came, [("live/alpha".into(), true), ("live/beta".into(), true)]);
@@ -175,30 +175,30 @@ fn a_client_gets_in_behind_one_that_began_to_connect_and_left() {
     while wire.recv_from(&mut hello).unwrap().1.port() != board.port {}
 
     let desk = Link::open(&board.ends("viewer.desk", board.port)).unwrap();
-    assert!(desk.await_somebody(LIMIT));
+    assert!(desk.wait_for_peer(LIMIT));
     // Nobody answers the other one, who is told so.
     let error = lost.join().unwrap().unwrap_err();
-    assert!(matches!(error, LinkError::Unreached { .. }) && error.to_string().contains("no answer"), "{error}");
+    assert!(matches!(error, LinkError::Unreachable { .. }) && error.to_string().contains("no answer"), "{error}");
 }
 
 #[test]
 fn who_is_turned_away_is_told_so() {
     let (board, other) = (Board::with(&[]), Board::with(&["operator.ann"]));
     let error = Link::open(&other.ends("operator.ann", board.port)).unwrap_err();
-    assert!(error.to_string().contains("its certificate is of another authority"), "{error}");
+    assert!(error.to_string().contains("its certificate was issued by another authority"), "{error}");
 }
 
 #[test]
 fn who_listens_at_every_address_of_ipv6_is_reached_at_one_of_ipv4() {
     let board = Board::at("[::]", &["viewer.wall"]);
     let wall = Link::open(&board.ends("viewer.wall", board.port)).unwrap();
-    assert!(wall.await_somebody(LIMIT));
+    assert!(wall.wait_for_peer(LIMIT));
 }
 
 #[test]
 fn an_ipv6_address_is_refused_with_the_remedy() {
     for endpoint in ["quic/[::1]:7447", "quic/fd00::1:7447"] {
-        let error = Link::open(&Endpoints::connecting(&[endpoint.into()])).unwrap_err();
+        let error = Link::open(&Endpoints::with_connect(&[endpoint.into()])).unwrap_err();
         assert!(matches!(error, LinkError::Ipv6 { .. }), "{error}");
         assert!(error.to_string().contains("its DNS name, or by an IPv4 address"), "{error}");
     }

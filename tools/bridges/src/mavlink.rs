@@ -12,7 +12,7 @@ use mavlink::{
     },
 };
 use messages::AttitudeOutput;
-use runtime::frames::attitude_in;
+use runtime::frames::attitude_to_frame;
 
 /// `MAV_COMP_ID_AUTOPILOT1`: the component that ground stations take for the vehicle.
 pub const AUTOPILOT: u8 = 1;
@@ -79,7 +79,7 @@ impl Speaker {
 /// An attitude as MAVLink has it.
 pub fn attitude(output: &AttitudeOutput) -> Attitude {
     let AttitudeOutput { header, quaternion, yaw_rad, pitch_rad, roll_rad, rate_rad_s, .. } =
-        attitude_in(Frame::NedFrd, *output);
+        attitude_to_frame(Frame::NedFrd, *output);
     let time_boot_ms = header.t_end_ns.div_euclid(1_000_000) as u32;
     let [q1, q2, q3, q4] = quaternion.map(|part| part as f32);
     let [rollspeed, pitchspeed, yawspeed] = rate_rad_s.map(|part| part as f32);

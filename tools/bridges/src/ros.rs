@@ -10,7 +10,7 @@
 use attitude::frames::{Body, Frame};
 use byteorder::LittleEndian;
 use messages::{AttitudeOutput, ImuSample};
-use runtime::frames::attitude_in;
+use runtime::frames::attitude_to_frame;
 use serde::Serialize;
 
 /// The type as keys name it, and the hash of its definition.
@@ -27,7 +27,7 @@ const NODE: &str = "plumbline";
 /// Of plain CDR, little-endian.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// The longest name of a topic or a frame.
-const NAME_MAX: usize = 200;
+const MAX_NAME: usize = 200;
 
 /// A message of ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,13 +105,13 @@ pub fn topic_name(text: &str) -> Result<String, String> {
             && !word.is_empty()
             && word.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
     };
-    let is_name = name.len() <= NAME_MAX && name.split('/').all(is_word);
+    let is_name = name.len() <= MAX_NAME && name.split('/').all(is_word);
     is_name.then(|| name.to_owned()).ok_or_else(|| "expected a topic's name, as imu/data".into())
 }
 
 /// The name of a frame.
 pub fn frame_id(text: &str) -> Result<String, String> {
-    let is_name = (1..=NAME_MAX).contains(&text.len()) && text.chars().all(|letter| letter.is_ascii_graphic());
+    let is_name = (1..=MAX_NAME).contains(&text.len()) && text.chars().all(|letter| letter.is_ascii_graphic());
     is_name.then(|| text.to_owned()).ok_or_else(|| "expected the name of a frame, as imu_link".into())
 }
 
@@ -128,7 +128,7 @@ pub fn imu(
     stamp_ns: i64,
     frame_id: &str,
 ) -> Result<Vec<u8>, cdr_encoding::Error> {
-    let theirs = attitude_in(Frame::EnuFlu, *attitude);
+    let theirs = attitude_to_frame(Frame::EnuFlu, *attitude);
     let [w, x, y, z] = theirs.quaternion;
     let [inclination, course] = [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
     let imu = Imu {

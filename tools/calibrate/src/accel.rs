@@ -24,19 +24,19 @@ const SAME_COS: f64 = 0.965_925_826_289_068_3;
 /// Positions from which on the misalignment is looked for.
 const POSITIONS_OF_MISALIGNMENT: usize = 12;
 /// The most that bias (m/s²), scale and misalignment may be uncertain: 5 mg, and half a per cent.
-const BIAS_SD_MAX_M_S2: f64 = 0.05;
-const SCALE_SD_MAX: f64 = 0.005;
+const MAX_BIAS_SD_M_S2: f64 = 0.05;
+const MAX_SCALE_SD: f64 = 0.005;
 /// What no mean is better known than, m/s²: a step of a 16-bit accelerometer of 2 g, or a table that gives way.
-const FORCE_SD_MIN_M_S2: f64 = 2e-4;
+const MIN_FORCE_SD_M_S2: f64 = 2e-4;
 /// Steps after which a fit has found what it finds.
-const STEPS_MAX: usize = 50;
+const MAX_STEPS: usize = 50;
 /// Windows in motion that are looked for: 48 s; and how many of them hang together, for what a hand gives to one it takes from the next.
-const WINDOWS_MIN: usize = 24;
+const MIN_WINDOWS: usize = 24;
 const BLOCK_WINDOWS: usize = 2;
 /// Where Huber's weights begin, in standard deviations.
 const HUBER: f64 = 2.0;
 /// A part of the sphere with few windows counts no more than so many times as much as it would.
-const WEIGHT_MAX: f64 = 2.0;
+const MAX_WEIGHT: f64 = 2.0;
 
 /// Takes readings.
 #[derive(Debug, Clone)]
@@ -147,7 +147,7 @@ impl Accel {
             }
             normal
         };
-        for _ in 0..STEPS_MAX {
+        for _ in 0..MAX_STEPS {
             let step: SVector<f64, N> = sums(&at).step()?;
             at.0 += step;
             if step.amax() < 1e-10 {
@@ -168,14 +168,14 @@ impl Accel {
         let directions: Vec<_> = windows.iter().map(Seen::force_m_s2).collect();
         let sphere = Sphere::of(&directions);
         let usual = windows.len() as f64 / sphere.cells().max(1) as f64;
-        let weight = |direction: &Vector3<f64>| (usual / f64::from(sphere.count(direction).max(1))).min(WEIGHT_MAX);
+        let weight = |direction: &Vector3<f64>| (usual / f64::from(sphere.count(direction).max(1))).min(MAX_WEIGHT);
         let mut at = Ellipsoid::<N>::sphere(Vector3::zeros(), 1.0);
         let sums = |at: &Ellipsoid<N>| {
             let residuals: Vec<_> = windows.iter().map(|seen| at.residual_of_mean(seen, self.gravity_m_s2)).collect();
             let mut sizes: Vec<_> = residuals.iter().map(|(residual, _)| residual.abs()).collect();
             let middle = sizes.len() / 2;
             // Of normal errors half are smaller than 0.6745 standard deviations.
-            let sd = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(FORCE_SD_MIN_M_S2);
+            let sd = (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / 0.6745).max(MIN_FORCE_SD_M_S2);
             let mut normal = Normal::<N>::new();
             for (i, ((residual, jacobian), direction)) in residuals.iter().zip(&directions).enumerate() {
                 if i % BLOCK_WINDOWS == 0 {
@@ -187,7 +187,7 @@ impl Accel {
             normal.end_block();
             normal
         };
-        for _ in 0..STEPS_MAX {
+        for _ in 0..MAX_STEPS {
             let step: SVector<f64, N> = sums(&at).step()?;
             at.0 += step;
             if step.amax() < 1e-8 {
@@ -258,7 +258,7 @@ impl Fit {
 
 fn is_certain(fit: &Fit) -> bool {
     let scale_sd = fit.turn_sd.map_or(fit.scale_sd, |turn_sd| turn_sd.sup(&fit.scale_sd));
-    fit.bias_sd_m_s2.amax() <= BIAS_SD_MAX_M_S2 && scale_sd.amax() <= SCALE_SD_MAX
+    fit.bias_sd_m_s2.amax() <= MAX_BIAS_SD_M_S2 && scale_sd.amax() <= MAX_SCALE_SD
 }
 
 /// The rests' means, and what they are known to.
@@ -268,7 +268,7 @@ fn positions(rests: &[Rest]) -> Vec<Position> {
         let force_m_s2 = rest.force_m_s2();
         // Along the force alone: the fit sees lengths.
         let sd = noise.sd(rest.forces_m_s2.len()).component_mul(&force_m_s2.normalize()).norm();
-        Position { seen: Seen::still(&force_m_s2), sd_m_s2: sd.max(FORCE_SD_MIN_M_S2) }
+        Position { seen: Seen::still(&force_m_s2), sd_m_s2: sd.max(MIN_FORCE_SD_M_S2) }
     };
     rests.iter().map(position).collect()
 }
@@ -316,7 +316,7 @@ fn faces_in_motion(windows: &[Seen]) -> [bool; 6] {
 fn coverage_in_motion(windows: &[Seen]) -> Coverage {
     let faces = faces_in_motion(windows);
     let there = faces.iter().filter(|is_there| **is_there).count();
-    let share = (there as f64 / 6.0).min(windows.len() as f64 / WINDOWS_MIN as f64).min(1.0);
+    let share = (there as f64 / 6.0).min(windows.len() as f64 / MIN_WINDOWS as f64).min(1.0);
     let absent: Vec<_> = (0..6).filter(|face| !faces[*face]).map(side).collect();
     let missing = (share < 1.0).then(|| match absent.is_empty() {
         true => "a longer time; turn the unit slowly by hand through all positions for a minute".into(),

@@ -18,7 +18,7 @@ use crate::{
 const WINDOW_NS: i64 = 250_000_000;
 /// Windows begin at least so far apart, ns, and there are at most so many.
 const STRIDE_NS: i64 = 25_000_000;
-const FIELDS_MAX: usize = 80_000;
+const MAX_FIELDS: usize = 80_000;
 /// A window tells something where the rate changed by more than this, rad/s.
 const CHANGE_RAD_S: f64 = 0.5;
 /// Windows' length in all that must tell something, s.
@@ -28,15 +28,15 @@ const BLOCK_NS: i64 = 2_000_000_000;
 /// Where Huber's weights begin, in standard deviations.
 const HUBER: f64 = 2.0;
 /// Steps after which a fit has found what it finds.
-const STEPS_MAX: usize = 20;
+const MAX_STEPS: usize = 20;
 /// By how much τ is moved for a derivative, s.
 const DIFFERENCE_S: f64 = 5e-4;
 /// The largest delay that is looked for, s.
-const DELAY_MAX_S: f64 = 0.2;
+const MAX_DELAY_S: f64 = 0.2;
 /// The most that it may be uncertain, s.
-const SD_MAX_S: f64 = 0.002;
+const MAX_SD_S: f64 = 0.002;
 /// What the gyro leaves of the field's changes, at most.
-const LEFT_MAX: f64 = 0.5;
+const MAX_LEFT: f64 = 0.5;
 /// What the fuser takes, s: `magnetometer_delay_s`; and how certain it may be told that the delay is.
 const TAKEN_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
 const TOLD_SD_S: (f64, f64) = (0.0005, 0.02);
@@ -79,7 +79,7 @@ impl Clock {
             .fields
             .last()
             .is_none_or(|(last_ns, last_ut)| *last_ut != field_ut && sample.t_ns - last_ns >= STRIDE_NS);
-        if !is_new || self.fields.len() >= FIELDS_MAX || self.history.is_full() {
+        if !is_new || self.fields.len() >= MAX_FIELDS || self.history.is_full() {
             return;
         }
         self.fields.push((sample.t_ns, field_ut));
@@ -133,8 +133,8 @@ impl Clock {
             self.sums(&at, 1e9).map_or(f64::NAN, |(normal, _)| normal.rms())
         };
         let (before_ut, after_ut) = (rms_ut(0.0), rms_ut(delay_s));
-        let is_followed = after_ut < LEFT_MAX * self.change_ut();
-        if !is_followed || sd_s > SD_MAX_S || delay_s.abs() > DELAY_MAX_S {
+        let is_followed = after_ut < MAX_LEFT * self.change_ut();
+        if !is_followed || sd_s > MAX_SD_S || delay_s.abs() > MAX_DELAY_S {
             return Err(weak(unclear));
         }
         if !TAKEN_S.contains(&delay_s) {
@@ -188,13 +188,13 @@ impl Clock {
     fn fit(&self) -> Option<(Parameters, f64)> {
         let mut at = Parameters::zeros();
         let mut sd_ut = 1e9;
-        for _ in 0..STEPS_MAX {
+        for _ in 0..MAX_STEPS {
             let (mut normal, found_sd_ut) = self.sums(&at, sd_ut)?;
             sd_ut = found_sd_ut;
             let step = normal.step()?;
             at += step;
             // Farther away than that nothing is found again.
-            at[0] = at[0].clamp(-2.0 * DELAY_MAX_S, 2.0 * DELAY_MAX_S);
+            at[0] = at[0].clamp(-2.0 * MAX_DELAY_S, 2.0 * MAX_DELAY_S);
             if step[0].abs() < 1e-7 {
                 break;
             }

@@ -13,9 +13,9 @@ use crate::{
 /// How long the unit must have been at rest in all, s.
 const REST_S: f64 = 5.0;
 /// The most that the bias may be uncertain, rad/s: a tenth of a degree a second.
-const SD_MAX_RAD_S: f64 = 0.1 * core::f64::consts::PI / 180.0;
+const MAX_SD_RAD_S: f64 = 0.1 * core::f64::consts::PI / 180.0;
 /// The most that the mean of a rest may be away from that of all, rad/s: a steady turn, or a sensor that warms up.
-const APART_MAX_RAD_S: f64 = 0.3 * core::f64::consts::PI / 180.0;
+const MAX_APART_RAD_S: f64 = 0.3 * core::f64::consts::PI / 180.0;
 
 /// Takes readings.
 #[derive(Debug, Clone, Default)]
@@ -43,7 +43,7 @@ impl Gyro {
         let bias_rad_s = mean(&all);
         let sd_rad_s = MeanNoise::of(&series).sd(all.len()).sup(&between(&rests, &bias_rad_s));
         let apart_rad_s = rests.iter().map(|rest| (mean(&rest.rates_rad_s) - bias_rad_s).amax()).fold(0.0, f64::max);
-        if sd_rad_s.amax() > SD_MAX_RAD_S || apart_rad_s > APART_MAX_RAD_S {
+        if sd_rad_s.amax() > MAX_SD_RAD_S || apart_rad_s > MAX_APART_RAD_S {
             let missing = format!(
                 "one bias: the rests disagree by {:.2} °/s, as where the unit turned steadily in one of them, or warmed up; lay it on \
                  something that does not move, and wait until it is warm",

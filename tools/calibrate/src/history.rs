@@ -4,7 +4,7 @@ use attitude::{Vector3, gyro::RateKind};
 use nalgebra::UnitQuaternion;
 
 /// Readings kept: half an hour at 500 Hz. What comes later is not looked at.
-const READINGS_MAX: usize = 900_000;
+const MAX_READINGS: usize = 900_000;
 /// Across a longer interval nothing is known of the turn, ns.
 const GAP_NS: i64 = 100_000_000;
 
@@ -34,7 +34,7 @@ impl History {
     }
 
     pub(crate) fn is_full(&self) -> bool {
-        self.moments.len() >= READINGS_MAX
+        self.moments.len() >= MAX_READINGS
     }
 
     /// The next reading.

@@ -41,7 +41,7 @@ pub use report::{Coverage, Refusal, Report};
 pub use sphere::PARTS;
 
 /// Times farther from zero than 126 years are left out, ns: differences of the others fit into 64 bits.
-const T_MAX_NS: u64 = 4_000_000_000_000_000_000;
+const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
 
 /// A raw reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -159,7 +159,7 @@ impl Calibrator {
     /// Takes the next reading. One whose rate or force is not finite, or whose time does not go on, is left out.
     pub fn take(&mut self, sample: &Sample) {
         let is_sound = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
-            && sample.t_ns.unsigned_abs() <= T_MAX_NS
+            && sample.t_ns.unsigned_abs() <= MAX_T_NS
             && self.last_ns.is_none_or(|last_ns| sample.t_ns > last_ns);
         if !is_sound {
             self.left_out += 1;

@@ -16,21 +16,21 @@ use crate::{
 };
 
 /// Samples kept: at most so many, at first no closer than this, ns.
-const SAMPLES_MAX: usize = 60_000;
+const MAX_SAMPLES: usize = 60_000;
 const INTERVAL_NS: i64 = 40_000_000;
 /// Cells of the sphere, of 24, that must have a sample.
-const CELLS_MIN: usize = 20;
+const MIN_CELLS: usize = 20;
 /// Half of the range of an axis, µT, from which it may have seen a field of the earth (22 to 67 µT) from both sides.
-const HALF_RANGE_MIN_UT: f64 = 12.0;
+const MIN_HALF_RANGE_UT: f64 = 12.0;
 /// Errors hang together for so long, ns.
 const BLOCK_NS: i64 = 1_000_000_000;
 /// Where Huber's weights begin, in standard deviations.
 const HUBER: f64 = 2.0;
 /// Steps after which a fit has found what it finds.
-const STEPS_MAX: usize = 30;
+const MAX_STEPS: usize = 30;
 /// The most that hard iron (share of the field) and soft iron may be uncertain.
-const HARD_SD_MAX: f64 = 0.03;
-const SOFT_SD_MAX: f64 = 0.03;
+const MAX_HARD_SD: f64 = 0.03;
+const MAX_SOFT_SD: f64 = 0.03;
 /// Strengths that the earth's field has, µT, and a little more.
 const EARTH_UT: std::ops::RangeInclusive<f64> = 15.0..=75.0;
 
@@ -70,7 +70,7 @@ impl Mag {
         if !self.samples.last().is_none_or(is_due) {
             return;
         }
-        if self.samples.len() == SAMPLES_MAX {
+        if self.samples.len() == MAX_SAMPLES {
             // Each second one is enough of so many.
             let mut count = 0;
             self.samples.retain(|_| {
@@ -109,14 +109,14 @@ impl Mag {
     /// What only trembles covers nothing.
     fn is_seen(&self) -> [bool; 3] {
         let half_ut = (self.most_ut - self.least_ut) * 0.5;
-        std::array::from_fn(|axis| half_ut[axis] >= HALF_RANGE_MIN_UT)
+        std::array::from_fn(|axis| half_ut[axis] >= MIN_HALF_RANGE_UT)
     }
 
     fn told(&self, sphere: &Sphere, is_seen: [bool; 3]) -> Coverage {
         let faces = sphere.faces();
         let there = |face: usize| faces[face] && is_seen[face / 2];
         let count = (0..6).filter(|face| there(*face)).count();
-        let share = (count as f64 / 6.0).min(sphere.cells() as f64 / CELLS_MIN as f64).min(1.0);
+        let share = (count as f64 / 6.0).min(sphere.cells() as f64 / MIN_CELLS as f64).min(1.0);
         let name = |face: usize| format!("{}{}", ["+", "−"][face % 2], ["x", "y", "z"][face / 2]);
         let absent: Vec<_> = (0..6).filter(|face| !there(*face)).map(name).collect();
         let mut missing = Vec::new();
@@ -131,7 +131,7 @@ impl Mag {
         } else if share < 1.0 {
             missing.push(format!(
                 "{} more of the 24 parts of the sphere; turn the unit about all axes, askew as well",
-                CELLS_MIN - sphere.cells()
+                MIN_CELLS - sphere.cells()
             ));
         }
         // Cells of a box that only trembles are none.
@@ -163,7 +163,7 @@ impl Mag {
         }
         let [hard_sd, soft_sd, cross_sd] = deviations(&fit.covariance);
         let is_certain =
-            hard_sd.amax() <= HARD_SD_MAX * fit.strength_ut && soft_sd.sup(&cross_sd).amax() <= SOFT_SD_MAX;
+            hard_sd.amax() <= MAX_HARD_SD * fit.strength_ut && soft_sd.sup(&cross_sd).amax() <= MAX_SOFT_SD;
         let is_ellipsoid = fit.at.matrix().cholesky().is_some();
         if !(is_certain && is_ellipsoid) {
             return Err(weak(&coverage));
@@ -247,7 +247,7 @@ impl Mag {
     /// By steps of Gauss and Newton, halved where they go too far.
     fn converged(&self, begun: Ellipsoid<9>, strength_ut: f64, weights: &[f64]) -> Option<Ellipsoid<9>> {
         let mut at = begun;
-        for _ in 0..STEPS_MAX {
+        for _ in 0..MAX_STEPS {
             let (cost, mut normal) = self.sums(&at, strength_ut, weights);
             let mut step = normal.step()?;
             let mut next = Ellipsoid(at.0 + step);

@@ -12,13 +12,13 @@ use crate::{Sample, sphere::face};
 const WINDOW_NS: i64 = 2_000_000_000;
 const GAP_NS: i64 = 100_000_000;
 /// Fewest readings of a window.
-const READINGS_MIN: usize = 20;
+const MIN_READINGS: usize = 20;
 /// A window in which the unit turns faster is not taken, rad/s: gyro and accelerometer are not in one place, nor of one time.
-const RATE_MAX_RAD_S: f64 = 6.0;
+const MAX_RATE_RAD_S: f64 = 6.0;
 /// A side that was up for so long counts, ns.
 const UP_NS: f64 = 250e6;
 /// Windows kept: three hours. What comes later is not looked at.
-const WINDOWS_MAX: usize = 5_000;
+const MAX_WINDOWS: usize = 5_000;
 
 /// The mean of forces, each turned into the sensor's axes at the beginning.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,13 +92,13 @@ impl Windows {
     }
 
     pub(crate) fn take(&mut self, sample: &Sample) {
-        if self.whole.len() >= WINDOWS_MAX {
+        if self.whole.len() >= MAX_WINDOWS {
             return;
         }
         let rate_rad_s = self.gyro.apply(sample.rate_rad_s);
         let goes_on = |open: &Open| sample.t_ns - open.last_ns <= GAP_NS && sample.t_ns - open.since_ns < WINDOW_NS;
         if let Some(ended) = self.open.take_if(|open| !goes_on(open)) {
-            let is_whole = ended.last_ns - ended.since_ns >= WINDOW_NS - GAP_NS && ended.count >= READINGS_MIN;
+            let is_whole = ended.last_ns - ended.since_ns >= WINDOW_NS - GAP_NS && ended.count >= MIN_READINGS;
             if is_whole && ended.is_slow {
                 let mean = ended.mean();
                 let feels_gravity = (0.5..2.0).contains(&(mean.force_m_s2().norm() / GRAVITY_M_S2));
@@ -127,7 +127,7 @@ impl Windows {
         open.last_ns = sample.t_ns;
         open.count += 1;
         open.sides_up[face(&sample.force_m_s2)] += 1;
-        open.is_slow &= rate_rad_s.norm() <= RATE_MAX_RAD_S;
+        open.is_slow &= rate_rad_s.norm() <= MAX_RATE_RAD_S;
     }
 
     /// The windows so far.

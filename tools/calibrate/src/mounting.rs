@@ -151,7 +151,7 @@ fn deviations_deg(poses: &Poses, eta: &Vector3<f64>, xi: &Vector3<f64>) -> Vecto
 
 /// Pitch, roll and yaw of the sensor in the body, as `[ingest.mounting]` has them.
 fn angles_deg(turn: &UnitQuaternion<f64>) -> Vector3<f64> {
-    let Angles { yaw_rad, pitch_rad, roll_rad } = Attitude::of_quaternion(turn.into_inner()).angles();
+    let Angles { yaw_rad, pitch_rad, roll_rad } = Attitude::from_quaternion(turn.into_inner()).angles();
     Vector3::new(pitch_rad, roll_rad, yaw_rad).map(f64::to_degrees)
 }
 
@@ -160,7 +160,7 @@ fn nearest(matrix: &Matrix3<f64>) -> Option<String> {
     let directions = Turn::DIRECTIONS;
     let names = directions.iter().flat_map(|x| directions.iter().map(move |y| format!("x-{x}-y-{y}")));
     let off_deg = |name: &str| {
-        let cos = ((matrix * Turn::named(name).ok()?.matrix().transpose()).trace() - 1.0) * 0.5;
+        let cos = ((matrix * Turn::from_name(name).ok()?.matrix().transpose()).trace() - 1.0) * 0.5;
         Some(cos.clamp(-1.0, 1.0).acos().to_degrees())
     };
     let named = names.filter_map(|name| Some((off_deg(&name)?, name)));

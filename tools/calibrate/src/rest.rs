@@ -10,13 +10,13 @@ use crate::Sample;
 
 /// Length of a block, ns, and the fewest readings of one.
 const BLOCK_NS: i64 = 250_000_000;
-const BLOCK_SAMPLES_MIN: u32 = 5;
+const MIN_BLOCK_SAMPLES: u32 = 5;
 /// Blocks kept: 14 hours of a quarter of a second each. What comes later is not looked at.
-const BLOCKS_MAX: usize = 200_000;
+const MAX_BLOCKS: usize = 200_000;
 /// A longer interval between readings ends a block and a rest, ns.
 const GAP_NS: i64 = 500_000_000;
 /// Blocks of a rest, without its first and last: a second.
-const REST_BLOCKS_MIN: usize = 4;
+const MIN_REST_BLOCKS: usize = 4;
 
 /// A quiet block spreads by no more than this many times the quietest tenth.
 const QUIET_FACTOR: f64 = 3.0;
@@ -24,13 +24,13 @@ const QUIET_FACTOR: f64 = 3.0;
 const RATE_SPREAD_RAD_S: (f64, f64) = (0.005, 0.06);
 const FORCE_SPREAD_M_S2: (f64, f64) = (0.05, 0.6);
 /// The largest rate that may be a bias, rad/s: 20 °/s, as data sheets of consumer gyros allow.
-const BIAS_MAX_RAD_S: f64 = 0.35;
+const MAX_BIAS_RAD_S: f64 = 0.35;
 /// How far the mean of a block may be from that of its rest beyond noise: rad/s, and m/s² (0.3° of a tilt).
 const RATE_STEADY_RAD_S: f64 = 0.003;
 const FORCE_STEADY_M_S2: f64 = 0.05;
 
 /// Differences that a variance must be made of.
-const DIFFERENCES_MIN: usize = 8;
+const MIN_DIFFERENCES: usize = 8;
 
 /// A quarter of a second.
 #[derive(Debug, Clone, Copy)]
@@ -110,8 +110,8 @@ impl RestFinder {
         let mut follows = !self.blocks.is_empty();
         if let Some(open) = self.open {
             let is_gap = t_ns - open.t_end_ns > GAP_NS;
-            let is_full = t_ns - open.t_start_ns >= BLOCK_NS && open.count >= BLOCK_SAMPLES_MIN;
-            if is_full && self.blocks.len() < BLOCKS_MAX {
+            let is_full = t_ns - open.t_start_ns >= BLOCK_NS && open.count >= MIN_BLOCK_SAMPLES;
+            if is_full && self.blocks.len() < MAX_BLOCKS {
                 self.blocks.push(open);
             }
             follows = !is_gap;
@@ -147,7 +147,7 @@ impl RestFinder {
         let is_quiet = |block: &Block| {
             rate_sd(block) <= rate_limit
                 && force_sd(block) <= force_limit
-                && block.rate_rad_s.mean.amax() <= BIAS_MAX_RAD_S
+                && block.rate_rad_s.mean.amax() <= MAX_BIAS_RAD_S
         };
         let mut rests = Vec::new();
         let mut run = Run::default();
@@ -168,7 +168,7 @@ impl RestFinder {
         let inner = run.blocks.get(1..run.blocks.len().checked_sub(1)?)?;
         let (first, last) = (inner.first()?, inner.last()?);
         let since_s = |t_ns: i64| (t_ns - self.start_ns.unwrap_or(t_ns)) as f64 * 1e-9;
-        (inner.len() >= REST_BLOCKS_MIN).then(|| Rest {
+        (inner.len() >= MIN_REST_BLOCKS).then(|| Rest {
             from_s: since_s(first.t_start_ns),
             until_s: since_s(last.t_end_ns),
             rates_rad_s: inner.iter().map(|block| block.rate_rad_s.mean).collect(),
@@ -223,7 +223,7 @@ impl MeanNoise {
                 sum += difference.component_mul(&difference);
                 count += 1;
             }
-            if count < DIFFERENCES_MIN && !variances.is_empty() || count == 0 {
+            if count < MIN_DIFFERENCES && !variances.is_empty() || count == 0 {
                 return Self { variances };
             }
             variances.push(sum / (2.0 * count as f64));

@@ -2,7 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use launch::{Service, counted};
+use launch::{Service, pluralize};
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{Rng, SeedableRng},
@@ -100,7 +100,7 @@ impl fmt::Display for KillsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { kills, ticks, lost, duplicated, same_bytes, recovery_ms } = self;
         let bytes = if *same_bytes { "the same bytes as undisturbed" } else { "NOT the bytes of an undisturbed run" };
-        let (kills, ticks) = (counted((*kills).into(), "kill"), counted(*ticks, "tick"));
+        let (kills, ticks) = (pluralize((*kills).into(), "kill"), pluralize(*ticks, "tick"));
         writeln!(f, "{kills} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
         write!(f, "from the kill to the next attitude: {recovery_ms}")
     }
@@ -109,7 +109,7 @@ impl fmt::Display for KillsReport {
 /// A system for campaigns: its services may die as often as it pleases.
 pub(crate) fn launch_file(name: &str, rate_hz: u32) -> String {
     format!(
-        "name = \"{name}\"\n[restart]\nsettled_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
+        "name = \"{name}\"\n[restart]\nmin_uptime_s = 0\n[ingest]\nsource = \"sim\"\n[ingest.sim]\nrate_hz = {rate_hz}\n"
     )
 }
 

@@ -3,8 +3,8 @@
 use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
-use control::{ControlError, ControlRequest, Outcome, SwapReport, SwapRequest, ask};
-use launch::{Service, Stage, counted};
+use control::{ControlError, ControlRequest, SwapOutcome, SwapReport, SwapRequest, send_request};
+use launch::{Service, StageConfig, pluralize};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -23,7 +23,7 @@ const END_LIMIT: Duration = Duration::from_secs(60);
 /// How often the output is looked at while a swap goes on.
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// Swaps that failed are told one by one up to this many.
-const FAILED_MAX: usize = 20;
+const MAX_FAILED: usize = 20;
 
 /// What is done.
 #[derive(Debug, Clone, Copy)]
@@ -93,9 +93,9 @@ impl Swaps {
                 system.forget();
                 gap_ns.saturating_record((report.gap_us * 1e3) as u64);
                 jump_max_deg = jump_max_deg.max(report.jump_deg);
-                if report.outcome == Outcome::Committed {
+                if report.outcome == SwapOutcome::Committed {
                     committed += 1;
-                } else if failed.len() < FAILED_MAX {
+                } else if failed.len() < MAX_FAILED {
                     failed.push(report);
                 }
             }
@@ -136,8 +136,8 @@ impl fmt::Display for SwapsReport {
         writeln!(
             f,
             "{committed} of {} committed in {}: lost {lost}, duplicated {duplicated}, out of order {out_of_order}",
-            counted((*swaps).into(), "swap"),
-            counted(*ticks, "tick"),
+            pluralize((*swaps).into(), "swap"),
+            pluralize(*ticks, "tick"),
         )?;
         for SwapReport { slot, from, to, reason, .. } in failed {
             writeln!(f, "{slot}: {from} → {to} failed: {}", reason.as_deref().unwrap_or("no reason given"))?;
@@ -164,9 +164,9 @@ fn any(random: &mut ChaCha8Rng, same: bool) -> SwapRequest {
     ];
     let (slot, names) = of[within(random, 0..of.len() as u64) as usize];
     let name = names[within(random, 0..names.len() as u64) as usize];
-    let stage = Stage { stage: if same { names[0] } else { name }.into(), set: BTreeMap::new() };
-    let limit_ms = Some(SwapRequest::LIMIT_MS);
-    SwapRequest { slot: slot.name().into(), stage, shadow: false, expected_epoch: None, limit_ms }
+    let stage = StageConfig { stage: if same { names[0] } else { name }.into(), set: BTreeMap::new() };
+    let limit_ms = Some(SwapRequest::DEFAULT_TIMEOUT_MS);
+    SwapRequest { slot: slot.name().into(), stage, shadow: false, expected_epoch: None, timeout_ms: limit_ms }
 }
 
 /// Asks for a swap and looks at the output until it is answered; the control socket has a limit of its own.
@@ -175,7 +175,7 @@ fn swap(system: &mut SystemUnderTest, name: &str, wish: SwapRequest) -> Result<S
     std::thread::scope(|scope| {
         scope.spawn(move || {
             // Whoever waits for the answer is there until it comes, or has failed and does not need it.
-            let _ = answer.send(ask(name, &ControlRequest::Swap(wish)));
+            let _ = answer.send(send_request(name, &ControlRequest::Swap(wish)));
         });
         loop {
             match answered.recv_timeout(LOOK_INTERVAL) {

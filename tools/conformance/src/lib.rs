@@ -44,7 +44,7 @@ mod tumbling;
 use attitude::{
     Vector3,
     accel::Inclination,
-    course::{CourseInput, LastReading, Reading},
+    course::{CourseInput, LastReading, CourseReading},
     fuser::{Estimate, Fused, FuserInput},
     gyro::{Motion, RateSample},
     point::Point,
@@ -101,7 +101,7 @@ where
 /// Checks a course stage.
 pub fn course<S>(make: impl Fn() -> S) -> Report
 where
-    S: Stage<Input = CourseInput, Output = Reading, Common = LastReading> + Clone,
+    S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone,
 {
     report::<CourseSlot, S>(&make, &mut |_| {})
 }

@@ -7,8 +7,8 @@ use std::{
 };
 
 use attitude::stage::Stage;
-use host::{HostError, Hosted, HostedBy, child::START_LIMIT};
-use launch::{Program, Service};
+use host::{HostError, HostedStage, HostableStage, child::START_TIMEOUT};
+use launch::{ExternalStage, Service};
 
 use crate::{
     processor::OneProcessor,
@@ -23,7 +23,7 @@ const INTERVAL: Duration = Duration::from_millis(1);
 
 /// Checks the program that fills a slot under this name; `on_begin` is told which kind of checks begins, for they may take minutes. A
 /// judge has time: each answer may take as long as a start.
-pub fn program(name: &str, program: &Program, on_begin: &mut dyn FnMut(&str)) -> Result<Report, HostError> {
+pub fn program(name: &str, program: &ExternalStage, on_begin: &mut dyn FnMut(&str)) -> Result<Report, HostError> {
     match program.slot {
         Service::Gyro => judged::<GyroSlot>(name, program, on_begin),
         Service::Accel => judged::<AccelSlot>(name, program, on_begin),
@@ -35,18 +35,18 @@ pub fn program(name: &str, program: &Program, on_begin: &mut dyn FnMut(&str)) ->
     }
 }
 
-fn judged<L: Slot>(name: &str, program: &Program, on_begin: &mut dyn FnMut(&str)) -> Result<Report, HostError>
+fn judged<L: Slot>(name: &str, program: &ExternalStage, on_begin: &mut dyn FnMut(&str)) -> Result<Report, HostError>
 where
-    L::Own: HostedBy,
-    Hosted<L::Own>: Fills<L>,
+    L::Own: HostableStage,
+    HostedStage<L::Own>: Fills<L>,
 {
     let mut report = {
         let _one = OneProcessor::keep_to();
-        let stage = Hosted::<L::Own>::start(name, program, START_LIMIT)?;
+        let stage = HostedStage::<L::Own>::start(name, program, START_TIMEOUT)?;
         crate::report::<L, _>(&|| stage.clone(), on_begin)
     };
     on_begin("cost");
-    match Hosted::start(name, program, START_LIMIT) {
+    match HostedStage::start(name, program, START_TIMEOUT) {
         Ok(stage) => report.checks.extend(costs::<L>(stage)),
         Err(cause) => report.checks.push(Check::holds("it starts once more", Some(cause.to_string()))),
     }
@@ -54,10 +54,10 @@ where
 }
 
 /// How long a step takes to and fro at 1 kHz, and the processor time of the program.
-fn costs<L: Slot>(mut stage: Hosted<L::Own>) -> Vec<Check>
+fn costs<L: Slot>(mut stage: HostedStage<L::Own>) -> Vec<Check>
 where
-    L::Own: HostedBy,
-    Hosted<L::Own>: Fills<L>,
+    L::Own: HostableStage,
+    HostedStage<L::Own>: Fills<L>,
 {
     let inputs = L::inputs(&S1);
     let (mut times, begun, cpu_before_ns) = (Vec::new(), Instant::now(), cpu_ns(&stage));
@@ -83,7 +83,7 @@ where
 }
 
 /// Processor time of the program, ns.
-fn cpu_ns<B>(stage: &Hosted<B>) -> Option<f64> {
+fn cpu_ns<B>(stage: &HostedStage<B>) -> Option<f64> {
     let text = fs::read_to_string(format!("/proc/{}/schedstat", stage.pid()?)).ok()?;
     text.split_whitespace().next()?.parse().ok()
 }

@@ -125,6 +125,6 @@ fn with(mut record: Snapshot, index: usize, value: f64) -> Snapshot {
 
 /// The record with the checksum that belongs to its values.
 fn summed(mut record: Snapshot) -> Snapshot {
-    record.checksum = record.sum();
+    record.checksum = record.compute_checksum();
     record
 }

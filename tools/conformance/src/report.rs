@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use launch::counted;
+use launch::pluralize;
 use serde::Serialize;
 
 /// How a stage did.
@@ -68,7 +68,7 @@ impl Check {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let failed = self.failures().count();
-        write!(f, "{} {}: {}", self.slot, self.stage, counted(self.checks.len() as u64, "check"))?;
+        write!(f, "{} {}: {}", self.slot, self.stage, pluralize(self.checks.len() as u64, "check"))?;
         if failed > 0 {
             write!(f, ", {failed} failed")?;
         }

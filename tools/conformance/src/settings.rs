@@ -35,7 +35,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     let same = table.iter().find_map(|parameter| {
         let mut stage = make();
         let set =
-            [parameter.most, parameter.least, parameter.default].map(|value| stage.set(parameter.name, value).err());
+            [parameter.max, parameter.min, parameter.default].map(|value| stage.set(parameter.name, value).err());
         if let Some(refusal) = set.into_iter().flatten().next() {
             return Some(refusal.to_string());
         }
@@ -44,7 +44,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
     });
     checks.push(Check::holds("a parameter set to its default changes nothing", same));
     for parameter in table {
-        for value in [parameter.least, parameter.most] {
+        for value in [parameter.min, parameter.max] {
             let name = format!("sound and resumable with {} = {value} {}", parameter.name, parameter.unit);
             checks.push(Check::holds(name.trim_end(), bad_with::<L, S>(make, parameter, value)));
         }
@@ -53,7 +53,7 @@ pub(crate) fn checks<L: Slot, S: Fills<L>>(make: &impl Fn() -> S) -> Vec<Check> 
 }
 
 fn told(parameter: &Parameter) -> Option<String> {
-    let Parameter { name, unit, default, least, most, about } = parameter;
+    let Parameter { name, unit, default, min: least, max: most, description: about } = parameter;
     if !(least <= default && default <= most && least < most) {
         return Some(format!("default {default} in {least} to {most}"));
     }
@@ -69,7 +69,7 @@ fn refused<L: Slot, S: Fills<L>>(make: &impl Fn() -> S, table: &'static [Paramet
     if !matches!(stage.set("no_such_parameter", 1.0), Err(ParameterError::Unknown { .. })) {
         return Some("no_such_parameter is taken".into());
     }
-    for Parameter { name, least, most, .. } in table {
+    for Parameter { name, min: least, max: most, .. } in table {
         let beyond = |x: f64| x.abs().max(1.0) * 1e-9;
         for value in [least - beyond(*least), most + beyond(*most), f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             if !matches!(stage.set(name, value), Err(ParameterError::OutOfRange { .. })) {

@@ -2,8 +2,8 @@
 
 use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
-    accel::{Accelerometer, FORCE_MIN_M_S2, Inclination},
-    course::{Bearing, Course, CourseInput, LastReading, Reading, Reference},
+    accel::{Accelerometer, MIN_FORCE_M_S2, Inclination},
+    course::{CourseEstimate, Course, CourseInput, LastReading, CourseReading, CourseReference},
     fuser::{Estimate, Fused, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, Motion, RateKind, RateSample},
     point::{Chart, Point},
@@ -62,7 +62,7 @@ pub(crate) trait Slot: Sized {
     }
 
     /// What the heading of an output is counted from; `None` where it has none.
-    fn heading(output: &Self::Output) -> Option<Reference>;
+    fn heading(output: &Self::Output) -> Option<CourseReference>;
 
     /// The attitude that an output tells, body → reference.
     fn quaternion(output: &Self::Output) -> Quaternion<f64>;
@@ -87,7 +87,7 @@ impl Slot for GyroSlot {
     const LEVELS: bool = false;
 
     fn named(name: &str) -> Option<Gyro> {
-        Gyro::named(name)
+        Gyro::from_name(name)
     }
 
     fn inputs(script: &Script) -> Vec<(usize, RateSample)> {
@@ -104,19 +104,19 @@ impl Slot for GyroSlot {
 
     fn visit(output: &Motion, visit: &mut dyn FnMut(&'static str, f64)) {
         visit_attitude(output.attitude, visit);
-        let [d0, d1, d2, d3] = [output.turn.p.re, output.turn.s.re, output.turn.s.im, output.turn.p.im];
+        let [d0, d1, d2, d3] = [output.rotation.p.re, output.rotation.s.re, output.rotation.s.im, output.rotation.p.im];
         visit_all(["d0", "d1", "d2", "d3"], [d0, d1, d2, d3], visit);
         visit_all(["rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"], output.rate_rad_s.into(), visit);
         visit("dt_s", output.dt_s);
     }
 
     fn flaw(output: &Motion) -> Option<&'static str> {
-        let size2 = output.turn.p.norm_sqr() + output.turn.s.norm_sqr();
+        let size2 = output.rotation.p.norm_sqr() + output.rotation.s.norm_sqr();
         attitude_flaw(output.attitude).or(((size2 - 1.0).abs() > 1e-9).then_some("a turn that is not of unit length"))
     }
 
-    fn heading(_: &Motion) -> Option<Reference> {
-        Some(Reference::Arbitrary)
+    fn heading(_: &Motion) -> Option<CourseReference> {
+        Some(CourseReference::Arbitrary)
     }
 
     fn quaternion(output: &Motion) -> Quaternion<f64> {
@@ -139,7 +139,7 @@ impl Slot for AccelSlot {
     const LEVELS: bool = true;
 
     fn named(name: &str) -> Option<Accelerometer> {
-        Accelerometer::named(name)
+        Accelerometer::from_name(name)
     }
 
     fn inputs(script: &Script) -> Vec<(usize, Vector3<f64>)> {
@@ -155,15 +155,15 @@ impl Slot for AccelSlot {
 
     fn flaw(output: &Inclination) -> Option<&'static str> {
         let trusted = (0.0..=1.0).contains(&output.trust);
-        attitude_flaw(Attitude::levelled(output.up)).or((!trusted).then_some("a trust outside 0 to 1"))
+        attitude_flaw(Attitude::from_up(output.up)).or((!trusted).then_some("a trust outside 0 to 1"))
     }
 
-    fn heading(_: &Inclination) -> Option<Reference> {
+    fn heading(_: &Inclination) -> Option<CourseReference> {
         None
     }
 
     fn quaternion(output: &Inclination) -> Quaternion<f64> {
-        Attitude::levelled(output.up).quaternion()
+        Attitude::from_up(output.up).quaternion()
     }
 
     fn garbage() -> Vec<(&'static str, Point)> {
@@ -204,18 +204,18 @@ impl Slot for FuserSlot {
     const LEVELS: bool = true;
 
     fn named(name: &str) -> Option<Fuser> {
-        Fuser::named(name)
+        Fuser::from_name(name)
     }
 
     fn inputs(script: &Script) -> Vec<(usize, FuserInput)> {
-        let (mut gyro, mut projector) = (Gyro::named("mobius"), Accelerometer::named("projector"));
+        let (mut gyro, mut projector) = (Gyro::from_name("mobius"), Accelerometer::from_name("projector"));
         let mut motions = GyroSlot::inputs(script).into_iter().peekable();
         let mut input = |(i, tick): (usize, &Tick)| {
             let sample = motions.next_if(|(place, _)| *place == i);
             let motion = gyro.as_mut().zip(sample).map(|(gyro, (_, sample))| gyro.step(&sample));
             let motion = motion.filter(|motion| GyroSlot::unsound(motion).is_none());
             let motion = motion.map(|motion| as_read(motion, tick));
-            let usable = tick.force_m_s2.filter(|force| force.norm() >= FORCE_MIN_M_S2 && force.norm().is_finite());
+            let usable = tick.force_m_s2.filter(|force| force.norm() >= MIN_FORCE_M_S2 && force.norm().is_finite());
             let inclination = projector.as_mut().zip(usable).map(|(projector, force)| projector.step(&force));
             let bad = tick.force_m_s2.filter(|force| !is_finite(force));
             let inclination = inclination.or_else(|| Some(Inclination { force_m_s2: bad?, ..UP }));
@@ -251,7 +251,7 @@ impl Slot for FuserSlot {
         attitude_flaw(output.attitude).or(negative.then_some("a standard deviation or innovation below zero"))
     }
 
-    fn heading(output: &Fused) -> Option<Reference> {
+    fn heading(output: &Fused) -> Option<CourseReference> {
         Some(output.reference)
     }
 
@@ -262,7 +262,7 @@ impl Slot for FuserSlot {
     fn garbage() -> Vec<(&'static str, Estimate)> {
         let good = Estimate {
             attitude: Attitude::default(),
-            reference: Reference::Arbitrary,
+            reference: CourseReference::Arbitrary,
             bias_rad_s: Vector3::zeros(),
             inclination_sd_rad: 0.01,
             heading_sd_rad: 0.1,
@@ -306,7 +306,7 @@ impl Slot for FuserSlot {
 
 impl Slot for CourseSlot {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
     type Own = Course;
 
@@ -316,13 +316,13 @@ impl Slot for CourseSlot {
     const LEVELS: bool = true;
 
     fn named(name: &str) -> Option<Course> {
-        Course::named(name)
+        Course::from_name(name)
     }
 
     fn inputs(script: &Script) -> Vec<(usize, CourseInput)> {
         let input = |tick: &Tick| CourseInput {
             attitude: tick.truth,
-            reference: Reference::Magnetic,
+            reference: CourseReference::Magnetic,
             heading_sd_rad: 0.02,
             fix: tick.fix,
             dt_s: tick.dt_s,
@@ -330,7 +330,7 @@ impl Slot for CourseSlot {
         script.ticks.iter().map(input).enumerate().collect()
     }
 
-    fn visit(output: &Reading, visit: &mut dyn FnMut(&'static str, f64)) {
+    fn visit(output: &CourseReading, visit: &mut dyn FnMut(&'static str, f64)) {
         let q = output.quaternion;
         visit_all(["qw", "qx", "qy", "qz"], [q.w, q.i, q.j, q.k], visit);
         visit("yaw_rad", output.angles.yaw_rad);
@@ -343,7 +343,7 @@ impl Slot for CourseSlot {
         visit("aligned", f64::from(u8::from(output.aligned)));
     }
 
-    fn flaw(output: &Reading) -> Option<&'static str> {
+    fn flaw(output: &CourseReading) -> Option<&'static str> {
         if (output.quaternion.norm() - 1.0).abs() > 1e-9 {
             return Some("a quaternion that is not of unit length");
         }
@@ -353,20 +353,20 @@ impl Slot for CourseSlot {
         (output.course_sd_rad < 0.0).then_some("a standard deviation below zero")
     }
 
-    fn heading(_: &Reading) -> Option<Reference> {
-        Some(Reference::Arbitrary)
+    fn heading(_: &CourseReading) -> Option<CourseReference> {
+        Some(CourseReference::Arbitrary)
     }
 
-    fn quaternion(output: &Reading) -> Quaternion<f64> {
+    fn quaternion(output: &CourseReading) -> Quaternion<f64> {
         output.quaternion
     }
 
     fn garbage() -> Vec<(&'static str, LastReading)> {
         let quaternion =
-            |w: f64, x: f64, y: f64| LastReading { quaternion: Quaternion::new(w, x, y, 0.0), bearing: None };
+            |w: f64, x: f64, y: f64| LastReading { quaternion: Quaternion::new(w, x, y, 0.0), course: None };
         let bearing = |course_rad: f64, sd_rad: f64| {
-            let bearing = Some(Bearing { course_rad, reference: Reference::True, sd_rad });
-            LastReading { bearing, ..quaternion(1.0, 0.0, 0.0) }
+            let bearing = Some(CourseEstimate { course_rad, reference: CourseReference::True, sd_rad });
+            LastReading { course: bearing, ..quaternion(1.0, 0.0, 0.0) }
         };
         vec![
             ("a quaternion of zero", quaternion(0.0, 0.0, 0.0)),

@@ -26,7 +26,7 @@ impl Attitude {
             course_reference,
             rate_deg_s: rate_rad_s.map(f64::to_degrees),
             frame: frame.name(),
-            flags: Flags(output.header.flags.0 & !Flags::USUAL.0).names().collect(),
+            flags: Flags(output.header.flags.0 & !Flags::INFORMATIONAL.0).names().collect(),
         }
     }
 }
@@ -37,7 +37,7 @@ fn up([w, x, y, z]: [f64; 4], frame: Frame) -> [f64; 3] {
     let axis = [-x, -y, -z];
     let twice = cross(axis, v).map(|part| 2.0 * part);
     let more = cross(axis, twice);
-    frame.body().ours([0, 1, 2].map(|i| v[i] + w * twice[i] + more[i]))
+    frame.body().to_native([0, 1, 2].map(|i| v[i] + w * twice[i] + more[i]))
 }
 
 fn cross([a, b, c]: [f64; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
@@ -46,7 +46,7 @@ fn cross([a, b, c]: [f64; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use runtime::frames::attitude_in;
+    use runtime::frames::attitude_to_frame;
 
     use super::*;
 
@@ -58,7 +58,7 @@ mod tests {
         let quaternion = [cos_yaw * cos, -sin_yaw * sin, cos_yaw * sin, sin_yaw * cos];
         let ours = AttitudeOutput { quaternion, ..bytemuck::Zeroable::zeroed() };
         for (_, frame) in Frame::NAMES {
-            let [right, forward, up] = Attitude::of(&attitude_in(frame, ours), frame).up;
+            let [right, forward, up] = Attitude::of(&attitude_to_frame(frame, ours), frame).up;
             let off = [right + 0.5, forward, up - 0.75_f64.sqrt()].map(f64::abs);
             assert!(off.iter().all(|off| *off < 1e-12), "{frame:?}: {:?}", [right, forward, up]);
         }

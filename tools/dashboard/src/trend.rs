@@ -7,7 +7,7 @@ use crate::{Attitude, Facts, drawing::signed};
 /// Between two values of a trend.
 pub const STEP: Duration = Duration::from_millis(500);
 /// Values kept: the last minute.
-const VALUES_MAX: usize = 120;
+const MAX_VALUES: usize = 120;
 
 /// The last minute of a value.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,7 +61,7 @@ impl Trends {
 
 impl Trend {
     fn push(&mut self, value: Option<f64>) {
-        if self.values.len() == VALUES_MAX {
+        if self.values.len() == MAX_VALUES {
             self.values.pop_front();
         }
         self.values.push_back(value.filter(|value| value.is_finite()));
@@ -83,7 +83,7 @@ impl Trend {
         let known = self.values.iter().copied().flatten();
         let most = known.clone().fold(f64::NEG_INFINITY, f64::max);
         let least = if self.from_zero { 0.0 } else { known.fold(f64::INFINITY, f64::min) };
-        let per_bar = VALUES_MAX.div_ceil(count.max(1));
+        let per_bar = MAX_VALUES.div_ceil(count.max(1));
         let lowest = u64::from(!self.from_zero);
         let bar = |values: &[Option<f64>]| {
             let known = values.iter().copied().flatten();

@@ -21,7 +21,7 @@ const LEGEND_WIDTH: u32 = 168;
 const BESIDE_HEIGHT: u32 = 56;
 const LABEL_HEIGHT: u32 = 24;
 /// The least size of a title.
-const TITLE_SIZE_MIN: u32 = 9;
+const MIN_TITLE_SIZE: u32 = 9;
 
 /// Curves in one pair of axes.
 #[derive(Debug)]
@@ -204,7 +204,7 @@ where
     let (name, size) = TITLE;
     let (width, _) = area.estimate_text_size(title, &TITLE.into_text_style(area))?;
     let room = area.dim_in_pixel().0.saturating_sub(16);
-    Ok((name, if width > room { (size * room / width).max(TITLE_SIZE_MIN) } else { size }))
+    Ok((name, if width > room { (size * room / width).max(MIN_TITLE_SIZE) } else { size }))
 }
 
 /// Charts one above the other.

@@ -12,8 +12,8 @@ const FOLDERS: [&str; 4] =
 const NAMES: [&str; 5] =
     ["DejaVuSans.ttf", "LiberationSans-Regular.ttf", "NotoSans-Regular.ttf", "FreeSans.ttf", "Arial Unicode.ttf"];
 /// Folders within each other, and entries in all: a limit for a tree with loops.
-const DEPTH_MAX: usize = 5;
-const ENTRIES_MAX: usize = 20_000;
+const MAX_DEPTH: usize = 5;
+const MAX_ENTRIES: usize = 20_000;
 
 /// A typeface that text is drawn with.
 pub struct Typeface(FontVec);
@@ -22,8 +22,8 @@ impl Typeface {
     /// The first there is; or what to do about it.
     pub fn find() -> Result<Self, String> {
         let mut found = Vec::new();
-        let mut left = ENTRIES_MAX;
-        FOLDERS.iter().for_each(|folder| collect(Path::new(folder), DEPTH_MAX, &mut left, &mut found));
+        let mut left = MAX_ENTRIES;
+        FOLDERS.iter().for_each(|folder| collect(Path::new(folder), MAX_DEPTH, &mut left, &mut found));
         found.sort();
         let typeface = found.iter().find_map(|(_, path)| FontVec::try_from_vec(std::fs::read(path).ok()?).ok());
         typeface.map(Self).ok_or_else(|| {

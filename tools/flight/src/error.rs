@@ -45,7 +45,7 @@ pub enum FlightError {
     /// What was published and is not in the file.
     #[error(
         "recording to {path}: published, but not in the file: {}; the recorder did not take them in time, as on a machine with too much to do",
-        launch::counted(*missed, "message")
+        launch::pluralize(*missed, "message")
     )]
     Missed {
         /// The file.
@@ -73,7 +73,7 @@ pub enum FlightError {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        cause: wire::Refusal,
+        cause: wire::DecodeError,
     },
     /// It is an MCAP file whose content makes no sense.
     #[error("reading {path}: it is no MCAP file that can be read: {cause}")]

@@ -4,7 +4,7 @@
 //! incarnation of the publisher, or again. Failure: beyond a number of gaps the oldest counts for good.
 
 /// Gaps that may still be filled.
-const OPEN_MAX: usize = 64;
+const MAX_OPEN: usize = 64;
 
 #[derive(Debug, Default)]
 pub(crate) struct Gaps {
@@ -30,7 +30,7 @@ impl Gaps {
         let next = self.next.unwrap_or(tick);
         self.next = Some(next.max(tick.saturating_add(1)));
         if tick > next {
-            if self.open.len() == OPEN_MAX {
+            if self.open.len() == MAX_OPEN {
                 let (first, end) = self.open.remove(0);
                 self.settled += end - first;
             }
@@ -83,6 +83,6 @@ mod tests {
         let ticks: Vec<_> = (0..1000).map(|n| (2 * n, 0)).collect();
         let mut gaps = Gaps::default();
         ticks.iter().for_each(|&(tick, lost)| gaps.take(tick, lost));
-        assert_eq!((gaps.open.len(), gaps.missed()), (OPEN_MAX, 999));
+        assert_eq!((gaps.open.len(), gaps.missed()), (MAX_OPEN, 999));
     }
 }

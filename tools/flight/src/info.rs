@@ -11,7 +11,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use launch::counted;
+use launch::pluralize;
 use mcap::{
     McapError, McapResult, parse_record,
     records::{AttachmentHeader, MetadataIndex, Record},
@@ -242,7 +242,7 @@ impl fmt::Display for FlightInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { file, bytes, cut, seconds, messages, topics, missed, end, attachments, metadata } = self;
         let size = *bytes as f64 * 1e-6;
-        let messages = counted(*messages, "message");
+        let messages = pluralize(*messages, "message");
         writeln!(f, "{}: MCAP, {messages} in {seconds:.1} s, {size:.1} MB", file.display())?;
         if metadata.contains_key(BEGINNING) {
             let [system, host, version, start] = ["system", "host", "version", "start_utc"].map(|name| self.said(name));
@@ -254,7 +254,7 @@ impl fmt::Display for FlightInfo {
             (None, None) => writeln!(f, "whole")?,
         }
         let all: u64 = missed.values().sum();
-        writeln!(f, "missed {}", counted(all, "message"))?;
+        writeln!(f, "missed {}", pluralize(all, "message"))?;
         for (topic, count) in missed {
             writeln!(f, "  {topic}: {count}")?;
         }

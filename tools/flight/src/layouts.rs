@@ -14,7 +14,7 @@ struct Schemas(Vec<(String, DescriptorProto)>);
 
 impl Schemas {
     fn all() -> Self {
-        let sets = channels(Topic::ALL).into_iter().map(|channel| schema::descriptors_of(&channel.schema).unwrap());
+        let sets = channels(Topic::ALL).into_iter().map(|channel| schema::descriptors_for(&channel.schema).unwrap());
         let files = sets.flat_map(|set| <FileDescriptorSet as prost::Message>::decode(&*set).unwrap().file);
         let messages = files.flat_map(|file| {
             let package = file.package().to_owned();

@@ -77,7 +77,7 @@ impl<M: Payload> Iterator for Messages<M> {
                 }
                 None
             }
-            Record::Message { header, data } if channels.contains(&header.channel_id) => Some(M::decoded(&data)),
+            Record::Message { header, data } if channels.contains(&header.channel_id) => Some(M::from_bytes(&data)),
             _ => None,
         });
         let path = &self.records.path;
@@ -133,7 +133,7 @@ pub fn every_message(path: &Path, take: &mut dyn FnMut(i64, Topic, &[u8])) -> Re
         if topic.entry().presence.is_ticked() {
             t_ns = Some(header.publish_time.cast_signed());
         }
-        match messages::dispatch!(topic, M => M::decoded(&data).map(|message| bytemuck::bytes_of(&message).to_vec())) {
+        match messages::dispatch!(topic, M => M::from_bytes(&data).map(|message| bytemuck::bytes_of(&message).to_vec())) {
             Ok(bytes) => {
                 take(t_ns.unwrap_or(i64::MIN), topic, &bytes);
                 None
@@ -151,7 +151,7 @@ struct Channels(BTreeMap<u16, Topic>);
 impl Channels {
     fn see(&mut self, record: &Record<'_>) {
         if let Record::Channel(channel) = record
-            && let Some(topic) = channel.topic.strip_prefix('/').and_then(Topic::named)
+            && let Some(topic) = channel.topic.strip_prefix('/').and_then(Topic::from_name)
         {
             self.0.insert(channel.id, topic);
         }

@@ -24,7 +24,7 @@ use runtime::{
 };
 use rustix::time::{ClockId, clock_gettime};
 use time::OffsetDateTime;
-use wire::channel::{Clocks, Fields, number};
+use wire::channel::{Clocks, FieldOffsets, read_u64};
 
 use crate::{
     FlightError, Summary,
@@ -99,7 +99,7 @@ pub struct Recorder {
 /// What is known of a topic before its messages are written.
 #[derive(Debug)]
 struct Intake {
-    fields: Fields,
+    fields: FieldOffsets,
     /// Of a topic with every tick.
     gaps: Option<Gaps>,
     /// Messages that the queue had no room for, and of a topic without every tick the times at which its own buffer was full.
@@ -183,7 +183,7 @@ impl Recorder {
         let thread = thread::Builder::new().name("flight".into()).spawn(writing);
         thread.map_err(|cause| creating(path, cause))?;
         let intake = |topic: Topic| Intake {
-            fields: Fields::of(topic),
+            fields: FieldOffsets::new(topic),
             gaps: has_every_tick(topic).then(|| match mode {
                 Mode::Live => Gaps::default(),
                 Mode::FromTheFirst | Mode::Lockstep => Gaps::from(0),
@@ -199,8 +199,8 @@ impl Recorder {
     /// Takes a message of a topic.
     pub fn take(&mut self, topic: Topic, bytes: &[u8]) {
         let Some(intake) = &mut self.intakes[topic as usize] else { return };
-        let Fields { tick, lost_upstream, .. } = intake.fields;
-        let at = |offset: Option<usize>| offset.and_then(|offset| number(bytes, offset));
+        let FieldOffsets { tick, lost_upstream, .. } = intake.fields;
+        let at = |offset: Option<usize>| offset.and_then(|offset| read_u64(bytes, offset));
         if let Some(gaps) = &mut intake.gaps
             && let Some((tick, lost_upstream)) = at(tick).zip(at(lost_upstream))
         {

@@ -2,7 +2,7 @@
 
 use std::{fmt, path::PathBuf};
 
-use launch::counted;
+use launch::pluralize;
 use serde::Serialize;
 
 use crate::FlightError;
@@ -56,11 +56,11 @@ impl fmt::Display for Summary {
             f,
             "{}: {} in {seconds:.1} s, missed {missed}, {:.1} MB",
             file.display(),
-            counted(*messages, "message"),
+            pluralize(*messages, "message"),
             *bytes as f64 * 1e-6
         )?;
         for TopicSummary { topic, messages, missed } in topics.iter().filter(|it| it.messages + it.missed > 0) {
-            write!(f, "\n  {topic:<12}{:>19}, missed {missed}", counted(*messages, "message"))?;
+            write!(f, "\n  {topic:<12}{:>19}, missed {missed}", pluralize(*messages, "message"))?;
         }
         Ok(())
     }

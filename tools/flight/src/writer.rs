@@ -7,7 +7,7 @@ use std::{borrow::Cow, collections::BTreeMap, io, path::Path};
 use graph::Topic;
 use mcap::{Attachment, Compression, McapError, McapResult, WriteOptions, records::MessageHeader, records::Metadata};
 use messages::layout;
-use wire::channel::{self, Clocks, Encoder, for_viewers};
+use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
 
 use crate::{FlightError, Heading, Stamps, chunk_file::ChunkFile, summary::TopicSummary};
 
@@ -88,7 +88,7 @@ impl Writer {
         let [first, last] = span_ns.unwrap_or([stamps.log_ns; 2]);
         *span_ns = Some([first.min(stamps.log_ns), last.max(stamps.log_ns)]);
         for (id, named) in viewers.iter().filter(|(_, named)| named.topic == topic) {
-            if let Some(form) = for_viewers(&named.name, bytes, stamps.log_ns) {
+            if let Some(form) = encode_for_viewers(&named.name, bytes, stamps.log_ns) {
                 put(mcap, *id, stamps, &form)?;
             }
         }
@@ -153,7 +153,7 @@ fn add_channel(
     about: &BTreeMap<String, String>,
 ) -> McapResult<u16> {
     let no_schema = || io::Error::other(format!("there is no schema of the name {schema}"));
-    let descriptors = wire::schema::descriptors_of(schema).ok_or_else(no_schema)?;
+    let descriptors = wire::schema::descriptors_for(schema).ok_or_else(no_schema)?;
     let schema = mcap.add_schema(schema, "protobuf", &descriptors)?;
     mcap.add_channel(schema, name, "protobuf", about)
 }

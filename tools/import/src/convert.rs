@@ -13,11 +13,11 @@ use recording::{
 
 use crate::{
     Format, ImportError, Mapping, Note, Summary,
-    aligned::Aligned,
+    force_aligner::ForceAligner,
     bag::Bag,
     dataflash,
-    mapped::{Files, Table},
-    rows::Rows,
+    csv_source::{Files, Table},
+    row_writer::RowWriter,
     source::{Fixed, Source},
     ulog::Log,
 };
@@ -54,7 +54,7 @@ pub fn convert(
 ) -> Result<Summary, ImportError> {
     let format = format_of(paths, options)?;
     let written = [out.to_owned(), fixes_path(out)];
-    let written = written.iter().flat_map(|path| [path.clone(), recording::unfinished(path)]);
+    let written = written.iter().flat_map(|path| [path.clone(), recording::temporary_path(path)]);
     for place in written {
         if let Some(path) = paths.iter().find(|path| is_same_file(path, &place)) {
             return Err(ImportError::OutIsSource { path: path.clone() });
@@ -116,13 +116,13 @@ fn import(
     let total_bytes = source.total_bytes();
     let source = &*source;
     let layout = Layout { field: survey.has_field, reference: survey.has_reference };
-    let mut rows = Rows::new(Writer::create(out, layout)?, source.fields()?, source.attitudes()?);
+    let mut rows = RowWriter::new(Writer::create(out, layout)?, source.fields()?, source.attitudes()?);
     let aligned = source.rows(&mut rows, &mut |done_bytes| tell(done_bytes, total_bytes))?;
     rows.finish()?;
     tell(total_bytes, total_bytes);
     if rows.rows == 0 {
-        let without_force = (aligned.without_force > 0)
-            .then(|| format!("{} of the rate have no force at their time", aligned.without_force));
+        let without_force = (aligned.rates_without_force > 0)
+            .then(|| format!("{} of the rate have no force at their time", aligned.rates_without_force));
         let reason = survey.reason.or(without_force);
         return Err(ImportError::NoRows { path: path.to_owned(), reason, expected: survey.expected });
     }
@@ -130,7 +130,7 @@ fn import(
     let (fixes, fixes_file) = (fixes.count, fixes.finish()?);
     match &fixes_file {
         None => no_old_fixes(out)?,
-        Some(fixes) if gnss::place(out).is_none() => notes.push(Note::FixesNotFound { fixes: fixes.clone() }),
+        Some(fixes) if gnss::path_for(out).is_none() => notes.push(Note::FixesNotFound { fixes: fixes.clone() }),
         Some(_) => {}
     }
     let summary = Summary { fixes, fixes_file, ..summary(source.format(), &mut rows, &aligned, notes) };
@@ -172,12 +172,12 @@ impl FixesFile {
     }
 }
 
-fn summary(format: Format, rows: &mut Rows, aligned: &Aligned, mut notes: Vec<Note>) -> Summary {
+fn summary(format: Format, rows: &mut RowWriter, aligned: &ForceAligner, mut notes: Vec<Note>) -> Summary {
     let not_after = "they are not later than the one before them";
     for (what, count, why) in [
-        ("samples of the rate", aligned.rates_not_after, not_after),
-        ("samples of the rate", aligned.without_force, "there is no force at their time"),
-        ("samples of the force", aligned.forces_not_after, not_after),
+        ("samples of the rate", aligned.rates_out_of_order, not_after),
+        ("samples of the rate", aligned.rates_without_force, "there is no force at their time"),
+        ("samples of the force", aligned.forces_out_of_order, not_after),
         ("samples of the field", rows.fields_not_after, not_after),
         ("samples of the field", rows.fields_without_row, "no row is near them, or another one is nearer to it"),
         ("reference attitudes", rows.attitudes_not_after, not_after),
@@ -209,7 +209,7 @@ fn summary(format: Format, rows: &mut Rows, aligned: &Aligned, mut notes: Vec<No
 
 /// `NAME_gnss.csv` beside `NAME_imu.csv.gz`, and beside `NAME.csv` too, though nobody looks for it there.
 fn fixes_path(out: &Path) -> PathBuf {
-    gnss::place(out).unwrap_or_else(|| {
+    gnss::path_for(out).unwrap_or_else(|| {
         let name = out.file_name().unwrap_or_default().to_string_lossy();
         let name = name.strip_suffix(".gz").unwrap_or(&name);
         let name = name.strip_suffix(".csv").unwrap_or(name);
@@ -219,7 +219,7 @@ fn fixes_path(out: &Path) -> PathBuf {
 
 /// Refuses to lay a recording without fixes beside those of another.
 fn no_old_fixes(out: &Path) -> Result<(), ImportError> {
-    match gnss::beside(out) {
+    match gnss::find_for(out) {
         Some(fixes) => Err(ImportError::OldFixes { path: out.to_owned(), fixes }),
         None => Ok(()),
     }

@@ -133,7 +133,7 @@ pub enum ImportError {
         columns: Vec<String>,
     },
     /// The mapping is none.
-    #[error("reading --{}: {}", .0.about(), .0)]
+    #[error("reading --{}: {}", .0.setting(), .0)]
     Mapping(#[from] MappingError),
     /// A column that no file has.
     #[error("mapping {target}: there is no column {found:?}{}; there are {}", guess(near.as_deref()), names(known))]
@@ -306,12 +306,12 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// Names of columns in a message: so many, and each so long.
-const NAMES_MAX: usize = 40;
+const MAX_NAMES: usize = 40;
 
 fn names(names: &[String]) -> String {
-    let mut text: Vec<_> = names.iter().take(NAMES_MAX).map(|name| excerpt(name.as_bytes())).collect();
-    if names.len() > NAMES_MAX {
-        text.push(format!("and {} more", names.len() - NAMES_MAX));
+    let mut text: Vec<_> = names.iter().take(MAX_NAMES).map(|name| excerpt(name.as_bytes())).collect();
+    if names.len() > MAX_NAMES {
+        text.push(format!("and {} more", names.len() - MAX_NAMES));
     }
     text.join(", ")
 }

@@ -21,19 +21,19 @@
 //! | `rows` | field and reference at the times of the rows |
 #![forbid(unsafe_code)]
 
-mod aligned;
+mod force_aligner;
 mod bag;
 pub mod convert;
 mod dataflash;
 mod error;
 pub mod format;
-mod mapped;
+mod csv_source;
 pub mod mcap_file;
 pub mod ros_messages;
-mod rows;
+mod row_writer;
 mod source;
 pub mod summary;
-mod text;
+mod csv_reader;
 mod ulog;
 
 pub use convert::{Options, Progress, convert};

@@ -14,7 +14,7 @@ use mcap::{Compression, WriteOptions, Writer, records::MessageHeader};
 use messages::{Flags, GnssFix, Header, ImuSample, MagSample, Reference};
 use recording::{
     Reader, Row,
-    gnss::{self, Fixes},
+    gnss::{self, FixReader},
 };
 use tempfile::NamedTempFile;
 use wire::Payload;
@@ -31,11 +31,11 @@ pub fn to_mcap(recording: &Path, out: &Path) -> Result<(), ImportError> {
     let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(Path::new("."), |folder| folder);
     let file = NamedTempFile::new_in(folder).map_err(|cause| failed(cause.to_string()))?;
     let mut messages = Messages::begin(&file).map_err(|cause| failed(cause.to_string()))?;
-    let mut fixes = gnss::beside(recording).map(|path: PathBuf| Fixes::open(&path)).transpose()?;
+    let mut fixes = gnss::find_for(recording).map(|path: PathBuf| FixReader::open(&path)).transpose()?;
     let mut before_ns = None;
     for (tick, row) in (0..).zip(Reader::open(recording)?) {
         let row = row?;
-        let fix = fixes.as_mut().map_or(Ok(None), |fixes| fixes.until(row.t_ns))?;
+        let fix = fixes.as_mut().map_or(Ok(None), |fixes| fixes.latest_until(row.t_ns))?;
         let t_start_ns = before_ns.replace(row.t_ns).unwrap_or(row.t_ns);
         messages.row(tick, t_start_ns, &row, fix.as_ref()).map_err(|cause| failed(cause.to_string()))?;
     }
@@ -90,7 +90,7 @@ impl<'a> Messages<'a> {
             Some(id) => *id,
             None => {
                 let schema = format!("plumbline.v1.{}", entry.payload);
-                let descriptors = wire::schema::descriptors_of(&schema).unwrap_or_default();
+                let descriptors = wire::schema::descriptors_for(&schema).unwrap_or_default();
                 let schema = self.writer.add_schema(&schema, "protobuf", &descriptors)?;
                 let name = format!("/{}", entry.name);
                 let id = self.writer.add_channel(schema, &name, "protobuf", &BTreeMap::new())?;
@@ -101,6 +101,6 @@ impl<'a> Messages<'a> {
         // A time before 1970 is none in MCAP; the message has its own.
         let time = u64::try_from(t_ns).unwrap_or(0);
         let header = MessageHeader { channel_id, sequence: tick as u32, log_time: time, publish_time: time };
-        self.writer.write_to_known_channel(&header, &message.encoded())
+        self.writer.write_to_known_channel(&header, &message.to_bytes())
     }
 }

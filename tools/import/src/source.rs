@@ -5,8 +5,8 @@
 
 use crate::{
     Format, ImportError, Note,
-    aligned::{Aligned, Sample},
-    rows::{Attitude, Rows, Samples},
+    force_aligner::{ForceAligner, Sample},
+    row_writer::{Attitude, RowWriter, Samples},
 };
 
 /// Takes fixes, each after the one before it.
@@ -53,5 +53,5 @@ pub(crate) trait Source {
     fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError>;
 
     /// Makes the rows. `tell` is told the bytes read of all that are to be read.
-    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError>;
+    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError>;
 }

@@ -7,7 +7,7 @@
 use std::fmt;
 
 use graph::{Presence, Topic};
-use launch::counted;
+use launch::pluralize;
 use messages::{Field, Layout};
 use serde::Serialize;
 
@@ -211,7 +211,7 @@ impl FlowReport {
     /// The rate and its regularity, on a line.
     pub fn hz(&self) -> String {
         let Some((rate_hz, Interval { mean, min, max, jitter })) = self.rate_hz.zip(self.interval_ms) else {
-            return format!("{}: {}", self.topic, counted(self.messages, "message"));
+            return format!("{}: {}", self.topic, pluralize(self.messages, "message"));
         };
         format!(
             "{}: {rate_hz:.2} Hz, interval {mean:.3} ms mean, {min:.3} min, {max:.3} max, {jitter:.3} jitter; {self}",
@@ -239,7 +239,7 @@ impl fmt::Display for FlowReport {
         write!(
             f,
             "{}, lost on the bus {lost}, missed by this observer {overwritten}, repeated {repeated}",
-            counted(*messages, "message")
+            pluralize(*messages, "message")
         )?;
         let Some(Delivery { decimated, dropped, restarts, refused, .. }) = self.delivery else { return Ok(()) };
         write!(f, "; decimated {decimated}, dropped by the gateway {dropped}, gateway restarts {restarts}")?;

@@ -11,7 +11,7 @@ use serde::Serialize;
 /// Ticks remembered: more than an observer's buffer holds.
 const TICKS: usize = 4096;
 /// What takes longer is counted as this long, ns.
-const LATENCY_MAX_NS: u64 = 60_000_000_000;
+const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
 /// Latencies of every service, and from birth to attitude.
 #[derive(Debug)]
@@ -52,7 +52,7 @@ impl Default for Hops {
             whole: Latencies::default(),
             newest: [None; Service::PATH.len()],
             // Only what is on the path has a place here.
-            sources: Service::PATH.map(|service| service.sources().filter(|source| !source.is_beside()).collect()),
+            sources: Service::PATH.map(|service| service.sources().filter(|source| !source.is_auxiliary()).collect()),
         }
     }
 }
@@ -108,7 +108,7 @@ pub struct Latencies(Histogram<u64>);
 impl Default for Latencies {
     fn default() -> Self {
         // The bounds are constants that a histogram takes.
-        Self(Histogram::new_with_max(LATENCY_MAX_NS, 3).unwrap_or_else(|_| unreachable!("3 digits")))
+        Self(Histogram::new_with_max(MAX_LATENCY_NS, 3).unwrap_or_else(|_| unreachable!("3 digits")))
     }
 }
 

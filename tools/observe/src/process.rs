@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, fs};
 
-use runtime::clock::cpu_ns;
+use runtime::clock::cpu_time_ns;
 
 /// CPU time between looks at the same processes.
 #[derive(Debug, Default)]
@@ -21,7 +21,7 @@ impl Processes {
     /// Looks at a process; `None` when it is no more.
     pub fn look(&mut self, pid: u32, now_ns: u64) -> Option<Cost> {
         let text = |file: &str| fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
-        let ran_ns = cpu_ns(pid)?;
+        let ran_ns = cpu_time_ns(pid)?;
         let resident_kib = text("status")?
             .lines()
             .find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse::<f64>().ok());

@@ -29,7 +29,7 @@ pub enum ReadingsError {
 /// The topic that has them.
 pub fn topic(config: &ServiceConfig) -> Result<Topic, ReadingsError> {
     match config.launch.ingest.source {
-        _ if config.readings => Ok(Topic::Reading),
+        _ if config.publishes_readings => Ok(Topic::Reading),
         Source::Sim | Source::Replay => Err(ReadingsError::NotPublished { system: config.launch.name.clone() }),
         _ => Ok(Topic::Sensor),
     }
@@ -44,7 +44,7 @@ pub fn build_on_system(known: &mut Known, config: &ServiceConfig) -> Result<(), 
 /// The calibrations of a launch file, in the place of those that were known.
 pub fn build_on(known: &mut Known, launch: &Launch) -> Result<(), CalibrationError> {
     let Calibrations { gyro, accel, mag } = &launch.ingest.calibration;
-    (known.gyro, known.accel, known.mag) = (gyro.acting()?, accel.acting()?, mag.acting()?);
+    (known.gyro, known.accel, known.mag) = (gyro.to_calibration()?, accel.to_calibration()?, mag.to_calibration()?);
     Ok(())
 }
 

@@ -86,7 +86,7 @@ impl Record {
 
     /// The record with one more word after its fields.
     pub fn with_word(mut self, name: &'static str, word: &'static str) -> Self {
-        self.fields.push((Field { name, kind: "", offset: 0, about: "" }, Value::Word(word)));
+        self.fields.push((Field { name, kind: "", offset: 0, description: "" }, Value::Word(word)));
         self
     }
 

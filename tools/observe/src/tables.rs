@@ -13,7 +13,7 @@ use std::{
 use messages::{Field, Layout, Message};
 
 /// Files open at once: every topic of a small fleet.
-const FILES_MAX: usize = 512;
+const MAX_FILES: usize = 512;
 
 /// Why a table was not written.
 #[derive(Debug, thiserror::Error)]
@@ -40,8 +40,8 @@ impl Tables {
         let path = self.folder.join(vehicle).join(format!("{topic}.csv"));
         let failed = |cause| TableError { path: path.clone(), cause };
         if !self.files.contains_key(&path) {
-            if self.files.len() >= FILES_MAX {
-                return Err(failed(io::Error::other(format!("more than {FILES_MAX} tables"))));
+            if self.files.len() >= MAX_FILES {
+                return Err(failed(io::Error::other(format!("more than {MAX_FILES} tables"))));
             }
             fs::create_dir_all(self.folder.join(vehicle)).map_err(failed)?;
             let mut file = BufWriter::new(File::create(&path).map_err(failed)?);

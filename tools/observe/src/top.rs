@@ -119,7 +119,7 @@ impl Top {
 
     /// What ended the system before its time, or that it came to its end; `None` until its supervisor says so.
     pub fn end(&self) -> Option<&str> {
-        self.end.as_ref().map(|event| if event.why().is_empty() { "it came to its end" } else { event.why() })
+        self.end.as_ref().map(|event| if event.reason().is_empty() { "it came to its end" } else { event.reason() })
     }
 
     /// What was seen since the last moment, with what the supervisor says.
@@ -129,7 +129,7 @@ impl Top {
         let mut services: Vec<_> = statuses
             .iter()
             .map(|status| {
-                let service = Service::named(&status.service).filter(|service| !service.is_beside());
+                let service = Service::from_name(&status.service).filter(|service| !service.is_auxiliary());
                 let cost = status.pid.and_then(|pid| self.processes.look(pid, now_ns));
                 Row {
                     service: status.service.clone(),

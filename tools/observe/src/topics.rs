@@ -59,7 +59,7 @@ impl Topic {
     /// The same with the layout.
     pub fn info_json(&self) -> Value {
         let mut info = self.json();
-        let field = |Field { name, kind, offset, about, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": about });
+        let field = |Field { name, kind, offset, description: about, .. }: &Field, unit| json!({ "name": name, "type": kind, "offset": offset, "unit": unit, "meaning": about });
         info["size"] = self.layout.size.into();
         info["fingerprint"] = self.ports.as_ref().map(|_| format!("{:016x}", self.layout.fingerprint())).into();
         info["fields"] = self.layout.fields.iter().map(|it| field(it, it.unit())).collect();
@@ -90,7 +90,7 @@ impl fmt::Display for Topic {
         }
         write!(f, "{:>8}  {:<20}{:<26}{:<8}meaning", "offset", "field", "type", "unit")?;
         for field in &layout.fields {
-            let Field { name, kind, offset, about } = field;
+            let Field { name, kind, offset, description: about } = field;
             let unit = field.unit().unwrap_or("-");
             write!(f, "\n{offset:>8}  {name:<20}{kind:<26}{unit:<8}{about}")?;
         }

@@ -13,7 +13,7 @@ use crate::{
 pub const INDEX: &str = "index.html";
 const SECTION: &str = "section.html";
 /// A piece that is larger is not one of these, bytes.
-const SECTION_MAX: u64 = 50_000_000;
+const MAX_SECTION: u64 = 50_000_000;
 
 const STYLE: &str = "\
 body{color:#1a1a1a;background:#fff;font:15px/1.5 system-ui,sans-serif;max-width:1240px;margin:2em auto;padding:0 1em}\
@@ -63,7 +63,7 @@ fn section(path: &Path) -> Result<String, PaperError> {
     match fs::metadata(path) {
         Err(cause) if cause.kind() == io::ErrorKind::NotFound => Ok(String::new()),
         Err(cause) => Err(failed(cause)),
-        Ok(known) if known.len() > SECTION_MAX => Err(failed(io::Error::other("it is too large to be a piece of it"))),
+        Ok(known) if known.len() > MAX_SECTION => Err(failed(io::Error::other("it is too large to be a piece of it"))),
         Ok(_) => fs::read_to_string(path).map_err(failed),
     }
 }

@@ -3,9 +3,9 @@
 use std::{collections::BTreeMap, fmt};
 
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage};
-use host::HostedBy;
+use host::HostableStage;
 use launch::{Launch, Service};
-use runtime::{RuntimeError, stage::chosen};
+use runtime::{RuntimeError, stage::build_stage};
 use serde::Serialize;
 
 /// Every slot with the stages that can fill it.
@@ -35,10 +35,10 @@ impl Catalogue {
     /// All that there is: what this executable has, and the programs of a launch file, which are started to tell.
     pub fn new(launch: &Launch) -> Result<Self, RuntimeError> {
         let slots = vec![
-            slot(Service::Gyro, launch, &Gyro::NAMES, Gyro::named)?,
-            slot(Service::Accel, launch, &Accelerometer::NAMES, Accelerometer::named)?,
-            slot(Service::Fuser, launch, &Fuser::NAMES, Fuser::named)?,
-            slot(Service::Course, launch, &Course::NAMES, Course::named)?,
+            slot(Service::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
+            slot(Service::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
+            slot(Service::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
+            slot(Service::Course, launch, &Course::NAMES, Course::from_name)?,
         ];
         Ok(Self { slots })
     }
@@ -50,7 +50,7 @@ impl Catalogue {
     }
 }
 
-fn slot<B: HostedBy + Clone>(
+fn slot<B: HostableStage + Clone>(
     slot: Service,
     launch: &Launch,
     names: &'static [&'static str],
@@ -59,10 +59,10 @@ fn slot<B: HostedBy + Clone>(
     let programs = launch.stages.iter().filter(|(_, program)| program.slot == slot).map(|(name, _)| name.as_str());
     let entry = |(index, name): (usize, &str)| {
         let mut launch = launch.clone();
-        if let Some(filling) = launch.slot_mut(slot) {
-            *filling = launch::Stage { stage: name.into(), set: BTreeMap::new() };
+        if let Some(filling) = launch.stage_mut(slot) {
+            *filling = launch::StageConfig { stage: name.into(), set: BTreeMap::new() };
         }
-        let stage = chosen(slot, &launch, named)?;
+        let stage = build_stage(slot, &launch, named)?;
         Ok(Entry { name: stage.name(), is_default: index == 0, parts: stage.parts(), parameters: stage.parameters() })
     };
     let stages = names.iter().copied().chain(programs).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
@@ -71,7 +71,7 @@ fn slot<B: HostedBy + Clone>(
 
 fn parameters<S: serde::Serializer>(of: &&'static [Parameter], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(of.iter().map(|parameter| {
-        let Parameter { name, unit, default, least, most, about } = parameter;
+        let Parameter { name, unit, default, min: least, max: most, description: about } = parameter;
         serde_json::json!({
             "name": name, "unit": unit, "default": default, "least": least, "most": most, "about": about,
         })
@@ -101,7 +101,7 @@ pub(crate) struct Told<'a>(pub(crate) &'a Parameter);
 
 impl fmt::Display for Told<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Parameter { unit, default, least, most, about, .. } = self.0;
+        let Parameter { unit, default, min: least, max: most, description: about, .. } = self.0;
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         write!(f, "{least} to {most}{unit}, default {default}. {about}")
     }

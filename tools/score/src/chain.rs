@@ -10,7 +10,7 @@ use attitude::{
 };
 use host::AnyStage;
 use launch::{Launch, Service};
-use runtime::{RuntimeError, stage::chosen};
+use runtime::{RuntimeError, stage::build_stage};
 
 /// The stages of one path, before their first step.
 #[derive(Debug, Clone)]
@@ -29,10 +29,10 @@ impl Stages {
     /// What a launch names, as it sets them.
     pub fn of(launch: &Launch) -> Result<Self, RuntimeError> {
         Ok(Self {
-            gyro: chosen(Service::Gyro, launch, Gyro::named)?,
-            accel: chosen(Service::Accel, launch, Accelerometer::named)?,
-            fuser: chosen(Service::Fuser, launch, Fuser::named)?,
-            course: chosen(Service::Course, launch, Course::named)?,
+            gyro: build_stage(Service::Gyro, launch, Gyro::from_name)?,
+            accel: build_stage(Service::Accel, launch, Accelerometer::from_name)?,
+            fuser: build_stage(Service::Fuser, launch, Fuser::from_name)?,
+            course: build_stage(Service::Course, launch, Course::from_name)?,
         })
     }
 

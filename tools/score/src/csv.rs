@@ -16,7 +16,7 @@ use std::{
 use attitude::{Quaternion, point::Point, state::Attitude};
 use messages::{AttitudeOutput, FusedState, ImuSample};
 use pipeline::{Column, OutFile};
-use runtime::{ServiceConfig, quantities};
+use runtime::{ServiceConfig, convert};
 
 use crate::{ScoreError, sensors::Sensors, tally::Truth};
 
@@ -63,7 +63,7 @@ impl Csv {
         let Some(Truth { quaternion: [w, x, y, z], scored, gyro_bias_rad_s }) = truth else {
             return self.end_line(format_args!(",nan,nan,nan,nan,,nan,nan,nan,nan,nan,nan,nan,nan,nan,nan,0"));
         };
-        let attitude = Attitude::of_quaternion(Quaternion::new(*w, *x, *y, *z));
+        let attitude = Attitude::from_quaternion(Quaternion::new(*w, *x, *y, *z));
         let angles = attitude.angles();
         let course_rad = (-angles.yaw_rad).rem_euclid(std::f64::consts::TAU);
         let [bias_x, bias_y, bias_z] = gyro_bias_rad_s.unwrap_or([f64::NAN; 3]);
@@ -97,8 +97,8 @@ impl Csv {
 /// Chart, u and v.
 fn place(of: Option<Point>) -> String {
     let Some(Point { chart, w }) = of else { return ",nan,nan".into() };
-    let [u, v] = quantities::pair(w);
-    format!("{},{u},{v}", quantities::chart_of(chart).name())
+    let [u, v] = convert::complex_to_payload(w);
+    format!("{},{u},{v}", convert::chart_to_payload(chart).name())
 }
 
 fn failed(path: &Path, cause: io::Error) -> ScoreError {

@@ -101,7 +101,7 @@ pub enum ScoreError {
         name: String,
     },
     /// A range of seeds that is none.
-    #[error("simulating {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::SEEDS_MAX)]
+    #[error("simulating {text}: expected seed=A..B with A at most B and at most {} seeds", crate::seeds::MAX_SEEDS)]
     Seeds {
         /// The simulation.
         text: String,

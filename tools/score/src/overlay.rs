@@ -108,7 +108,7 @@ impl Overlay {
 
 impl Angles {
     fn push(&mut self, t_s: f64, attitude: Option<Quaternion<f64>>) {
-        let angles = attitude.map(|attitude| Attitude::of_quaternion(attitude).angles());
+        let angles = attitude.map(|attitude| Attitude::from_quaternion(attitude).angles());
         let rad = angles.map_or([f64::NAN; 3], |angles| [angles.roll_rad, angles.pitch_rad, angles.yaw_rad]);
         self.0.iter_mut().zip(rad).for_each(|(curve, rad)| curve.push(t_s, rad.to_degrees()));
     }

@@ -12,8 +12,8 @@ use std::{
 };
 
 use ingest::conditioner::Sample;
-use judge::{Finding, Judge, Stamps};
-use launch::{Launch, Source, counted};
+use judge::{Diagnosis, InputCheck, TimestampCheck};
+use launch::{Launch, Source, pluralize};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
 use pipeline::{Collector, OutFile, is_same_file};
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ use crate::{
     stages::{self, Choice},
     table::{Errors, ErrorsDeg, Scores, StageScore, TrialScore, Warning},
     tally::{Moment, Tally, Truth},
-    timing::{SAMPLES_MAX, Step, ns_per_update},
+    timing::{MAX_SAMPLES, Step, ns_per_update},
     trial::{Gnss, Options, Trial},
     tune::{self, Range},
     verdict::Verdict,
@@ -267,7 +267,7 @@ fn one(
         .then(|| Overlay::new(&trial.name, trial.rows, launches.len()));
     let mut conditioner = ingest::conditioner(all.first().unwrap_or(&config(&Launch::default(), trial)))?;
     let gyro_bias = gyro_bias(trial, launches);
-    let (mut judge, mut stamps, mut findings) = (Judge::default(), Stamps::default(), Vec::new());
+    let (mut judge, mut stamps, mut findings) = (InputCheck::default(), TimestampCheck::default(), Vec::new());
     let mut steps = Vec::new();
     let mut told = 0;
     for (count, reading) in (0u64..).zip(trial.readings()?) {
@@ -276,10 +276,10 @@ fn one(
             tell(count - told);
             told = count;
         }
-        stamps.take(reading.t_ns);
+        stamps.push(reading.t_ns);
         let Some(sample) = conditioner.condition(&reading) else { continue };
-        findings.extend(judge.take(&sample.imu, sample.mag.as_ref()));
-        if is_first && steps.len() < SAMPLES_MAX {
+        findings.extend(judge.update(&sample.imu, sample.mag.as_ref()));
+        if is_first && steps.len() < MAX_SAMPLES {
             steps.push(Step::new(&sample));
         }
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
@@ -298,7 +298,7 @@ fn one(
     let times = ns_per_update(&steps, &compared);
     findings.extend(judge.finish());
     let nothing_counts = trial.has_reference && lanes.iter().all(|lane| lane.collector.accuracy().count() == 0);
-    let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Finding::to_string));
+    let warnings = refusals(conditioner.refused(), &stamps).into_iter().chain(findings.iter().map(Diagnosis::to_string));
     let why = if trial.name.starts_with("sim:") { SIMULATION_ENDS } else { NOTHING_COUNTS };
     let warnings = warnings.chain((nothing_counts && is_first).then(|| why.into()));
     let heading = lanes.iter().all(|lane| lane.tally.heading_is_known() != Some(false));
@@ -338,10 +338,10 @@ const SIMULATION_ENDS: &str = "nothing is scored: it ends before it counts; give
 const NOTHING_COUNTS: &str = "nothing is scored: no sample that counts (column `mov`) has a truth; see that --reference is on the clock of the recording";
 
 /// What was refused of a trial, where anything was.
-fn refusals(refused: u64, stamps: &Stamps) -> Option<String> {
-    let Stamps { doubled, disordered, .. } = stamps;
+fn refusals(refused: u64, stamps: &TimestampCheck) -> Option<String> {
+    let TimestampCheck { repeated: doubled, out_of_order: disordered, .. } = stamps;
     (refused + doubled + disordered > 0).then(|| {
-        let refused = counted(refused, "reading");
+        let refused = pluralize(refused, "reading");
         format!("{refused} refused; stamps equal to the one before: {doubled}, earlier: {disordered}")
     })
 }
@@ -369,13 +369,13 @@ fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
         launch,
         rate_hz: trial.rate_hz,
         pace: Pace::Max,
-        ticks_max: None,
+        max_ticks: None,
         incarnation: 0,
         epoch: runtime::service_config::FIRST_EPOCH,
         role: runtime::Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
-        readings: false,
+        publishes_readings: false,
         supervisor_pid: std::process::id(),
     }
 }

@@ -15,7 +15,7 @@ use crate::{
 };
 
 /// Seeds of one simulation at most.
-pub const SEEDS_MAX: u64 = 10_000;
+pub const MAX_SEEDS: u64 = 10_000;
 /// The quantiles that are told.
 pub const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
 
@@ -45,7 +45,7 @@ pub fn each(text: &str) -> Result<Option<Vec<(u64, String)>>, ScoreError> {
     let Some((first, last)) = query.split('&').find_map(range) else { return Ok(None) };
     let refused = || ScoreError::Seeds { text: text.into() };
     let (first, last): (u64, u64) = first.parse().ok().zip(last.parse().ok()).ok_or_else(refused)?;
-    if last.checked_sub(first).is_none_or(|more| more >= SEEDS_MAX) {
+    if last.checked_sub(first).is_none_or(|more| more >= MAX_SEEDS) {
         return Err(refused());
     }
     let of = |seed: u64| {

@@ -3,16 +3,16 @@
 //! Input: checked samples. Output: the attitude that the gyro's stage integrates from the first specific force on, and the point where the accelerometer's
 //! stage sees up. Time: the samples' own. Failure: stages that cannot start; `None` where a stage says nothing that can be used.
 
-use accel::AccelWork;
+use accel::AccelProcessor;
 use attitude::{point::Point, state::Attitude};
-use gyro::GyroWork;
+use gyro::GyroProcessor;
 use messages::ImuSample;
-use runtime::{EachTick, RuntimeError, ServiceConfig, Slot, quantities};
+use runtime::{SingleInputSlot, RuntimeError, ServiceConfig, Slot, convert};
 
 /// The gyro's and the accelerometer's slot of a run, once more beside it.
 pub(crate) struct Sensors {
-    gyro: EachTick<GyroWork>,
-    accel: EachTick<AccelWork>,
+    gyro: SingleInputSlot<GyroProcessor>,
+    accel: SingleInputSlot<AccelProcessor>,
 }
 
 impl Sensors {
@@ -23,8 +23,8 @@ impl Sensors {
     /// What both say of a sample.
     pub(crate) fn take(&mut self, sample: &ImuSample) -> (Option<Attitude>, Option<Point>) {
         let (mut open_loop, mut seen) = (None, None);
-        self.gyro.offer(*sample, &mut |step| open_loop = quantities::motion(&step, 0.0).map(|motion| motion.attitude));
-        self.accel.offer(*sample, &mut |point| seen = quantities::up(&point));
+        self.gyro.offer(*sample, &mut |step| open_loop = convert::motion(&step, 0.0).map(|motion| motion.attitude));
+        self.accel.offer(*sample, &mut |point| seen = convert::up(&point));
         (open_loop, seen)
     }
 }

@@ -105,7 +105,7 @@ fn name(
     }
     let filling = filling(launch, slot);
     if filling.stage != found {
-        *filling = launch::Stage { stage: found.into(), set: BTreeMap::new() };
+        *filling = launch::StageConfig { stage: found.into(), set: BTreeMap::new() };
     }
     Ok(())
 }
@@ -152,7 +152,7 @@ pub(crate) fn apply(setting: &Setting, launches: &mut [Launch]) -> Result<Vec<(u
     }
 }
 
-fn filling(launch: &mut Launch, slot: Service) -> &mut launch::Stage {
+fn filling(launch: &mut Launch, slot: Service) -> &mut launch::StageConfig {
     match slot {
         Service::Gyro => &mut launch.gyro,
         Service::Accel => &mut launch.accel,

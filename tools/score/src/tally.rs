@@ -5,7 +5,7 @@
 
 use attitude::{
     Quaternion, Vector3,
-    metrics::{AngleError, AttitudeError, turn_deg},
+    metrics::{AngleError, AttitudeError, signed_heading_error_deg},
     state::{Attitude, wrapped_rad},
 };
 use messages::{AttitudeOutput, CourseReference, FusedState};
@@ -47,12 +47,12 @@ impl Moment {
     /// Of what a chain says at a tick.
     pub fn of(output: &AttitudeOutput, fused: &FusedState, truth: &Truth) -> Self {
         let [estimate, known] = [output.quaternion, truth.quaternion].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
-        let angles = Attitude::of_quaternion(known).angles();
+        let angles = Attitude::from_quaternion(known).angles();
         let [told, true_bias] = [Some(fused.bias_rad_s), truth.gyro_bias_rad_s].map(|bias| bias.map(Vector3::from));
         Self {
             attitude: AttitudeError::between(estimate, known),
-            angles: AngleError::between(Attitude::of_quaternion(estimate).angles(), output.course_rad, angles),
-            turn_deg: turn_deg(estimate, known),
+            angles: AngleError::between(Attitude::from_quaternion(estimate).angles(), output.course_rad, angles),
+            turn_deg: signed_heading_error_deg(estimate, known),
             heading_is_known: fused.course_reference != CourseReference::ARBITRARY,
             course_is_known: output.course_reference != CourseReference::ARBITRARY,
             gyro_bias_deg_s: told.zip(true_bias).map(|(told, known)| (told - known).map(f64::to_degrees)),
@@ -192,7 +192,7 @@ mod tests {
 
     use super::*;
 
-    /// Of a chain whose heading is off by `turn_deg`, its course by −`turn_deg` more, and whose course and heading are counted from `reference`.
+    /// Of a chain whose heading is off by `signed_heading_error_deg`, its course by −`signed_heading_error_deg` more, and whose course and heading are counted from `reference`.
     fn said(t_s: i64, turn_deg: f64, reference: CourseReference) -> (AttitudeOutput, FusedState) {
         let (sin, cos) = (0.5 * turn_deg).to_radians().sin_cos();
         let mut output = AttitudeOutput {

@@ -11,7 +11,7 @@ use crate::{
 /// The first columns are of words.
 const WORDS: usize = 2;
 /// Columns of numbers are at least as wide.
-const WIDTH_MIN: usize = 9;
+const MIN_WIDTH: usize = 9;
 
 /// Total, heading, inclination and the time of an update.
 pub(crate) fn errors(scores: &Scores) -> String {
@@ -100,7 +100,7 @@ pub(crate) fn drifts(scores: &Scores) -> Vec<String> {
         let runs = known.map(|trial| trial.spread.as_ref().map_or(1, |spread| spread.seeds)).sum();
         let (deg_min, end_deg, on_average) = match &stage.trials[..] {
             [one] if one.spread.is_none() => (one.error.drift_deg_min?, one.error.drift_end_deg?, String::new()),
-            _ => (deg_min, end_deg, format!(", mean size over {}", launch::counted(runs, "run"))),
+            _ => (deg_min, end_deg, format!(", mean size over {}", launch::pluralize(runs, "run"))),
         };
         let sign = if on_average.is_empty() { "+" } else { "" };
         let signed = |value: f64, digits: usize| {
@@ -148,7 +148,7 @@ fn rows(
 fn aligned(head: &[&str], rows: &[Vec<String>]) -> String {
     let width = |column: usize| {
         let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count());
-        let least = if column < WORDS { 0 } else { WIDTH_MIN };
+        let least = if column < WORDS { 0 } else { MIN_WIDTH };
         cells.chain([head[column].chars().count()]).max().unwrap_or(0).max(least)
     };
     let widths: Vec<_> = (0..head.len()).map(width).collect();

@@ -17,13 +17,13 @@ use attitude::{
 };
 use ingest::conditioner::Sample;
 use messages::Flags;
-use runtime::quantities;
+use runtime::convert;
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::chain::Stages;
 
 /// Samples of a trial that are timed, from its start: so many are kept in memory.
-pub const SAMPLES_MAX: usize = 30_000;
+pub const MAX_SAMPLES: usize = 30_000;
 /// Passes over them.
 const ROUNDS: usize = 7;
 
@@ -47,8 +47,8 @@ impl Step {
         Self {
             rate: RateSample { rate_rad_s: imu.rate_rad_s.into(), dt_s: imu.header.dt_s(), kind },
             force_m_s2: imu.force_m_s2.into(),
-            field_ut: mag.as_ref().and_then(quantities::field_ut),
-            fix: gnss.as_ref().and_then(quantities::fix),
+            field_ut: mag.as_ref().and_then(convert::field_ut),
+            fix: gnss.as_ref().and_then(convert::fix),
             is_force_good: !flags.any(Flags::FORCE_INVALID),
             is_rate_good: !flags.any(Flags::RATE_INVALID | Flags::RATE_STUCK | Flags::RATE_CLIPPED),
         }

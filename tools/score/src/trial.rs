@@ -90,9 +90,9 @@ impl Trial {
         let fixes = match &options.gnss {
             Gnss::Off => None,
             Gnss::File(fixes) => Some(fixes.clone()),
-            Gnss::Auto => gnss::beside(file),
+            Gnss::Auto => gnss::find_for(file),
         };
-        fixes.as_deref().map_or(Ok(()), gnss::check)?;
+        fixes.as_deref().map_or(Ok(()), gnss::validate)?;
         options.reference.as_deref().map_or(Ok(()), check)?;
         Ok(Self {
             name: stem(file),
@@ -147,7 +147,7 @@ impl Trial {
                     None => Box::new(readings.map(|reading| Ok(reading?))),
                     Some(mut references) => Box::new(readings.map(move |reading| {
                         let reading = reading?;
-                        let reference = references.at(reading.t_ns)?;
+                        let reference = references.interpolate(reading.t_ns)?;
                         Ok(Reading { reference, ..reading })
                     })),
                 }
@@ -168,7 +168,7 @@ impl Trial {
 
 /// Reads a file of references to its end.
 fn check(file: &Path) -> Result<(), RecordingError> {
-    References::open(file)?.at(i64::MAX).map(drop)
+    References::open(file)?.interpolate(i64::MAX).map(drop)
 }
 
 fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl Iterator<Item = Reading> + use<> {

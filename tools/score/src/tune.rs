@@ -171,7 +171,7 @@ impl Range {
         let mut chains = Vec::new();
         for (index, launch) in with.iter().enumerate() {
             for (slot, stage, parameters) in Stages::of(launch)?.parameters() {
-                let set = |launch: &Launch| launch.slot(slot).and_then(|filling| filling.set.get(&self.key).copied());
+                let set = |launch: &Launch| launch.stage(slot).and_then(|filling| filling.set.get(&self.key).copied());
                 let meant = self.of.as_ref().is_none_or(|of| of == slot.name() || of == stage);
                 let parameter = parameters.iter().find(|parameter| parameter.name == self.key && meant);
                 if let Some(parameter) = parameter.filter(|_| set(launch) == Some(value)) {

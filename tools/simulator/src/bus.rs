@@ -10,7 +10,7 @@ use messages::{
     AccelPoint, AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, GnssFix, GyroStep, Health,
     ImuSample, MagSample, Ticked,
 };
-use runtime::service_config::BUFFER_BESIDE;
+use runtime::service_config::CONTROL_BUFFER;
 
 use crate::random::Random;
 
@@ -49,11 +49,11 @@ impl Bus {
             accel: Topic::new(buffer_ticks),
             fused: Topic::new(buffer_ticks),
             attitude: Topic::new(buffer_ticks),
-            health: Topic::new(BUFFER_BESIDE),
-            checkpoint: Topic::new(BUFFER_BESIDE),
-            difference: Topic::new(BUFFER_BESIDE),
-            control: Topic::new(BUFFER_BESIDE),
-            credit: Topic::new(BUFFER_BESIDE),
+            health: Topic::new(CONTROL_BUFFER),
+            checkpoint: Topic::new(CONTROL_BUFFER),
+            difference: Topic::new(CONTROL_BUFFER),
+            control: Topic::new(CONTROL_BUFFER),
+            credit: Topic::new(CONTROL_BUFFER),
             readers: 0,
         }
     }

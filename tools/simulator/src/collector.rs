@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 
 use messages::{AttitudeOutput, Ticked};
-use runtime::{Sequence, ServiceConfig, reader::Stream};
+use runtime::{Sequence, ServiceConfig, ordered_subscriber::OrderedStream};
 use supervision::OutputProgress;
 
 use crate::{
@@ -14,7 +14,7 @@ use crate::{
 /// Takes the attitudes of a run.
 pub(crate) struct Collector {
     reader: ReaderId,
-    stream: Stream<AttitudeOutput>,
+    stream: OrderedStream<AttitudeOutput>,
     pub(crate) sequence: Sequence,
     /// As they came, without the stamps of the run.
     pub(crate) taken: Vec<AttitudeOutput>,
@@ -67,12 +67,12 @@ impl Collector {
     /// How far it is.
     pub(crate) fn progress(&self) -> OutputProgress {
         let Sequence { next_tick, lost, duplicated, .. } = self.sequence;
-        OutputProgress { next_tick, lost, not_taken: 0, duplicated, gap_ns: 0, swapped: None }
+        OutputProgress { next_tick, lost, not_recorded: 0, duplicated, max_gap_ns: 0, last_swap: None }
     }
 }
 
-fn open(bus: &mut Bus, next_tick: u64, config: &ServiceConfig) -> (ReaderId, Stream<AttitudeOutput>) {
+fn open(bus: &mut Bus, next_tick: u64, config: &ServiceConfig) -> (ReaderId, OrderedStream<AttitudeOutput>) {
     let reader = bus.next_reader();
     bus.attitude.read_as(reader, SUPERVISOR, false);
-    (reader, Stream::new(next_tick, bus.attitude.next_tick, config))
+    (reader, OrderedStream::new(next_tick, bus.attitude.next_tick, config))
 }

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use ingest::{conditioner::Sample, source::Readings};
-use launch::{Launch, Stage};
+use launch::{Launch, StageConfig};
 use runtime::{Pace, Role, ServiceConfig, service_config::FIRST_EPOCH};
 
 /// Ticks of the longest flight.
-pub(crate) const TICKS_MAX: u64 = 600;
+pub(crate) const MAX_TICKS: u64 = 600;
 /// Samples per second.
 pub(crate) const RATE_HZ: f64 = 100.0;
 /// How many flights there are.
@@ -42,7 +42,7 @@ impl Flight {
         let config = config(&launch);
         let mut conditioner = ingest::conditioner(&config).map_err(|error| error.to_string())?;
         let readings = Readings::open(&launch).map_err(|error| error.to_string())?;
-        let readings = readings.take(TICKS_MAX as usize + 1).filter_map(Result::ok);
+        let readings = readings.take(MAX_TICKS as usize + 1).filter_map(Result::ok);
         let mut samples: Vec<_> = readings.filter_map(|reading| conditioner.condition(&reading)).collect();
         samples.iter_mut().for_each(|sample| sample.imu.header.epoch = FIRST_EPOCH);
         Ok(Self { launch, samples })
@@ -50,8 +50,8 @@ impl Flight {
 }
 
 /// A stage with its defaults.
-pub(crate) fn stage(name: &str) -> Stage {
-    Stage { stage: name.into(), set: BTreeMap::new() }
+pub(crate) fn stage(name: &str) -> StageConfig {
+    StageConfig { stage: name.into(), set: BTreeMap::new() }
 }
 
 /// What a service is told that runs by itself.
@@ -60,13 +60,13 @@ pub(crate) fn config(launch: &Launch) -> ServiceConfig {
         launch: launch.clone(),
         rate_hz: RATE_HZ,
         pace: Pace::Speed(1.0),
-        ticks_max: None,
+        max_ticks: None,
         incarnation: 1,
         epoch: FIRST_EPOCH,
         role: Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
-        readings: false,
+        publishes_readings: false,
         supervisor_pid: 0,
     }
 }

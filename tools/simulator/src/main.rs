@@ -37,10 +37,10 @@ use world::World;
 #[derive(Parser)]
 struct Arguments {
     /// How many seeds; of one alone the story is told.
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=SEEDS_MAX))]
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=MAX_SEEDS))]
     seeds: u64,
     /// The first seed.
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=SEEDS_MAX))]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=MAX_SEEDS))]
     from: u64,
     /// Threads.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
@@ -68,9 +68,9 @@ struct Report {
     failures: Vec<u64>,
 }
 
-const FAILURES_MAX: usize = 50;
+const MAX_FAILURES: usize = 50;
 /// So many may be asked for, from any of as many: their sum is a number.
-const SEEDS_MAX: u64 = 1 << 62;
+const MAX_SEEDS: u64 = 1 << 62;
 
 fn main() -> ExitCode {
     let Arguments { seeds, from, threads, json } = Arguments::parse();
@@ -119,7 +119,7 @@ impl Report {
             }
             Err(wrong) => {
                 self.failed += 1;
-                if self.failures.len() < FAILURES_MAX {
+                if self.failures.len() < MAX_FAILURES {
                     self.failures.push(seed);
                     eprintln!("seed {seed}: {wrong}");
                 }

@@ -6,7 +6,7 @@ use launch::{Launch, Service};
 use messages::{AttitudeOutput, Flags, Ticked};
 use runtime::{Slot, checkpoint, service_config::FIRST_EPOCH};
 
-use crate::flight::{FLIGHTS, Flight, TICKS_MAX, config, stage};
+use crate::flight::{FLIGHTS, Flight, MAX_TICKS, config, stage};
 
 /// A swap that was committed.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub(crate) fn undisturbed(number: u64) -> Result<&'static Undisturbed, String> {
     let number = number as usize % FLIGHTS;
     let fly = || {
         let flight = Flight::new(number)?;
-        let attitudes = attitudes(&flight, TICKS_MAX, &BTreeMap::new())?;
+        let attitudes = attitudes(&flight, MAX_TICKS, &BTreeMap::new())?;
         Ok(Undisturbed { flight, attitudes })
     };
     FLOWN[number].get_or_init(fly).as_ref().map_err(String::clone)
@@ -48,7 +48,7 @@ pub(crate) fn attitudes(flight: &Flight, ticks: u64, swaps: &Swaps) -> Result<Ve
     let text = |error: runtime::RuntimeError| error.to_string();
     let with = |service: Service, name: &str| {
         let mut launch: Launch = flight.launch.clone();
-        if let Some(slot) = launch.slot_mut(service) {
+        if let Some(slot) = launch.stage_mut(service) {
             *slot = stage(name);
         }
         config(&launch)
@@ -109,7 +109,7 @@ impl<S: Slot> Lane<S> {
     fn begin_candidates(&mut self, tick: u64, named: impl Fn(&str) -> Result<S, String>) -> Result<(), String> {
         while let Some(swap) = self.swaps.get(self.stages.len() - 1).filter(|swap| swap.checkpoint_tick == tick) {
             let Some(before) = self.stages.last_mut() else { return Ok(()) };
-            let checkpoint = checkpoint::checkpoint(&mut before.slot, self.service, 1, false);
+            let checkpoint = checkpoint::capture(&mut before.slot, self.service, 1, false);
             let mut slot = named(&swap.stage)?;
             let resumed =
                 checkpoint::resume(&mut slot, self.service, &checkpoint).map_err(|error| error.to_string())?;

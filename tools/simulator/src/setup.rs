@@ -1,10 +1,10 @@
 //! What one world is like, and what befalls it: all of it drawn from the seed before it begins.
 
-use launch::{Launch, Measure, OnLimit, Service, Watch};
+use launch::{Launch, Measure, OnLimit, Service, PromotionRule};
 use runtime::Pace;
 
 use crate::{
-    flight::{RATE_HZ, TICKS_MAX, stage},
+    flight::{RATE_HZ, MAX_TICKS, stage},
     random::Random,
 };
 
@@ -75,7 +75,7 @@ impl Setup {
     pub(crate) fn new(random: &mut Random, launches: &dyn Fn(u64) -> Result<Launch, String>) -> Result<Self, String> {
         let flight = random.between(0, 3);
         let mut launch = launches(flight)?;
-        let ticks = random.between(150, TICKS_MAX);
+        let ticks = random.between(150, MAX_TICKS);
         let lockstep = random.happens(550);
         let strict = random.happens(920);
         (launch.buffer_s, launch.lateness_s) = if lockstep {
@@ -92,7 +92,7 @@ impl Setup {
         }
         if !strict {
             launch.restart.limit = random.pick(&[1, 3, 10]);
-            launch.restart.on_limit = random.pick(&[OnLimit::Stop, OnLimit::Degrade, OnLimit::Hold]);
+            launch.restart.on_limit = random.pick(&[OnLimit::Stop, OnLimit::Degrade, OnLimit::Retry]);
         }
         let calm = random.happens(100);
         let often = |random: &mut Random, per_mille: u64| if calm { 0 } else { random.between(0, per_mille) };
@@ -132,7 +132,7 @@ impl Setup {
         for _ in 0..random.between(0, 4) {
             let at_ms = random.between(0, flight_ms);
             let (service, stages) = random.pick(&STAGES);
-            let same = self.launch.slot(service).map_or("", |slot| &slot.stage);
+            let same = self.launch.stage(service).map_or("", |slot| &slot.stage);
             let same = stages.iter().find(|name| **name == same).copied().unwrap_or(stages[0]);
             let stage = if random.happens(20) {
                 "wzz"
@@ -250,11 +250,11 @@ impl Setup {
     }
 }
 
-fn watch(random: &mut Random, launch: &Launch) -> Watch {
+fn watch(random: &mut Random, launch: &Launch) -> PromotionRule {
     let (slot, stages) = random.pick(&STAGES);
-    let home = launch.slot(slot).map_or("", |slot| &slot.stage);
+    let home = launch.stage(slot).map_or("", |slot| &slot.stage);
     let other = stages.iter().find(|name| **name != home).copied().unwrap_or(stages[0]);
-    Watch {
+    PromotionRule {
         slot,
         stage: stage(other),
         measure: Measure::Angle,

@@ -45,19 +45,19 @@ impl World {
         self.collector.collect(&mut self.bus, &mut self.random);
         events.push(Event::Output(self.collector.progress()));
         for (incarnation, how) in dead {
-            events.push(Event::Exited { incarnation, how: how.into(), stderr: String::new() });
+            events.push(Event::Exited { incarnation, exit_status: how.into(), stderr: String::new() });
         }
         if self.removed && (died || self.now_ms >= self.looked_ms + LOOK_MS) {
             self.looked_ms = self.now_ms;
             events.push(Event::FilesRemoved { path: "/dev/shm/plumbline.simulated".into() });
         }
-        let requests = self.requests.drain(..).map(|(caller, request)| Event::Request { caller, request });
+        let requests = self.requests.drain(..).map(|(caller, request)| Event::Request { client: caller, request });
         events.extend(requests);
-        events.extend(self.gone.drain(..).map(|caller| Event::CallerGone { caller }));
+        events.extend(self.gone.drain(..).map(|caller| Event::ClientDisconnected { client: caller }));
         if self.end_asked {
-            events.push(Event::EndAsked);
+            events.push(Event::StopRequested);
         }
-        events.push(Event::Time);
+        events.push(Event::Timer);
         for event in events {
             self.handle(event)?;
         }
@@ -98,10 +98,10 @@ impl World {
 
     fn handle(&mut self, event: Event) -> Result<(), String> {
         // Who asks once the end has come finds nobody.
-        if let (Event::Request { caller, request }, true) = (&event, self.finished.is_some()) {
+        if let (Event::Request { client: caller, request }, true) = (&event, self.finished.is_some()) {
             self.requests.push_back((*caller, request.clone()));
         }
-        if let Event::Exited { incarnation, how, .. } = &event {
+        if let Event::Exited { incarnation, exit_status: how, .. } = &event {
             self.narrate(|_| format!("process {incarnation} {how}"));
         }
         for action in self.supervision.handle(Duration::from_millis(self.now_ms), event) {
@@ -113,7 +113,7 @@ impl World {
 
     fn act(&mut self, action: Action) -> Result<(), String> {
         // What was asked for before the end came is not done any more; who waits for an answer has it.
-        if self.finished.is_some() && !matches!(action, Action::Answer { .. }) {
+        if self.finished.is_some() && !matches!(action, Action::Reply { .. }) {
             return Ok(());
         }
         match action {
@@ -135,10 +135,10 @@ impl World {
                 }
                 self.bus.control.send(SUPERVISOR, control, &mut None);
             }
-            Action::GrantCredit { ticks, ends } => {
+            Action::GrantCredit { ticks, is_final: ends } => {
                 self.bus.credit.send(SUPERVISOR, Credit { ticks, ends: ends.into() }, &mut None);
             }
-            Action::Answer { caller, reply } => {
+            Action::Reply { client: caller, reply } => {
                 self.narrate(|_| match &reply {
                     Reply::Swap(report) => format!("answers {caller}: {report}"),
                     _ => format!("answers {caller}"),
@@ -146,7 +146,7 @@ impl World {
                 let Some(caller) = self.callers.get_mut(&caller) else { return Err("nobody asked that".into()) };
                 caller.answers += 1;
             }
-            Action::Tell(_) => {}
+            Action::PublishEvent(_) => {}
             Action::Announce(line) => self.narrate(|_| format!("says: {line}")),
             Action::Ready => self.narrate(|_| "every service runs".into()),
             Action::Stopping => self.narrate(|_| "the end begins".into()),
@@ -173,7 +173,7 @@ impl World {
 
     fn config(&self) -> ServiceConfig {
         let ticks_max = Some(self.setup.ticks);
-        ServiceConfig { pace: self.setup.pace, ticks_max, ..config(&self.setup.launch) }
+        ServiceConfig { pace: self.setup.pace, max_ticks: ticks_max, ..config(&self.setup.launch) }
     }
 
     fn spawn(&mut self, spawn: Spawn) -> Result<(), String> {
@@ -188,7 +188,7 @@ impl World {
         }
         // A checkpoint of another stage than fills the slot: none of its own has come yet.
         if let (Some(supervision::Resume::Checkpoint(checkpoint)), Some(fills)) =
-            (&resume, self.supervision.launch().slot(service))
+            (&resume, self.supervision.launch().stage(service))
         {
             self.swaps.either |= checkpoint.stage() != fills.stage;
         }
@@ -204,7 +204,7 @@ impl World {
         }
         self.restarts += u64::from(!is_first);
         let mut launch = self.supervision.launch().clone();
-        if let Some((slot, stage)) = launch.slot_mut(service).zip(stage) {
+        if let Some((slot, stage)) = launch.stage_mut(service).zip(stage) {
             *slot = stage;
         }
         let resume = resume.map(resume_of);
@@ -248,12 +248,12 @@ impl World {
         &mut self,
         incarnation: u32,
         service: Service,
-        stage: Option<&launch::Stage>,
+        stage: Option<&launch::StageConfig>,
         role: Role,
         checkpoint_tick: Option<u64>,
     ) {
         let Some(stage) = stage else { return };
-        let fills = self.supervision.launch().slot(service).map(|slot| slot.stage.clone());
+        let fills = self.supervision.launch().stage(service).map(|slot| slot.stage.clone());
         let owned = self.supervision.entries().find(|(other, _)| *other == service);
         let alone = role != Role::Candidate;
         // Who is started again in its own slot takes nothing over.
@@ -305,10 +305,10 @@ impl World {
                 let shadow = shadow_ms.is_some();
                 let limit_ms = (!shadow).then_some(LIMIT_MS);
                 let slot = service.name().into();
-                ControlRequest::Swap(SwapRequest { slot, stage: stage(name), shadow, expected_epoch, limit_ms })
+                ControlRequest::Swap(SwapRequest { slot, stage: stage(name), shadow, expected_epoch, timeout_ms: limit_ms })
             }
             Fault::Cancel { service } => ControlRequest::Cancel { slot: service.name().into() },
-            _ => ControlRequest::Ps,
+            _ => ControlRequest::Status,
         };
         self.callers.insert(number, Caller { what: text, answers: 0, leaves_ms, gone: false });
         self.requests.push_back((number, request));
@@ -332,7 +332,7 @@ impl World {
         let taken = &self.collector.taken;
         if self.setup.strict {
             match &self.finished {
-                Some(Some(Failure::RemovedAgain { .. })) => return self.check_answers(),
+                Some(Some(Failure::FilesRemovedRepeatedly { .. })) => return self.check_answers(),
                 Some(Some(failure)) => return Err(format!("it ended: {failure}")),
                 _ => {}
             }

@@ -2,14 +2,14 @@
 
 use std::convert::Infallible;
 
-use accel::AccelWork;
+use accel::AccelProcessor;
 use course::{CourseMessage, CourseSlot};
 use fuser::{FuserMessage, FuserSlot};
-use gyro::GyroWork;
+use gyro::GyroProcessor;
 use launch::Service;
 use messages::{Difference, Health, State, Ticked};
 use runtime::{
-    EachTick, ServiceConfig, Slot, reader::Stream, service_config::Resume, slot_service::SlotService, turns::take_turns,
+    SingleInputSlot, ServiceConfig, Slot, ordered_subscriber::OrderedStream, service_config::Resume, slot_service::SlotService, input_scheduling::poll_fairly,
 };
 use swap::Role;
 
@@ -26,8 +26,8 @@ const DIFFERENCE_MS: u64 = 100;
 
 /// A process of one of the slots.
 pub(crate) enum SlotProcess {
-    Gyro(Box<Worker<EachTick<GyroWork>>>),
-    Accel(Box<Worker<EachTick<AccelWork>>>),
+    Gyro(Box<Worker<SingleInputSlot<GyroProcessor>>>),
+    Accel(Box<Worker<SingleInputSlot<AccelProcessor>>>),
     Fuser(Box<Worker<FuserSlot>>),
     Course(Box<Worker<CourseSlot>>),
 }
@@ -118,7 +118,7 @@ impl<'a> Ports<'a> {
     }
 
     fn plain<I: From<M> + 'static, M: Copy + 'static>(&mut self, of: Of<M>) -> Input<I> {
-        let (id, limit) = (self.open(of, self.late), self.config.turn());
+        let (id, limit) = (self.open(of, self.late), self.config.batch_size());
         Box::new(move |bus, random, taken| {
             for _ in 0..limit {
                 let Some(message) = of(bus).receive(id, random) else { return };
@@ -128,8 +128,8 @@ impl<'a> Ports<'a> {
     }
 
     fn ordered<I: From<M> + 'static, M: Ticked>(&mut self, of: Of<M>) -> Input<I> {
-        let (id, limit) = (self.open(of, self.late), self.config.turn());
-        let mut stream = Stream::new(self.next_tick, of(self.bus).next_tick, self.config);
+        let (id, limit) = (self.open(of, self.late), self.config.batch_size());
+        let mut stream = OrderedStream::new(self.next_tick, of(self.bus).next_tick, self.config);
         Box::new(move |bus, random, taken| {
             let read = |stage: &mut dyn FnMut(M)| -> Result<(), Infallible> {
                 std::iter::from_fn(|| of(bus).receive(id, random)).for_each(stage);
@@ -198,7 +198,7 @@ pub(crate) struct Worker<S: Slot> {
 
 impl<S: Slot> Worker<S> {
     fn poll(&mut self, turn: &mut Turn<'_>) -> bool {
-        let published = self.service.publishes();
+        let published = self.service.owns_next_tick();
         let mut say_at_once = self.said_ms.is_none();
         (self.output)(turn.bus).deliver_history(self.health.incarnation);
         let lives = self.take_inputs(turn) && self.follow_decisions(turn, &mut say_at_once);
@@ -211,7 +211,7 @@ impl<S: Slot> Worker<S> {
             return false;
         }
         // Whoever takes over is confirmed by that.
-        say_at_once |= published && !self.service.publishes();
+        say_at_once |= published && !self.service.owns_next_tick();
         self.publish_health(turn, say_at_once);
         turn.deliveries.is_none()
     }
@@ -233,13 +233,13 @@ impl<S: Slot> Worker<S> {
             let lives = publish(output(turn.bus), health.incarnation, outputs, &mut turn.deliveries);
             if lives { Ok(taken) } else { Err(Dead) }
         };
-        take_turns(service, count, |_| true, SlotService::lacks, look).is_ok()
+        poll_fairly(service, count, |_| true, SlotService::awaited_input, look).is_ok()
     }
 
     fn follow_decisions(&mut self, turn: &mut Turn<'_>, say_at_once: &mut bool) -> bool {
         while let Some(control) = turn.bus.control.receive(self.control, turn.random) {
             let mut outputs = Vec::new();
-            *say_at_once |= self.service.decide(&control, &mut |output| outputs.push(output));
+            *say_at_once |= self.service.apply_decision(&control, &mut |output| outputs.push(output));
             let topic = (self.output)(turn.bus);
             if !publish(topic, self.health.incarnation, outputs, &mut turn.deliveries) {
                 return false;
@@ -255,14 +255,14 @@ impl<S: Slot> Worker<S> {
         if due || at_once || state != self.health.state {
             self.health.state = state;
             self.said_ms = Some(turn.now_ms);
-            self.service.describe(&mut self.health);
+            self.service.fill_health(&mut self.health);
             let next_tick = self.health.next_tick;
             self.health.flawed += u64::from(turn.flawed_from.is_some_and(|from| next_tick > from));
             if !turn.random.happens(turn.drop_per_mille) {
                 turn.bus.health.send(self.health.incarnation, self.health, &mut None);
             }
         }
-        if self.candidate && !self.service.publishes() && turn.now_ms >= self.compared_ms + DIFFERENCE_MS {
+        if self.candidate && !self.service.owns_next_tick() && turn.now_ms >= self.compared_ms + DIFFERENCE_MS {
             self.compared_ms = turn.now_ms;
             let difference = Difference {
                 tick: self.health.next_tick,

@@ -42,7 +42,7 @@ impl Source {
             Some(Resume::Source { next_tick, start_ns, .. }) => (next_tick, start_ns),
             _ => (0, 0),
         };
-        let again_until = config.again_until(next_tick, bus.imu.next_tick);
+        let again_until = config.catch_up_end_tick(next_tick, bus.imu.next_tick);
         let credit = bus.next_reader();
         bus.credit.read_as(credit, incarnation, true);
         bus.imu.publish_as(incarnation);
@@ -57,7 +57,7 @@ impl Source {
             epoch: config.epoch,
             next_tick,
             again_until,
-            ticks: config.ticks_max.unwrap_or(u64::MAX),
+            ticks: config.max_ticks.unwrap_or(u64::MAX),
             period_ms: 1e3 / config.rate_hz / speed,
             start_ns,
             allowed_ticks: 0,
@@ -140,7 +140,7 @@ impl Source {
             ..bytemuck::Zeroable::zeroed()
         };
         checkpoint.words[0] = self.start_ns;
-        checkpoint.checksum = checkpoint.sum();
+        checkpoint.checksum = checkpoint.compute_checksum();
         turn.bus.checkpoint.send(incarnation, checkpoint, left)
     }
 

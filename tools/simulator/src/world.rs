@@ -62,7 +62,7 @@ impl World {
         let supervised = Config {
             launch: setup.launch.clone(),
             rate_hz: RATE_HZ,
-            lockstep: config.lockstep(),
+            lockstep: config.is_lockstep(),
             window_ticks: config.window_ticks(),
             buffer_ticks: config.buffer_ticks() as u64,
             stop_after: None,

@@ -1,21 +1,23 @@
-//! The accelerometer stages `inclinometer-matrix` and `inclinometer-quaternion`: pitch and roll first, as geonavigation does it.
+//! Accelerometer stages `inclinometer-matrix` and `inclinometer-quaternion`, which compute pitch
+//! and roll first.
 //!
-//! The published axes are X forward, Y right, Z down, and what is read is gravity, so that Z reads +g at rest. In the axes used here
-//! (ξ right, η forward, ζ up) and with the specific force f, which is gravity reversed,
+//! The method comes from geonavigation. The published axes are X forward, Y right, Z down, and the
+//! sensor reading is gravity, so that Z reads +g at rest. In the axes used here (ξ right, η
+//! forward, ζ up) and with the specific force f, which is gravity reversed,
 //!
 //! g_x = −f_η, g_y = −f_ξ, g_z = f_ζ.
 //!
 //! Pitch β is nose up, roll ψ right side down: ϑ and γ of Matveev 2025, (22).
 //!
-//! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation measuring systems with
-//! three-component accelerometers (matrix and quaternion methods).
+//! β = atan2(−g_x, √(g_y² + g_z²)), ψ = atan2(g_y, g_z) — Mathematical modelling of geonavigation
+//! measuring systems with three-component accelerometers (matrix and quaternion methods).
 
-use super::inclination::{FORCE_MIN_M_S2, Inclination, finite, trust};
+use super::inclination::{MIN_FORCE_M_S2, Inclination, finite_or_zero, trust};
 use crate::{
     Quaternion, Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     point::Point,
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
 
@@ -25,10 +27,10 @@ enum Method {
     Quaternion,
 }
 
-/// An accelerometer stage by way of pitch and roll.
+/// Accelerometer stage that computes pitch and roll.
 ///
-/// It assumes what the paper assumes: linear characteristics, equal slopes, orthogonal axes; a
-/// [`Calibration`](crate::calibration::Calibration) makes a sensor so.
+/// Like the paper, it assumes linear characteristics, equal slopes and orthogonal axes, which a
+/// [`Calibration`](crate::calibration::Calibration) provides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inclinometer {
     method: Method,
@@ -36,12 +38,12 @@ pub struct Inclinometer {
 }
 
 impl Inclinometer {
-    /// `inclinometer-matrix`: the point of the vertical's direction cosines.
+    /// Creates `inclinometer-matrix`, which projects the direction cosines of the vertical.
     pub fn matrix() -> Self {
         Self { method: Method::Matrix, up: Point::default() }
     }
 
-    /// `inclinometer-quaternion`: the point of the quaternion.
+    /// Creates `inclinometer-quaternion`, which uses the up vector of the quaternion.
     pub fn quaternion() -> Self {
         Self { method: Method::Quaternion, up: Point::default() }
     }
@@ -55,15 +57,18 @@ impl Method {
         match self {
             Self::Matrix => {
                 let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(pitch_rad), libm::sincos(roll_rad));
-                Point::of(Vector3::new(-sin_roll * cos_pitch, sin_pitch, cos_roll * cos_pitch))
+                Point::from_direction(Vector3::new(-sin_roll * cos_pitch, sin_pitch, cos_roll * cos_pitch))
             }
-            Self::Quaternion => Some(Attitude::of_quaternion(levelling(pitch_rad, roll_rad)).up),
+            Self::Quaternion => Some(Attitude::from_quaternion(tilt_quaternion(pitch_rad, roll_rad)).up),
         }
     }
 }
 
-/// λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin ψ/2) about X, Y, Z, here about ξ = Y, η = X, ζ = −Z.
-fn levelling(pitch_rad: f64, roll_rad: f64) -> Quaternion<f64> {
+/// Returns the quaternion of pitch and roll.
+///
+/// λ = (cos β/2 cos ψ/2, cos β/2 sin ψ/2, sin β/2 cos ψ/2, −sin β/2 sin ψ/2) about X, Y, Z, here
+/// about ξ = Y, η = X, ζ = −Z.
+fn tilt_quaternion(pitch_rad: f64, roll_rad: f64) -> Quaternion<f64> {
     let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(0.5 * pitch_rad), libm::sincos(0.5 * roll_rad));
     Quaternion::new(cos_pitch * cos_roll, sin_pitch * cos_roll, cos_pitch * sin_roll, sin_pitch * sin_roll)
 }
@@ -71,7 +76,7 @@ fn levelling(pitch_rad: f64, roll_rad: f64) -> Quaternion<f64> {
 impl Stage for Inclinometer {
     type Input = Vector3<f64>;
     type Output = Inclination;
-    /// Where up seemed to be last.
+    /// Latest measured up direction.
     type Common = Point;
 
     fn name(&self) -> &'static str {
@@ -82,20 +87,20 @@ impl Stage for Inclinometer {
     }
 
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        let force_m_s2 = finite(force_m_s2);
+        let force_m_s2 = finite_or_zero(force_m_s2);
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
-        let usable = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
-        let seen = usable.then(|| self.method.point(force_m_s2)).flatten();
-        self.up = seen.unwrap_or(self.up);
-        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, seen.is_some()) }
+        let usable = (MIN_FORCE_M_S2..f64::MAX).contains(&norm_m_s2);
+        let point = usable.then(|| self.method.point(force_m_s2)).flatten();
+        self.up = point.unwrap_or(self.up);
+        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, point.is_some()) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.up.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(Attitude::levelled(self.up))
+    fn validation_error(&self) -> Option<&'static str> {
+        attitude_validation_error(Attitude::from_up(self.up))
     }
 
     fn common(&self) -> Point {
@@ -103,7 +108,7 @@ impl Stage for Inclinometer {
     }
 
     fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
-        Attitude::levelled(*up).checked()?;
+        Attitude::from_up(*up).validate()?;
         self.up = *up;
         Ok(())
     }

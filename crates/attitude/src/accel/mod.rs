@@ -1,21 +1,25 @@
-//! Accelerometer stages: from the specific force to the point where up seems to be.
+//! Accelerometer stages: from the specific force to the measured up direction.
 //!
-//! Input: specific force in body axes. Output: the point w_acc, with |w_acc| ≤ 1 in one of the charts. Time: none.
-//! Failure: a force without a direction keeps the last point and is given no trust; one that is not finite is none.
+//! Input: specific force in body axes.
 //!
-//! | stage | what it is |
+//! Output: the point w_acc, with |w_acc| ≤ 1 in one of the charts.
+//!
+//! Failure: a force without a direction keeps the previous point with trust 0. A force that is not
+//! finite counts as zero.
+//!
+//! | stage | method |
 //! | --- | --- |
 //! | [`projector`](projector::Projector) | the direction of the force, projected |
 //! | [`inclinometer-matrix`](inclinometer::Inclinometer) | pitch and roll by arctangents, then the point of these angles |
 //! | `inclinometer-quaternion` | the quaternion of pitch and roll, then the point of its up vector |
 //!
-//! All three see the same point; they differ in what it costs.
+//! All three yield the same point at different computational cost.
 
 mod inclination;
 pub mod inclinometer;
 pub mod projector;
 
-pub use inclination::{FORCE_MIN_M_S2, Inclination};
+pub use inclination::{MIN_FORCE_M_S2, Inclination};
 pub use projector::Projector;
 
 use crate::{
@@ -25,7 +29,7 @@ use crate::{
 };
 use inclinometer::Inclinometer;
 
-/// An accelerometer stage.
+/// Accelerometer stage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Accelerometer {
     /// `projector`
@@ -35,11 +39,11 @@ pub enum Accelerometer {
 }
 
 impl Accelerometer {
-    /// The stages of this slot; the first is the default.
+    /// Names of the stages; the first is the default.
     pub const NAMES: [&'static str; 3] = ["projector", "inclinometer-matrix", "inclinometer-quaternion"];
 
-    /// The stage of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Creates the stage with the given name, or returns `None` for an unknown name.
+    pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "projector" => Some(Self::Projector(Projector::default())),
             "inclinometer-matrix" => Some(Self::Inclinometer(Inclinometer::matrix())),
@@ -61,7 +65,7 @@ macro_rules! each {
 impl Stage for Accelerometer {
     type Input = Vector3<f64>;
     type Output = Inclination;
-    /// Where up seemed to be last.
+    /// Latest measured up direction.
     type Common = Point;
 
     fn name(&self) -> &'static str {
@@ -76,8 +80,8 @@ impl Stage for Accelerometer {
         each!(self, stage => stage.visit_state(visit));
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        each!(self, stage => stage.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        each!(self, stage => stage.validation_error())
     }
 
     fn common(&self) -> Point {

@@ -1,15 +1,15 @@
-//! The accelerometer stage `projector`.
+//! Accelerometer stage `projector`, which projects the direction of the force.
 
-use super::inclination::{FORCE_MIN_M_S2, Inclination, finite, trust};
+use super::inclination::{MIN_FORCE_M_S2, Inclination, finite_or_zero, trust};
 use crate::{
     Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     point::Point,
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
 
-/// The accelerometer stage `projector` — Matveev 2025, (27), (28).
+/// Accelerometer stage `projector` — Matveev 2025, (27), (28).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Projector {
     up: Point,
@@ -18,7 +18,7 @@ pub struct Projector {
 impl Stage for Projector {
     type Input = Vector3<f64>;
     type Output = Inclination;
-    /// Where up seemed to be last.
+    /// Latest measured up direction.
     type Common = Point;
 
     fn name(&self) -> &'static str {
@@ -27,20 +27,20 @@ impl Stage for Projector {
 
     #[inline]
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
-        let force_m_s2 = finite(force_m_s2);
+        let force_m_s2 = finite_or_zero(force_m_s2);
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
-        let known = (FORCE_MIN_M_S2..f64::MAX).contains(&norm_m_s2);
-        if known {
-            self.up = Point::of_known_norm(force_m_s2, norm_m_s2);
+        let usable = (MIN_FORCE_M_S2..f64::MAX).contains(&norm_m_s2);
+        if usable {
+            self.up = Point::from_direction_and_norm(force_m_s2, norm_m_s2);
         }
-        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, known) }
+        Inclination { up: self.up, force_m_s2, norm_m_s2, trust: trust(norm_m_s2, usable) }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.up.visit(visit);
     }
-    fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(Attitude::levelled(self.up))
+    fn validation_error(&self) -> Option<&'static str> {
+        attitude_validation_error(Attitude::from_up(self.up))
     }
 
     fn common(&self) -> Point {
@@ -48,7 +48,7 @@ impl Stage for Projector {
     }
 
     fn adopt(&mut self, up: &Point) -> Result<(), RestoreError> {
-        Attitude::levelled(*up).checked()?;
+        Attitude::from_up(*up).validate()?;
         self.up = *up;
         Ok(())
     }

@@ -1,12 +1,12 @@
-//! The course stage `angles`: H = −ψ, and the declination.
+//! Course stage `angles`: H = −ψ, plus the declination.
 
 use super::{
-    continuity::{Continuity, gyroscopic},
+    continuity::{Continuity, gyroscopic_course},
     input::CourseInput,
-    reading::{LastReading, Reading},
+    reading::{LastReading, CourseReading},
 };
 use crate::{
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{RestoreError, Stage},
 };
@@ -14,21 +14,22 @@ use crate::{
 settings! {
     /// Settings of `angles`.
     pub struct AnglesSettings {
-        /// Magnetic declination, east positive: with it a magnetic course becomes a true one; yaw and quaternion stay magnetic. 0 leaves the course magnetic.
+        /// Magnetic declination, east positive. It converts a magnetic course to a true one; yaw
+        /// and quaternion stay magnetic. 0 leaves the course magnetic.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
     }
 }
 
-/// The course stage `angles`.
+/// Course stage `angles`.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct OfAngles {
+pub struct AnglesCourse {
     settings: AnglesSettings,
     continuity: Continuity,
 }
 
-impl Stage for OfAngles {
+impl Stage for AnglesCourse {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
 
     fn name(&self) -> &'static str {
@@ -43,19 +44,19 @@ impl Stage for OfAngles {
         self.settings.set(name, value)
     }
 
-    fn step(&mut self, input: &CourseInput) -> Reading {
+    fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
-        let bearing = gyroscopic(input, angles.yaw_rad, self.settings.declination_deg);
-        let aligned = self.continuity.told && self.continuity.bearing.reference != bearing.reference;
-        self.continuity.read(input, angles, bearing, self.settings.declination_deg, aligned)
+        let course = gyroscopic_course(input, angles.yaw_rad, self.settings.declination_deg);
+        let aligned = self.continuity.has_reading && self.continuity.course.reference != course.reference;
+        self.continuity.next_reading(input, angles, course, self.settings.declination_deg, aligned)
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.continuity.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        self.continuity.flaw()
+    fn validation_error(&self) -> Option<&'static str> {
+        self.continuity.validation_error()
     }
 
     fn common(&self) -> LastReading {
@@ -63,7 +64,7 @@ impl Stage for OfAngles {
     }
 
     fn adopt(&mut self, last: &LastReading) -> Result<(), RestoreError> {
-        self.continuity = Continuity::of(last)?;
+        self.continuity = Continuity::from_last(last)?;
         Ok(())
     }
 }

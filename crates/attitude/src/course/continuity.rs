@@ -1,69 +1,70 @@
-//! The gyroscopic course, and how a reading goes on from the one before.
+//! Gyroscopic course, and continuity between successive readings.
 
 use core::f64::consts::{PI, TAU};
 
 use super::{
     input::CourseInput,
-    reading::{Bearing, LastReading, Reading},
-    reference::Reference,
+    reading::{CourseEstimate, LastReading, CourseReading},
+    reference::CourseReference,
 };
-use crate::{Quaternion, angles::Angles, numbers::Numbers, stage::RestoreError};
+use crate::{Quaternion, angles::Angles, scalars::Scalars, stage::RestoreError};
 
-/// |pitch| from which yaw and roll are no longer told apart, rad: 89°.
+/// |pitch| beyond which yaw and roll are not separated, rad: 89°.
 pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 
-/// The gyroscopic course HΓ = −ψ of the fuser, made true by the declination where it is magnetic.
-pub(super) fn gyroscopic(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> Bearing {
-    let (turn_rad, reference) = match input.reference {
-        Reference::Magnetic if declination_deg != 0.0 => (declination_deg.to_radians(), Reference::True),
+/// Returns the gyroscopic course HΓ = −ψ of the fuser. The declination converts a magnetic course
+/// to a true one.
+pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> CourseEstimate {
+    let (correction_rad, reference) = match input.reference {
+        CourseReference::Magnetic if declination_deg != 0.0 => (declination_deg.to_radians(), CourseReference::True),
         reference => (0.0, reference),
     };
     let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
-    Bearing { course_rad: course_of_rad(turn_rad - yaw_rad), reference, sd_rad }
+    CourseEstimate { course_rad: wrap_course_rad(correction_rad - yaw_rad), reference, sd_rad }
 }
 
-/// An angle of a few turns at most in [0, 2π).
-pub(super) fn course_of_rad(angle_rad: f64) -> f64 {
+/// Wraps an angle of a few revolutions to [0, 2π).
+pub(super) fn wrap_course_rad(angle_rad: f64) -> f64 {
     let positive = angle_rad - TAU * libm::floor(angle_rad / TAU);
-    // One too small to be seen beside 2π; also makes −0 a 0.
+    // A tiny negative angle rounds to 2π. The addition of 0 also turns −0 into 0.
     if positive < TAU { positive + 0.0 } else { 0.0 }
 }
 
-/// What stays of one reading for the next.
+/// State that the next reading needs from the previous one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Continuity {
     quaternion: Quaternion<f64>,
-    pub(super) bearing: Bearing,
-    pub(super) told: bool,
+    pub(super) course: CourseEstimate,
+    pub(super) has_reading: bool,
 }
 
 impl Default for Continuity {
     fn default() -> Self {
-        let bearing = Bearing { course_rad: 0.0, reference: Reference::Arbitrary, sd_rad: PI };
-        Self { quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0), bearing, told: false }
+        let course = CourseEstimate { course_rad: 0.0, reference: CourseReference::Arbitrary, sd_rad: PI };
+        Self { quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0), course, has_reading: false }
     }
 }
 
 impl Continuity {
-    /// The reading of an attitude with this course.
-    pub(super) fn read(
+    /// Returns the reading of an attitude with this course and stores it.
+    pub(super) fn next_reading(
         &mut self,
         input: &CourseInput,
         angles: Angles,
-        bearing: Bearing,
+        course: CourseEstimate,
         declination_deg: f64,
         aligned: bool,
-    ) -> Reading {
+    ) -> CourseReading {
         let q = input.attitude.quaternion();
         let quaternion = if q.dot(&self.quaternion) < 0.0 { -q } else { q };
-        let made_true = input.reference == Reference::Magnetic && bearing.reference == Reference::True;
-        *self = Self { quaternion, bearing, told: true };
-        Reading {
+        let corrected = input.reference == CourseReference::Magnetic && course.reference == CourseReference::True;
+        *self = Self { quaternion, course, has_reading: true };
+        CourseReading {
             angles,
-            course_rad: bearing.course_rad,
-            reference: bearing.reference,
-            course_sd_rad: bearing.sd_rad,
-            declination_rad: if made_true { declination_deg.to_radians() } else { 0.0 },
+            course_rad: course.course_rad,
+            reference: course.reference,
+            course_sd_rad: course.sd_rad,
+            declination_rad: if corrected { declination_deg.to_radians() } else { 0.0 },
             quaternion,
             near_gimbal: libm::fabs(angles.pitch_rad) > GIMBAL_RAD,
             aligned,
@@ -71,26 +72,26 @@ impl Continuity {
     }
 
     pub(super) fn last(&self) -> LastReading {
-        LastReading { quaternion: self.quaternion, bearing: self.told.then_some(self.bearing) }
+        LastReading { quaternion: self.quaternion, course: self.has_reading.then_some(self.course) }
     }
 
-    pub(super) fn of(last: &LastReading) -> Result<Self, RestoreError> {
-        last.checked()?;
-        let bearing = last.bearing.unwrap_or(Self::default().bearing);
-        Ok(Self { quaternion: last.quaternion, bearing, told: last.bearing.is_some() })
+    pub(super) fn from_last(last: &LastReading) -> Result<Self, RestoreError> {
+        last.validate()?;
+        let course = last.course.unwrap_or(Self::default().course);
+        Ok(Self { quaternion: last.quaternion, course, has_reading: last.course.is_some() })
     }
 
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        self.last().checked().err().map(|_| "a reading that is none")
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        self.last().validate().err().map(|_| "an invalid previous reading")
     }
 }
 
-impl Numbers for Continuity {
+impl Scalars for Continuity {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.quaternion.visit(visit);
-        self.bearing.course_rad.visit(visit);
-        self.bearing.reference.visit(visit);
-        self.bearing.sd_rad.visit(visit);
-        self.told.visit(visit);
+        self.course.course_rad.visit(visit);
+        self.course.reference.visit(visit);
+        self.course.sd_rad.visit(visit);
+        self.has_reading.visit(visit);
     }
 }

@@ -1,26 +1,34 @@
-//! The course stages: from the attitude to what people read.
+//! Course stages: from the attitude to angles, course and quaternion.
 //!
-//! Input: an attitude and what its heading is counted from; a track over ground where a receiver tells it. Output: yaw, pitch,
-//! roll — Matveev 2025, (23)–(25) — the course with its reference and standard deviation, and the quaternion. Time: the interval of
-//! the tick. Failure: near the vertical yaw and roll lose their meaning, and the output says so.
+//! Input: an attitude and the reference of its heading; a track over ground if a receiver provides
+//! one.
 //!
-//! | stage | course | counted from |
+//! Output: yaw, pitch, roll — Matveev 2025, (23)–(25) — the course with its reference and standard
+//! deviation, and the quaternion.
+//!
+//! Time: the interval of the tick.
+//!
+//! Failure: near the vertical yaw and roll lose their meaning, and the output is flagged.
+//!
+//! | stage | course | reference |
 //! | --- | --- | --- |
-//! | [`angles`](OfAngles) | H = −ψ, plus the declination where the heading is magnetic | what the fuser's heading is counted from; true north with a declination |
-//! | [`track`](OfTrack) | the gyroscopic course, drawn to the track over ground | true north from the first track on; before it as `angles` |
+//! | [`angles`](AnglesCourse) | H = −ψ, plus the declination if the heading is magnetic | that of the fuser's heading; true north with a declination |
+//! | [`track`](TrackCourse) | gyroscopic course, corrected towards the track over ground | true north from the first track on; before it as `angles` |
 //!
-//! Yaw, the angles and the quaternion stay in the fuser's frame whatever the course is counted from: the quaternion turns with the
-//! body alone, and an autopilot that flies by it sees no step when a track sets the course.
+//! Yaw, the angles and the quaternion stay in the fuser's frame regardless of the course reference.
+//! The quaternion changes with the body alone, so an autopilot that uses it sees no step when a
+//! track sets the course.
 //!
 //! | sensors | fuser's heading | `angles` | `track` |
 //! | --- | --- | --- | --- |
 //! | gyro, accelerometer | arbitrary | arbitrary | arbitrary |
-//! | and a magnetometer | magnetic | magnetic; true with a declination | the same |
-//! | and a receiver, moving | arbitrary, or true in a stage that takes tracks | as the fuser | true |
-//! | and both | magnetic or true | as the fuser; true with a declination | true |
+//! | plus magnetometer | magnetic | magnetic; true with a declination | as `angles` |
+//! | plus receiver, moving | arbitrary, or true in a stage that uses tracks | as the fuser | true |
+//! | plus both | magnetic or true | as the fuser; true with a declination | true |
 //!
-//! `track` tells where a vehicle goes, and so, without wind and side slip, where it points. Behind a fuser that finds true north by
-//! accelerations, `angles` tells where it points in wind, too.
+//! `track` reports the direction of travel, which without wind and side slip is the direction of
+//! the nose. After a fuser that finds true north by accelerations, `angles` reports the direction
+//! of the nose in wind, too.
 
 mod angles;
 mod continuity;
@@ -29,36 +37,36 @@ mod reading;
 mod reference;
 mod track;
 
-pub use angles::{AnglesSettings, OfAngles};
+pub use angles::{AnglesSettings, AnglesCourse};
 pub(crate) use continuity::GIMBAL_RAD;
 pub use input::CourseInput;
-pub use reading::{Bearing, LastReading, Reading};
-pub use reference::Reference;
-pub use track::{OfTrack, TrackSettings};
+pub use reading::{CourseEstimate, LastReading, CourseReading};
+pub use reference::CourseReference;
+pub use track::{TrackCourse, TrackSettings};
 
 use crate::{
     parameters::{Parameter, ParameterError},
     stage::{RestoreError, Stage},
 };
 
-/// A course stage.
+/// Course stage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Course {
     /// `angles`
-    Angles(OfAngles),
+    Angles(AnglesCourse),
     /// `track`
-    Track(OfTrack),
+    Track(TrackCourse),
 }
 
 impl Course {
-    /// The stages of this slot; the first is the default.
+    /// Names of the stages; the first is the default.
     pub const NAMES: [&'static str; 2] = ["angles", "track"];
 
-    /// The stage of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Creates the stage with the given name, or returns `None` for an unknown name.
+    pub fn from_name(name: &str) -> Option<Self> {
         match name {
-            "angles" => Some(Self::Angles(OfAngles::default())),
-            "track" => Some(Self::Track(OfTrack::default())),
+            "angles" => Some(Self::Angles(AnglesCourse::default())),
+            "track" => Some(Self::Track(TrackCourse::default())),
             _ => None,
         }
     }
@@ -75,7 +83,7 @@ macro_rules! each {
 
 impl Stage for Course {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
 
     fn name(&self) -> &'static str {
@@ -90,7 +98,7 @@ impl Stage for Course {
         each!(self, stage => stage.set(name, value))
     }
 
-    fn step(&mut self, input: &CourseInput) -> Reading {
+    fn step(&mut self, input: &CourseInput) -> CourseReading {
         each!(self, stage => stage.step(input))
     }
 
@@ -98,8 +106,8 @@ impl Stage for Course {
         each!(self, stage => stage.visit_state(visit));
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        each!(self, stage => stage.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        each!(self, stage => stage.validation_error())
     }
 
     fn common(&self) -> LastReading {

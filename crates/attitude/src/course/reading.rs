@@ -1,81 +1,87 @@
-//! The reading that a course stage gives, and the last one, which it hands over.
+//! Output of a course stage, and the part of it that is handed over.
 
 use core::f64::consts::TAU;
 
-use super::reference::Reference;
+use super::reference::CourseReference;
 use crate::{
     Quaternion,
     angles::Angles,
-    numbers::Numbers,
-    stage::{RestoreError, Sound, UNIT},
+    scalars::Scalars,
+    stage::{RestoreError, Validate, UNIT_NORM_SQUARED_TOLERANCE},
 };
 
-/// The attitude as people read it.
+/// Attitude as angles, course and quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Reading {
-    /// Yaw, pitch, roll, in the fuser's frame.
+pub struct CourseReading {
+    /// Yaw, pitch and roll in the fuser's frame.
     pub angles: Angles,
     /// Course, rad, clockwise from above, [0, 2π).
     pub course_rad: f64,
-    /// What the course is counted from.
-    pub reference: Reference,
-    /// Standard deviation of the course, rad; π where nothing is known.
+    /// Reference direction of the course.
+    pub reference: CourseReference,
+    /// Standard deviation of the course, rad; π if the course is unknown.
     pub course_sd_rad: f64,
-    /// What was added to a magnetic heading to make it a true course, rad, east positive; 0 where nothing was.
+    /// Declination that was added to a magnetic heading, rad, east positive; 0 if none was added.
     pub declination_rad: f64,
-    /// Body → the fuser's reference frame; its sign is that of the reading before, so that it does not jump.
+    /// Quaternion body → the fuser's reference frame. Its sign is continuous with the previous
+    /// reading.
     pub quaternion: Quaternion<f64>,
-    /// Yaw and roll are not told apart here.
+    /// Set if yaw and roll cannot be separated because the nose is near the vertical.
     pub near_gimbal: bool,
-    /// The course was set anew: it jumps here although the body does not.
+    /// Set if the course was realigned: it jumps although the body does not.
     pub aligned: bool,
 }
 
-impl Sound for Reading {
-    fn flaw(&self) -> Option<&'static str> {
+impl Validate for CourseReading {
+    fn validation_error(&self) -> Option<&'static str> {
         let Angles { yaw_rad, pitch_rad, roll_rad } = self.angles;
         let numbers = [yaw_rad, pitch_rad, roll_rad, self.course_sd_rad, self.declination_rad];
         let finite = numbers.iter().all(|number| number.is_finite());
-        quaternion_flaw(self.quaternion)
+        quaternion_validation_error(self.quaternion)
             .or((!finite).then_some("a number that is not finite"))
             .or((!(0.0..TAU).contains(&self.course_rad)).then_some("a course outside [0, 2π)"))
-            .or((self.course_sd_rad < 0.0).then_some("a standard deviation below zero"))
+            .or((self.course_sd_rad < 0.0).then_some("a negative standard deviation"))
     }
 }
 
-/// A course and how far it can be believed.
+/// Course with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Bearing {
+pub struct CourseEstimate {
     /// Course, rad, clockwise from above, [0, 2π).
     pub course_rad: f64,
-    /// What it is counted from.
-    pub reference: Reference,
-    /// Its standard deviation, rad; π where nothing is known.
+    /// Reference direction of the course.
+    pub reference: CourseReference,
+    /// Standard deviation, rad; π if the course is unknown.
     pub sd_rad: f64,
 }
 
-/// What every course stage can hand over to every other: the last reading.
+/// Last reading, which every course stage can hand over to every other.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LastReading {
-    /// Body → the fuser's reference frame.
+    /// Quaternion body → the fuser's reference frame.
     pub quaternion: Quaternion<f64>,
-    /// The course; `None` before the first tick.
-    pub bearing: Option<Bearing>,
+    /// Last course; `None` before the first tick.
+    pub course: Option<CourseEstimate>,
 }
 
 impl LastReading {
-    /// Refuses what is not a reading.
-    pub fn checked(&self) -> Result<(), RestoreError> {
-        let flaw = quaternion_flaw(self.quaternion).or_else(|| {
-            let Bearing { course_rad, sd_rad, .. } = self.bearing?;
-            let sound = (0.0..TAU).contains(&course_rad) && sd_rad >= 0.0;
-            (!sound).then_some("a course outside [0, 2π) or a standard deviation below zero")
+    /// Checks the quaternion and the course.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RestoreError::Invalid`] if the quaternion is not of unit length or the course or
+    /// its standard deviation is out of range.
+    pub fn validate(&self) -> Result<(), RestoreError> {
+        let reason = quaternion_validation_error(self.quaternion).or_else(|| {
+            let CourseEstimate { course_rad, sd_rad, .. } = self.course?;
+            let valid = (0.0..TAU).contains(&course_rad) && sd_rad >= 0.0;
+            (!valid).then_some("a course outside [0, 2π) or a negative standard deviation")
         });
-        flaw.map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
+        reason.map_or(Ok(()), |flaw| Err(RestoreError::Invalid { reason: flaw }))
     }
 }
 
-impl Numbers for Reading {
+impl Scalars for CourseReading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { angles, course_rad, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned } =
             self;
@@ -89,7 +95,7 @@ impl Numbers for Reading {
     }
 }
 
-impl Numbers for Bearing {
+impl Scalars for CourseEstimate {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { course_rad, reference, sd_rad } = self;
         course_rad.visit(visit);
@@ -98,15 +104,15 @@ impl Numbers for Bearing {
     }
 }
 
-impl Numbers for LastReading {
+impl Scalars for LastReading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { quaternion, bearing } = self;
+        let Self { quaternion, course } = self;
         quaternion.visit(visit);
-        bearing.visit(visit);
+        course.visit(visit);
     }
 }
 
-fn quaternion_flaw(quaternion: Quaternion<f64>) -> Option<&'static str> {
-    let unit = libm::fabs(quaternion.norm_squared() - 1.0) <= UNIT;
+fn quaternion_validation_error(quaternion: Quaternion<f64>) -> Option<&'static str> {
+    let unit = libm::fabs(quaternion.norm_squared() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;
     (!unit).then_some("a quaternion that is not of unit length")
 }

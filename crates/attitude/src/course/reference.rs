@@ -1,20 +1,20 @@
-//! The direction from which a course is counted.
+//! Reference direction of a course.
 
-use crate::numbers::Numbers;
+use crate::scalars::Scalars;
 
-/// From which direction a course is counted.
+/// Reference direction of a course or heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Reference {
-    /// From wherever the attitude began: gyro and accelerometer alone cannot know north.
+pub enum CourseReference {
+    /// Initial direction of the attitude. Gyro and accelerometer alone cannot observe north.
     #[default]
     Arbitrary,
-    /// From magnetic north.
+    /// Magnetic north.
     Magnetic,
-    /// From true north.
+    /// True north.
     True,
 }
 
-impl Numbers for Reference {
+impl Scalars for CourseReference {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let mut value = match self {
             Self::Arbitrary => 0.0,

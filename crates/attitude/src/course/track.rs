@@ -1,25 +1,30 @@
-//! The course stage `track`: the gyroscopic course, drawn to the track over ground.
+//! Course stage `track`: the gyroscopic course, corrected towards the track over ground.
 //!
 //! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T,  T = 50 s                         S4, (5)
 //!
-//! ("S4": *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8 helicopter*.) Short turns are the gyro's, the
-//! long run is the receiver's. A gyro bias b about the vertical leaves an error of T b: 2.5° for 0.05 °/s. What is kept is the
-//! difference H − HΓ, to which the first line is the same equation, and which a loop over the top does not disturb.
+//! ("S4": *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8
+//! helicopter*.)
 //!
-//! A track counts once, at the tick of its fix and for the interval since the one before, held against the course at the moment at
-//! which it was valid. In a gap, and below a ground speed at which a track means nothing, the course is the gyroscopic one.
+//! The gyro determines short turns, the receiver the long-term course. A gyro bias b about the
+//! vertical leaves an error of T b: 2.5° for 0.05 °/s. The state is the difference H − HΓ, for
+//! which the equation above is equivalent and which a loop over the top does not disturb.
 //!
-//! The first track sets the course; so does a fuser whose heading becomes true. Both are jumps, and told.
+//! A track is used once, at the tick of its fix, with a weight for the interval since the previous
+//! track. It is compared with the course at the time at which the velocity was valid. In a gap, and
+//! below a ground speed at which a track is meaningless, the course is the gyroscopic one.
+//!
+//! The first track sets the course; so does a fuser whose heading becomes true. Both are jumps and
+//! flagged as such.
 
 use super::{
-    continuity::{Continuity, GIMBAL_RAD, course_of_rad, gyroscopic},
+    continuity::{Continuity, GIMBAL_RAD, wrap_course_rad, gyroscopic_course},
     input::CourseInput,
-    reading::{LastReading, Reading},
-    reference::Reference,
+    reading::{LastReading, CourseReading},
+    reference::CourseReference,
 };
 use crate::{
     gnss::Fix,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{RestoreError, Stage},
     state::wrapped_rad,
@@ -29,66 +34,68 @@ use core::f64::consts::{PI, TAU};
 settings! {
     /// Settings of `track`.
     pub struct TrackSettings {
-        /// Magnetic declination, east positive: with it a magnetic gyroscopic course becomes a true one; yaw and quaternion stay magnetic. 0 leaves it magnetic.
+        /// Magnetic declination, east positive. It converts a magnetic gyroscopic course to a true
+        /// one; yaw and quaternion stay magnetic. 0 leaves the course magnetic.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
         /// Time constant at which the course follows the track.
         time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
-        /// Ground speed below which a track says nothing about the course.
+        /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
-        /// Time for which one track counts at most; a longer one between two tracks is a gap.
+        /// Maximum interval that one track is weighted for; a longer one is a gap.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// How old a velocity is on arrival where the receiver does not tell.
+        /// Age of a velocity on arrival if the receiver does not report it.
         latency_s: 0.2 in 0.0 .. 2.0, "s";
-        /// How fast the gyroscopic course drifts, for the standard deviation.
+        /// Drift rate of the gyroscopic course, for the standard deviation.
         drift_deg_s: 0.05 in 0.0 .. 10.0, "°/s";
-        /// How far a vehicle's nose is from its track, RMS: wind and slip, for the standard deviation.
+        /// RMS angle between a vehicle's nose and its track, from wind and slip, for the standard
+        /// deviation.
         crab_deg: 3.0 in 0.0 .. 90.0, "°";
     }
 }
 
-/// Time over which the turn rate is averaged, s.
-const TURN_MEAN_S: f64 = 0.5;
-/// A course that turns faster does so over the top, where it flips, rad/s.
-const TURN_LIMIT_RAD_S: f64 = 10.0;
-/// Standard deviation of a receiver's velocity where it tells none, m/s.
-const VELOCITY_SD_M_S: f64 = 0.1;
-/// A speed beyond this is no vehicle's, m/s.
-const SPEED_LIMIT_M_S: f64 = 3000.0;
+/// Averaging time of the turn rate, s.
+const TURN_RATE_AVERAGING_S: f64 = 0.5;
+/// Limit of the turn rate, rad/s. A faster change is a flip of the course over the top.
+const MAX_TURN_RATE_RAD_S: f64 = 10.0;
+/// Standard deviation of a velocity if the receiver does not report it, m/s.
+const DEFAULT_VELOCITY_SD_M_S: f64 = 0.1;
+/// Maximum plausible ground speed, m/s.
+const MAX_SPEED_M_S: f64 = 3000.0;
 
-/// The course stage `track`.
+/// Course stage `track`.
 ///
-/// Its standard deviation is √(σ_d² + σ_t²): σ_d of the drift grows by the gyro's drift d as long as there is no track and decays
-/// by σ_d/T with one, so that it settles at T d, the error of S4's equation; σ_t is the crab angle and the noise of the track. Where the fuser
-/// itself corrects its heading, σ_d is at most that heading's.
+/// Its standard deviation is √(σ_d² + σ_t²). The part σ_d grows by the gyro's drift d as long as
+/// there is no track and decays by σ_d/T with one, so that it settles at T d, the error of S4's
+/// equation. The part σ_t comes from the crab angle and the noise of the track. If the fuser itself
+/// corrects its heading, σ_d is limited to the standard deviation of that heading.
 #[derive(Debug, Clone, PartialEq)]
-pub struct OfTrack {
+pub struct TrackCourse {
     settings: TrackSettings,
     continuity: Continuity,
-    /// HΓ of the tick before, rad, and what it was counted from.
+    /// Gyroscopic course HΓ of the previous tick, rad.
     gyroscopic_rad: f64,
-    reference: Reference,
-    /// There was a tick before.
-    followed: bool,
-    /// H − HΓ, rad; means nothing while the course is unknown.
+    reference: CourseReference,
+    has_previous: bool,
+    /// Difference H − HΓ, rad; meaningless while the course is unknown.
     offset_rad: f64,
-    known: bool,
-    /// H', rad/s, clockwise.
+    is_known: bool,
+    /// Turn rate H', rad/s, clockwise.
     turn_rate_rad_s: f64,
     since_track_s: f64,
     drift_sd_rad: f64,
     track_sd_rad: f64,
 }
 
-impl Default for OfTrack {
+impl Default for TrackCourse {
     fn default() -> Self {
         Self {
             settings: TrackSettings::default(),
             continuity: Continuity::default(),
             gyroscopic_rad: 0.0,
-            reference: Reference::Arbitrary,
-            followed: false,
+            reference: CourseReference::Arbitrary,
+            has_previous: false,
             offset_rad: 0.0,
-            known: false,
+            is_known: false,
             turn_rate_rad_s: 0.0,
             since_track_s: 0.0,
             drift_sd_rad: PI,
@@ -97,39 +104,40 @@ impl Default for OfTrack {
     }
 }
 
-impl OfTrack {
-    /// The gyroscopic course is counted from elsewhere than before; true when the course jumps with it.
-    fn rebase(&mut self, gyroscopic_rad: f64, reference: Reference) -> bool {
-        let told = core::mem::replace(&mut self.followed, true);
+impl TrackCourse {
+    /// Handles a new reference of the gyroscopic course. Returns `true` if the course jumps with
+    /// it.
+    fn change_reference(&mut self, gyroscopic_rad: f64, reference: CourseReference) -> bool {
+        let jumps = core::mem::replace(&mut self.has_previous, true);
         self.reference = reference;
-        if reference == Reference::True {
-            (self.offset_rad, self.known) = (0.0, true);
+        if reference == CourseReference::True {
+            (self.offset_rad, self.is_known) = (0.0, true);
             (self.drift_sd_rad, self.track_sd_rad) = (PI, 0.0);
-            return told;
+            return jumps;
         }
-        if self.known {
-            self.offset_rad = wrapped_rad(self.continuity.bearing.course_rad - gyroscopic_rad);
+        if self.is_known {
+            self.offset_rad = wrapped_rad(self.continuity.course.course_rad - gyroscopic_rad);
             return false;
         }
-        told
+        jumps
     }
 
-    /// A track; true when it is the first, which sets the course.
-    fn follow(&mut self, fix: &Fix, gyroscopic_rad: f64) -> bool {
+    /// Corrects the course with a track. Returns `true` for the first track, which sets the course.
+    fn apply_track(&mut self, fix: &Fix, gyroscopic_rad: f64) -> bool {
         let settings = &self.settings;
         let age_s = fix.age_s.unwrap_or(settings.latency_s).clamp(0.0, 2.0);
-        let sd_m_s = fix.sd_m_s.filter(|sd| *sd >= 0.0).unwrap_or(VELOCITY_SD_M_S);
-        let then_rad = gyroscopic_rad - self.turn_rate_rad_s * age_s;
-        let seen_rad = wrapped_rad(fix.track_rad() - then_rad);
+        let sd_m_s = fix.sd_m_s.filter(|sd| *sd >= 0.0).unwrap_or(DEFAULT_VELOCITY_SD_M_S);
+        let past_rad = gyroscopic_rad - self.turn_rate_rad_s * age_s;
+        let measured_offset_rad = wrapped_rad(fix.track_rad() - past_rad);
         self.track_sd_rad = libm::hypot(settings.crab_deg.to_radians(), libm::atan2(sd_m_s, fix.speed_m_s()));
         let interval_s = self.since_track_s.min(settings.gap_s);
         self.since_track_s = 0.0;
-        if !self.known {
-            (self.offset_rad, self.known, self.drift_sd_rad) = (seen_rad, true, 0.0);
+        if !self.is_known {
+            (self.offset_rad, self.is_known, self.drift_sd_rad) = (measured_offset_rad, true, 0.0);
             return true;
         }
         let gain = -libm::expm1(-interval_s / settings.time_constant_s);
-        self.offset_rad = wrapped_rad(self.offset_rad + wrapped_rad(seen_rad - self.offset_rad) * gain);
+        self.offset_rad = wrapped_rad(self.offset_rad + wrapped_rad(measured_offset_rad - self.offset_rad) * gain);
         self.drift_sd_rad -= self.drift_sd_rad * gain;
         false
     }
@@ -139,9 +147,9 @@ impl OfTrack {
     }
 }
 
-impl Stage for OfTrack {
+impl Stage for TrackCourse {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
 
     fn name(&self) -> &'static str {
@@ -156,73 +164,73 @@ impl Stage for OfTrack {
         self.settings.set(name, value)
     }
 
-    fn step(&mut self, input: &CourseInput) -> Reading {
+    fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
-        let mut bearing = gyroscopic(input, angles.yaw_rad, self.settings.declination_deg);
-        let gyroscopic_rad = bearing.course_rad;
+        let mut course = gyroscopic_course(input, angles.yaw_rad, self.settings.declination_deg);
+        let gyroscopic_rad = course.course_rad;
         let mut aligned = false;
-        if !self.followed || bearing.reference != self.reference {
-            aligned = self.rebase(gyroscopic_rad, bearing.reference);
+        if !self.has_previous || course.reference != self.reference {
+            aligned = self.change_reference(gyroscopic_rad, course.reference);
         } else if input.dt_s > 0.0 {
             let rate_rad_s = wrapped_rad(gyroscopic_rad - self.gyroscopic_rad) / input.dt_s;
-            let rate_rad_s = rate_rad_s.clamp(-TURN_LIMIT_RAD_S, TURN_LIMIT_RAD_S);
-            self.turn_rate_rad_s += (rate_rad_s - self.turn_rate_rad_s) * (input.dt_s / TURN_MEAN_S).min(1.0);
+            let rate_rad_s = rate_rad_s.clamp(-MAX_TURN_RATE_RAD_S, MAX_TURN_RATE_RAD_S);
+            self.turn_rate_rad_s += (rate_rad_s - self.turn_rate_rad_s) * (input.dt_s / TURN_RATE_AVERAGING_S).min(1.0);
         }
         self.gyroscopic_rad = gyroscopic_rad;
         let dt_s = if input.dt_s.is_finite() { input.dt_s.clamp(0.0, 1.0) } else { 0.0 };
         self.since_track_s += dt_s;
         self.drift_sd_rad = (self.drift_sd_rad + self.settings.drift_deg_s.to_radians() * dt_s).min(PI);
-        if bearing.reference != Reference::Arbitrary {
-            self.drift_sd_rad = self.drift_sd_rad.min(bearing.sd_rad);
+        if course.reference != CourseReference::Arbitrary {
+            self.drift_sd_rad = self.drift_sd_rad.min(course.sd_rad);
         }
-        let level_enough = libm::fabs(angles.pitch_rad) < GIMBAL_RAD;
-        let tells = |fix: &&Fix| (self.settings.track_speed_m_s..SPEED_LIMIT_M_S).contains(&fix.speed_m_s());
-        if let Some(fix) = input.fix.and_then(Fix::finite).as_ref().filter(tells).filter(|_| level_enough) {
-            aligned |= self.follow(fix, gyroscopic_rad);
+        let nose_is_level = libm::fabs(angles.pitch_rad) < GIMBAL_RAD;
+        let is_usable = |fix: &&Fix| (self.settings.track_speed_m_s..MAX_SPEED_M_S).contains(&fix.speed_m_s());
+        if let Some(fix) = input.fix.and_then(Fix::finite).as_ref().filter(is_usable).filter(|_| nose_is_level) {
+            aligned |= self.apply_track(fix, gyroscopic_rad);
         }
-        if self.known {
-            bearing.course_rad = course_of_rad(gyroscopic_rad + self.offset_rad);
-            bearing.reference = Reference::True;
-            bearing.sd_rad = self.sd_rad();
+        if self.is_known {
+            course.course_rad = wrap_course_rad(gyroscopic_rad + self.offset_rad);
+            course.reference = CourseReference::True;
+            course.sd_rad = self.sd_rad();
         }
-        self.continuity.read(input, angles, bearing, self.settings.declination_deg, aligned)
+        self.continuity.next_reading(input, angles, course, self.settings.declination_deg, aligned)
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.continuity.visit(visit);
         self.gyroscopic_rad.visit(visit);
         self.reference.visit(visit);
-        self.followed.visit(visit);
+        self.has_previous.visit(visit);
         self.offset_rad.visit(visit);
-        self.known.visit(visit);
+        self.is_known.visit(visit);
         self.turn_rate_rad_s.visit(visit);
         self.since_track_s.visit(visit);
         self.drift_sd_rad.visit(visit);
         self.track_sd_rad.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
+    fn validation_error(&self) -> Option<&'static str> {
         let negative = self.since_track_s < 0.0 || self.drift_sd_rad < 0.0 || self.track_sd_rad < 0.0;
-        let wound = libm::fabs(self.offset_rad) > 4.0
+        let out_of_range = libm::fabs(self.offset_rad) > 4.0
             || !(0.0..TAU).contains(&self.gyroscopic_rad)
-            || libm::fabs(self.turn_rate_rad_s) > TURN_LIMIT_RAD_S;
+            || libm::fabs(self.turn_rate_rad_s) > MAX_TURN_RATE_RAD_S;
         self.continuity
-            .flaw()
-            .or(negative.then_some("a time or a standard deviation below zero"))
-            .or(wound.then_some("an angle of more than a turn, or a rate that no course has"))
+            .validation_error()
+            .or(negative.then_some("a negative time or standard deviation"))
+            .or(out_of_range.then_some("an angle or a turn rate out of range"))
     }
 
     fn common(&self) -> LastReading {
         self.continuity.last()
     }
 
-    /// A true course goes on; any other begins anew with the next track.
+    /// Continues a true course. Any other course is set by the next track.
     fn adopt(&mut self, last: &LastReading) -> Result<(), RestoreError> {
-        let continuity = Continuity::of(last)?;
+        let continuity = Continuity::from_last(last)?;
         *self = Self { settings: self.settings, continuity, ..Self::default() };
-        if let Some(bearing) = last.bearing.filter(|bearing| bearing.reference == Reference::True) {
-            self.known = true;
-            self.drift_sd_rad = bearing.sd_rad;
+        if let Some(course) = last.course.filter(|course| course.reference == CourseReference::True) {
+            self.is_known = true;
+            self.drift_sd_rad = course.sd_rad;
         }
         Ok(())
     }

@@ -1,40 +1,44 @@
-//! The estimate that every fuser can hand over to every other, and how fast its bias ages.
+//! Estimate that every fuser can hand over to every other.
 
 use core::f64::consts::PI;
 
 use super::{gyro_scale::GyroScale, hard_iron::HardIron, leaky_velocity::LeakyVelocity};
 use crate::{
     Complex, Vector3,
-    course::Reference,
-    numbers::Numbers,
+    course::CourseReference,
+    scalars::Scalars,
     point::{Chart, Point},
-    stage::{RestoreError, bias_flaw},
+    stage::{RestoreError, bias_validation_error},
     state::Attitude,
 };
 
-/// Random walk of a gyro's bias that nobody follows, rad/s/√s: 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+/// Random walk of a gyro bias that is not being estimated, rad/s/√s.
+///
+/// Corresponds to 0.1 °/s while a consumer MEMS gyro warms up for an hour.
 pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 
-/// What every fuser can hand over to every other.
+/// State that one fuser hands over to another.
+///
+/// A fuser that does not estimate a sensor error passes on the value it received.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The attitude.
+    /// Attitude of the body at the last tick.
     pub attitude: Attitude,
-    /// What its heading is counted from.
-    pub reference: Reference,
-    /// Gyro bias, rad/s, body axes; that of an earlier giver where this one does not estimate it.
+    /// Origin of the heading.
+    pub reference: CourseReference,
+    /// Gyro bias, rad/s, body axes.
     pub bias_rad_s: Vector3<f64>,
     /// Standard deviation of the inclination, rad.
     pub inclination_sd_rad: f64,
-    /// Standard deviation of the heading, rad; π where nothing is known.
+    /// Standard deviation of the heading, rad; π if unknown.
     pub heading_sd_rad: f64,
-    /// Standard deviation of each component of the bias, rad/s; infinite where nobody estimated it.
+    /// Standard deviation of each component of the bias, rad/s; infinite if unknown.
     pub bias_sd_rad_s: f64,
-    /// Error of the gyro's scale; that of an earlier giver where this one does not estimate it.
+    /// Scale error of the gyro.
     pub gyro_scale: GyroScale,
-    /// Hard iron of the magnetometer; that of an earlier giver where this one does not estimate it.
+    /// Hard iron of the magnetometer.
     pub hard_iron: HardIron,
-    /// The velocity by which this one's level leans.
+    /// Leaky velocity of the levelling loop.
     pub leaky_velocity: LeakyVelocity,
 }
 
@@ -45,10 +49,10 @@ impl Default for Estimate {
 }
 
 impl Estimate {
-    /// Nothing is known: the body may be anywhere, the sensors may be anything.
+    /// Estimate without any information.
     pub const UNKNOWN: Self = Self {
         attitude: Attitude { up: Point { w: Complex::new(0.0, 0.0), chart: Chart::Upright }, z_rad: 0.0 },
-        reference: Reference::Arbitrary,
+        reference: CourseReference::Arbitrary,
         bias_rad_s: Vector3::new(0.0, 0.0, 0.0),
         inclination_sd_rad: PI,
         heading_sd_rad: PI,
@@ -58,26 +62,31 @@ impl Estimate {
         leaky_velocity: LeakyVelocity::UNKNOWN,
     };
 
-    /// Refuses what is not an estimate.
-    pub fn checked(&self) -> Result<(), RestoreError> {
-        self.attitude.checked()?;
+    /// Checks that the numbers form a valid estimate.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RestoreError::NotFinite`] for a non-finite number and [`RestoreError::Invalid`]
+    /// for a value outside its range.
+    pub fn validate(&self) -> Result<(), RestoreError> {
+        self.attitude.validate()?;
         if let Some(index) = self.bias_rad_s.iter().position(|x| !x.is_finite()) {
             return Err(RestoreError::NotFinite { index });
         }
-        if let Some(flaw) = bias_flaw(self.bias_rad_s) {
-            return Err(RestoreError::Flaw { flaw });
+        if let Some(reason) = bias_validation_error(self.bias_rad_s) {
+            return Err(RestoreError::Invalid { reason });
         }
         let sds = [self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s];
         if !sds.iter().all(|sd| *sd >= 0.0) {
-            return Err(RestoreError::Flaw { flaw: "a standard deviation below zero" });
+            return Err(RestoreError::Invalid { reason: "a standard deviation below zero" });
         }
-        let flaw = self.gyro_scale.flaw().or_else(|| self.hard_iron.flaw()).or_else(|| self.leaky_velocity.flaw());
-        flaw.map_or(Ok(()), |flaw| Err(RestoreError::Flaw { flaw }))
+        let reason = self.gyro_scale.validation_error().or_else(|| self.hard_iron.validation_error()).or_else(|| self.leaky_velocity.validation_error());
+        reason.map_or(Ok(()), |reason| Err(RestoreError::Invalid { reason }))
     }
 }
 
-/// A standard deviation of what nobody estimated is infinite here, too.
-impl Numbers for Estimate {
+/// Infinite standard deviations, which mean "unknown", are visited unchanged.
+impl Scalars for Estimate {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self {
             attitude,

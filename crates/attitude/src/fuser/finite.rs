@@ -1,16 +1,21 @@
-//! What is not a number is missing: one guard for every fuser.
+//! Input check shared by all fusers: parts with non-finite numbers are treated as missing.
 //!
-//! Input: what a stage is offered. Output: the same with finite numbers only. Time: an interval that is not finite or below zero is
-//! none. Failure: none.
+//! Input: the input of a stage.
+//!
+//! Output: the same input with finite numbers only.
+//!
+//! Time: a motion with a negative or non-finite interval becomes an identity rotation of zero
+//! duration.
 
 use super::input::FuserInput;
-use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, turn::Turn};
+use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation};
 
 impl FuserInput {
-    /// The input itself where all its numbers are finite, else what is left of it without the others, kept in `room`.
+    /// Returns the input itself if all its numbers are finite, else a copy in `storage` without the
+    /// invalid parts.
     #[inline]
-    pub fn finite<'a>(&'a self, room: &'a mut Option<Self>) -> &'a Self {
-        if self.is_finite() { self } else { room.insert(self.without_others()) }
+    pub fn sanitized<'a>(&'a self, storage: &'a mut Option<Self>) -> &'a Self {
+        if self.is_finite() { self } else { storage.insert(self.without_non_finite()) }
     }
 
     #[inline]
@@ -24,13 +29,13 @@ impl FuserInput {
     }
 
     #[cold]
-    fn without_others(&self) -> Self {
-        let in_time = |motion: Motion| {
-            let in_time = motion.dt_s >= 0.0 && motion.dt_s.is_finite();
-            if in_time { motion } else { Motion { turn: Turn::NONE, dt_s: 0.0, ..motion } }
+    fn without_non_finite(&self) -> Self {
+        let with_valid_interval = |motion: Motion| {
+            let is_valid = motion.dt_s >= 0.0 && motion.dt_s.is_finite();
+            if is_valid { motion } else { Motion { rotation: Rotation::IDENTITY, dt_s: 0.0, ..motion } }
         };
         Self {
-            motion: self.motion.filter(motion_is_finite).map(in_time),
+            motion: self.motion.filter(motion_is_finite).map(with_valid_interval),
             inclination: self.inclination.filter(inclination_is_finite),
             field_ut: self.field_ut.filter(vector_is_finite),
             fix: self.fix.and_then(Fix::finite),
@@ -39,7 +44,8 @@ impl FuserInput {
     }
 }
 
-/// Zero times a finite number is zero, and nothing else is.
+/// Returns `true` if all components are finite. A finite number times zero is zero, any other
+/// number times zero is NaN.
 #[inline]
 fn vector_is_finite(vector: &Vector3<f64>) -> bool {
     vector.x * 0.0 + vector.y * 0.0 + vector.z * 0.0 == 0.0
@@ -47,7 +53,7 @@ fn vector_is_finite(vector: &Vector3<f64>) -> bool {
 
 #[inline]
 fn motion_is_finite(motion: &Motion) -> bool {
-    let Turn { p, s } = motion.turn;
+    let Rotation { p, s } = motion.rotation;
     (p.re * 0.0 + p.im * 0.0) + (s.re * 0.0 + s.im * 0.0) == 0.0 && vector_is_finite(&motion.rate_rad_s)
 }
 

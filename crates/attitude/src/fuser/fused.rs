@@ -1,65 +1,65 @@
-//! The output of a fuser: the fused attitude, the corrections of the step, the innovation.
+//! Output of a fuser: the fused attitude, the corrections of the step and the innovation.
 
 use crate::{
     Complex, Vector3,
     accel::Inclination,
-    course::Reference,
-    numbers::Numbers,
-    stage::{Sound, attitude_flaw},
+    course::CourseReference,
+    scalars::Scalars,
+    stage::{Validate, attitude_validation_error},
     state::{Attitude, arg},
 };
 
-/// What a fuser knows after a tick.
+/// Output of a fuser at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fused {
-    /// The attitude.
+    /// Attitude of the body at the end of the tick.
     pub attitude: Attitude,
-    /// Body rate less the bias, rad/s.
+    /// Body rate with the bias removed, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Gyro bias, rad/s, body axes; zero where the stage does not estimate it.
+    /// Gyro bias, rad/s, body axes; zero if the stage does not estimate it.
     pub bias_rad_s: Vector3<f64>,
-    /// Angle between the accelerometer's up and the attitude's, rad; 0 without an inclination.
+    /// Angle between the up vectors of accelerometer and attitude, rad; 0 without an inclination.
     pub innovation_rad: f64,
-    /// Standard deviation of the inclination, rad, as far as the stage's own innovations tell it.
+    /// Standard deviation of the inclination, rad, derived from the stage's innovations.
     pub inclination_sd_rad: f64,
-    /// Standard deviation of the heading, rad; π where nothing is known.
+    /// Standard deviation of the heading, rad; π if unknown.
     pub heading_sd_rad: f64,
-    /// What the heading is counted from.
-    pub reference: Reference,
-    /// Which corrections were used.
+    /// Origin of the heading.
+    pub reference: CourseReference,
+    /// Corrections applied in this step.
     pub corrections: Corrections,
 }
 
-impl Sound for Fused {
-    fn flaw(&self) -> Option<&'static str> {
+impl Validate for Fused {
+    fn validation_error(&self) -> Option<&'static str> {
         let sds = [self.innovation_rad, self.inclination_sd_rad, self.heading_sd_rad];
         let finite = self.bias_rad_s.iter().chain(&self.rate_rad_s).chain(&sds).all(|number| number.is_finite());
-        attitude_flaw(self.attitude)
+        attitude_validation_error(self.attitude)
             .or((!finite).then_some("a number that is not finite"))
             .or(sds.iter().any(|sd| *sd < 0.0).then_some("a standard deviation or innovation below zero"))
     }
 }
 
-/// Which corrections a step used.
+/// Corrections applied in a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Corrections {
-    /// The tilt moved towards the accelerometer's.
+    /// The tilt was corrected towards the accelerometer's.
     pub tilt: bool,
     /// The gyro bias was updated.
     pub bias: bool,
-    /// The heading moved towards the magnetic field's.
+    /// The heading was corrected towards the magnetic field's.
     pub magnetic: bool,
     /// A satellite velocity was used.
     pub velocity: bool,
-    /// The magnetic field is not that of the place; heading follows the gyro.
+    /// The magnetic field is disturbed, so the heading follows the gyro.
     pub disturbed: bool,
-    /// The body was found to be at rest.
+    /// The body is at rest.
     pub rest: bool,
-    /// The attitude was set anew: its level, its heading or both jump here.
+    /// The attitude was re-initialised: level, heading or both jump at this tick.
     pub aligned: bool,
 }
 
-impl Numbers for Fused {
+impl Scalars for Fused {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self {
             attitude,
@@ -80,14 +80,14 @@ impl Numbers for Fused {
     }
 }
 
-impl Numbers for Corrections {
+impl Scalars for Corrections {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { tilt, bias, magnetic, velocity, disturbed, rest, aligned } = self;
         [tilt, bias, magnetic, velocity, disturbed, rest, aligned].into_iter().for_each(|used| used.visit(visit));
     }
 }
 
-/// Angle between the accelerometer's up and the attitude's, rad.
+/// Returns the angle between the up vectors of accelerometer and attitude, rad.
 pub fn innovation_rad(inclination: &Inclination, attitude: Attitude) -> f64 {
     let up = inclination.up.direction();
     arg(Complex::new(up.dot(&attitude.up.direction()), libm::sqrt(attitude.horizontal(up).norm_sqr())))

@@ -1,32 +1,32 @@
-//! The error of the gyro's scale, as one fuser hands it over to the next.
+//! Scale error of the gyro, as fusers hand it over.
 
-use crate::{Vector3, numbers::Numbers};
+use crate::{Vector3, scalars::Scalars};
 
-/// More than any gyro has.
-const MOST: f64 = 0.1;
+/// Largest scale error that is accepted. No usable gyro exceeds it.
+const MAX_ERROR: f64 = 0.1;
 
-/// The errors of the scale of the axes, and how well they are known.
+/// Scale error of each gyro axis with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GyroScale {
-    /// By which part of itself the rate about each body axis is read too large.
+    /// Relative scale error of each body axis, positive if the rate is read too large.
     pub error: Vector3<f64>,
-    /// Standard deviation of each; infinite where nobody estimated it.
+    /// Standard deviation of each component; infinite if unknown.
     pub sd: Vector3<f64>,
 }
 
 impl GyroScale {
-    /// Nobody estimated it.
+    /// Scale error without any information.
     pub const UNKNOWN: Self =
         Self { error: Vector3::new(0.0, 0.0, 0.0), sd: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY) };
 
-    /// What is wrong with it.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        if !self.error.iter().all(|error| error.abs() <= MOST) {
-            return Some("a scale of the gyro that no gyro has");
+    /// Returns why the value is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        if !self.error.iter().all(|error| error.abs() <= MAX_ERROR) {
+            return Some("a gyro scale error above 0.1");
         }
-        // The comparison also refuses what is not a number.
-        let allowed = self.sd.iter().all(|sd| *sd >= 0.0);
-        (!allowed).then_some("a standard deviation below zero")
+        // The comparison also rejects NaN.
+        let valid_sd = self.sd.iter().all(|sd| *sd >= 0.0);
+        (!valid_sd).then_some("a standard deviation below zero")
     }
 }
 
@@ -36,9 +36,9 @@ impl Default for GyroScale {
     }
 }
 
-impl Numbers for GyroScale {
+impl Scalars for GyroScale {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        // The numbers of a state are finite.
+        // All numbers of a state are finite, so an unknown deviation is stored as a flag.
         let mut known = self.sd.iter().all(|sd| sd.is_finite());
         let mut sd = if known { self.sd } else { Vector3::zeros() };
         known.visit(visit);

@@ -1,31 +1,31 @@
-//! The field that the body itself adds to the magnetometer's, as one fuser hands it over to the next.
+//! Magnetic field of the body itself (hard iron), as fusers hand it over.
 
-use crate::{Vector3, numbers::Numbers};
+use crate::{Vector3, scalars::Scalars};
 
-/// More than a magnetometer can bear, µT.
-const MOST_UT: f64 = 1e4;
+/// Largest hard iron that is accepted, µT: beyond the range of any magnetometer.
+const MAX_FIELD_UT: f64 = 1e4;
 
-/// A hard iron, and how well it is known.
+/// Hard iron with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HardIron {
-    /// The field that is added, µT, body axes.
+    /// Field added to the magnetometer's reading, µT, body axes.
     pub field_ut: Vector3<f64>,
-    /// Standard deviation of each of its components, µT; infinite where nobody estimated it.
+    /// Standard deviation of each component, µT; infinite if unknown.
     pub sd_ut: f64,
 }
 
 impl HardIron {
-    /// Nobody estimated it.
+    /// Hard iron without any information.
     pub const UNKNOWN: Self = Self { field_ut: Vector3::new(0.0, 0.0, 0.0), sd_ut: f64::INFINITY };
 
-    /// What is wrong with it.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        if !self.field_ut.iter().all(|x| x.abs() <= MOST_UT) {
-            return Some("a hard iron beyond every magnet");
+    /// Returns why the value is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        if !self.field_ut.iter().all(|x| x.abs() <= MAX_FIELD_UT) {
+            return Some("a hard iron above 10,000 µT");
         }
-        // The comparison also refuses what is not a number.
-        let allowed = self.sd_ut >= 0.0;
-        (!allowed).then_some("a standard deviation below zero")
+        // The comparison also rejects NaN.
+        let valid_sd = self.sd_ut >= 0.0;
+        (!valid_sd).then_some("a standard deviation below zero")
     }
 }
 
@@ -35,9 +35,9 @@ impl Default for HardIron {
     }
 }
 
-impl Numbers for HardIron {
+impl Scalars for HardIron {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        // The numbers of a state are finite.
+        // All numbers of a state are finite, so an unknown deviation is stored as a flag.
         let mut known = self.sd_ut.is_finite();
         let mut sd_ut = if known { self.sd_ut } else { 0.0 };
         known.visit(visit);

@@ -1,25 +1,26 @@
-//! The input of a fuser.
+//! Input of a fuser.
 
-use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, numbers::Numbers};
+use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, scalars::Scalars};
 
-/// What a fuser is offered at a tick.
+/// Input of a fuser at a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FuserInput {
-    /// From the gyro slot.
+    /// Motion from the gyro slot.
     pub motion: Option<Motion>,
-    /// From the accel slot; only one made from a force that can be used.
+    /// Inclination from the accel slot. Present only if derived from a usable specific force.
     pub inclination: Option<Inclination>,
-    /// The magnetic field, µT, body axes; only where it is a new sample.
+    /// Magnetic field, µT, body axes. Present only for a new sample.
     pub field_ut: Option<Vector3<f64>>,
-    /// Of the satellite receiver; only at the tick at which it arrived.
+    /// Fix of the satellite receiver. Present only at the tick at which it arrived.
     pub fix: Option<Fix>,
-    /// Gyro and accelerometer are alive, so that stillness means rest.
+    /// Whether gyro and accelerometer are working, so that constant readings mean rest.
     pub rest_credible: bool,
-    /// The motion is what the body did: its rate is neither missing nor stuck nor at the end of the gyro's range.
+    /// Whether the motion is that of the body: the rate is not missing, stuck or at the end of the
+    /// gyro's range.
     pub rate_credible: bool,
 }
 
-impl Numbers for FuserInput {
+impl Scalars for FuserInput {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { motion, inclination, field_ut, fix, rest_credible, rate_credible } = self;
         motion.visit(visit);

@@ -1,64 +1,71 @@
-//! The velocity by which a levelling loop leans, as one fuser hands it over to the next.
+//! Leaky velocity of a levelling loop, as fusers hand it over.
 //!
-//! V' = h − V/T, h the horizontal specific force, T 1.5 s in `vqf` and 3 s in `wz`: the accelerations of the last seconds, by which the loop
-//! moves its level. A loop that begins without it takes the braking that ends a movement for a tilt.
+//! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 3 s in `wz`.
+//! V summarises the accelerations of the last seconds. The loop tilts its level at a rate
+//! proportional to V. A loop that starts without V mistakes the braking at the end of a movement for
+//! a tilt.
 
-use crate::{Complex, numbers::Numbers};
+use crate::{Complex, scalars::Scalars};
 
-/// More than a loop gathers on a body that moves to and fro, m/s; whoever gathers more has lost its level.
-const MOST_M_S: f64 = 100.0;
-/// The most that is handed over, m/s: less than that, for a turn of the frame rounds.
-const MOST_GIVEN_M_S: f64 = 99.0;
-/// Standard deviation of what a loop gathers, m/s: a level that has been off by 2° for some seconds.
+/// Largest velocity that is accepted, m/s. A loop that exceeds it has lost its level.
+const MAX_VELOCITY_M_S: f64 = 100.0;
+/// Largest velocity that is handed over, m/s. It is below the accepted limit because rotating the
+/// frame rounds.
+const MAX_HANDED_OVER_M_S: f64 = 99.0;
+/// Standard deviation of a loop's velocity, m/s: the effect of a level that was wrong by 2° for
+/// some seconds.
 const SD_M_S: f64 = 1.0;
-/// The same where nobody has it, m/s: a loop's memory of a vehicle that brakes.
+/// Standard deviation if the velocity is unknown, m/s: the leaky velocity of a braking vehicle.
 const UNKNOWN_SD_M_S: f64 = 4.0;
 
-/// The leaky velocity of a levelling loop, and how well it is known.
+/// Leaky velocity of a levelling loop with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeakyVelocity {
-    /// m/s; east and north of the attitude's reference frame, as ξ + jη.
+    /// Velocity, m/s, along east and north of the attitude's reference frame, as ξ + jη.
     pub velocity_m_s: Complex<f64>,
-    /// Standard deviation of each of its components, m/s; infinite where nobody has it.
+    /// Standard deviation of each component, m/s; infinite if unknown.
     pub sd_m_s: f64,
 }
 
 impl LeakyVelocity {
-    /// Nobody has it.
+    /// Velocity without any information.
     pub const UNKNOWN: Self = Self { velocity_m_s: Complex::new(0.0, 0.0), sd_m_s: f64::INFINITY };
 
-    /// As a loop has it, of whose first velocity this deviation is left; unknown where no body moves like that.
-    pub(super) fn of_loop(velocity_m_s: Complex<f64>, left_sd_m_s: f64) -> Self {
-        // The comparison also refuses what is not a number.
-        if velocity_m_s.norm_sqr() <= MOST_GIVEN_M_S * MOST_GIVEN_M_S {
-            Self { velocity_m_s, sd_m_s: libm::hypot(SD_M_S, left_sd_m_s) }
+    /// Creates the value from a loop's velocity.
+    ///
+    /// `remaining_sd_m_s` is the standard deviation that remains from the loop's initial velocity.
+    /// The result is unknown if the velocity is implausible.
+    pub(super) fn from_loop(velocity_m_s: Complex<f64>, remaining_sd_m_s: f64) -> Self {
+        // The comparison also rejects NaN.
+        if velocity_m_s.norm_sqr() <= MAX_HANDED_OVER_M_S * MAX_HANDED_OVER_M_S {
+            Self { velocity_m_s, sd_m_s: libm::hypot(SD_M_S, remaining_sd_m_s) }
         } else {
             Self::UNKNOWN
         }
     }
 
-    /// With what a loop begins, m/s: nothing where nobody has it.
-    pub(super) fn first_m_s(&self) -> Complex<f64> {
+    /// Returns the velocity with which a loop starts, m/s; zero if unknown.
+    pub(super) fn initial_m_s(&self) -> Complex<f64> {
         if self.sd_m_s.is_finite() { self.velocity_m_s } else { Self::UNKNOWN.velocity_m_s }
     }
 
-    /// Standard deviation of that, m/s.
-    pub(super) fn first_sd_m_s(&self) -> f64 {
+    /// Returns the standard deviation of the initial velocity, m/s.
+    pub(super) fn initial_sd_m_s(&self) -> f64 {
         self.sd_m_s.min(UNKNOWN_SD_M_S)
     }
 
-    /// The same in a reference frame from which this one is turned by the angle.
-    pub(super) fn turned(self, angle_rad: f64) -> Self {
+    /// Returns the velocity in a frame relative to which the present one is rotated by the angle.
+    pub(super) fn rotated(self, angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }
     }
 
-    /// What is wrong with it.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let possible = self.velocity_m_s.norm_sqr() <= MOST_M_S * MOST_M_S;
-        let allowed = self.sd_m_s >= 0.0;
-        let flaw = (!possible).then_some("a velocity that no loop gathers");
-        flaw.or((!allowed).then_some("a standard deviation below zero"))
+    /// Returns why the value is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        let valid_velocity = self.velocity_m_s.norm_sqr() <= MAX_VELOCITY_M_S * MAX_VELOCITY_M_S;
+        let valid_sd = self.sd_m_s >= 0.0;
+        let error = (!valid_velocity).then_some("a leaky velocity above 100 m/s");
+        error.or((!valid_sd).then_some("a standard deviation below zero"))
     }
 }
 
@@ -68,8 +75,8 @@ impl Default for LeakyVelocity {
     }
 }
 
-/// An infinite standard deviation stays one.
-impl Numbers for LeakyVelocity {
+/// An infinite standard deviation, which means "unknown", is visited unchanged.
+impl Scalars for LeakyVelocity {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.velocity_m_s.visit(visit);
         self.sd_m_s.visit(visit);

@@ -1,17 +1,21 @@
 //! Gains of first-order low-passes.
 
-/// The gain of a first-order low-pass over one step, exact for an input that holds still: 1 − e^{−dt/T}.
+/// Returns the gain of a first-order low-pass over one step, 1 − e^{−dt/T}. It is exact for a
+/// constant input.
 pub(super) fn low_pass_gain(dt_s: f64, time_constant_s: f64) -> f64 {
     if time_constant_s > 0.0 { -libm::expm1(-dt_s / time_constant_s) } else { 1.0 }
 }
 
-/// The gain of a low-pass of which `unaveraged_s` of its time constant is yet to come: a mean of what there was so far.
-pub(super) fn averaging_gain(dt_s: f64, time_constant_s: f64, unaveraged_s: &mut f64) -> f64 {
+/// Returns the gain of a low-pass that starts as a plain mean.
+///
+/// `remaining_s` is the part of the time constant for which the output is still the mean of all
+/// input so far. It is reduced by `dt_s`.
+pub(super) fn averaging_gain(dt_s: f64, time_constant_s: f64, remaining_s: &mut f64) -> f64 {
     let gain = low_pass_gain(dt_s, time_constant_s);
-    if *unaveraged_s <= 0.0 || dt_s <= 0.0 {
+    if *remaining_s <= 0.0 || dt_s <= 0.0 {
         return gain;
     }
-    let averaged_s = (time_constant_s - *unaveraged_s).max(0.0) + dt_s;
-    *unaveraged_s = (*unaveraged_s - dt_s).max(0.0);
+    let averaged_s = (time_constant_s - *remaining_s).max(0.0) + dt_s;
+    *remaining_s = (*remaining_s - dt_s).max(0.0);
     gain.max(dt_s / averaged_s)
 }

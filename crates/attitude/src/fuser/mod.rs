@@ -1,24 +1,30 @@
-//! Fuser stages: motion, inclination and, where they are there, the magnetic field and a velocity become one attitude.
+//! Fuser stages, which combine motion, inclination, magnetic field and satellite velocity into one
+//! attitude.
 //!
-//! Input: what the slot is offered at a tick, any part of which may be missing. Output: the fused attitude with the bias of the
-//! gyro, the innovation and standard deviations. Time: the motion's interval. Failure: without a motion the attitude is held,
-//! without an inclination it follows the gyro; what is not a finite number is missing.
+//! Input: the [`FuserInput`] of a tick. Every part of it may be missing.
 //!
-//! | stage | what it is |
+//! Output: [`Fused`], the attitude with gyro bias, innovation and standard deviations.
+//!
+//! Time: the interval of the motion.
+//!
+//! Failure: without a motion the attitude is held, without an inclination it follows the gyro.
+//! Non-finite numbers are treated as missing.
+//!
+//! | stage | method |
 //! | --- | --- |
-//! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, and a choice between them |
-//! | [`wz`](wz::Wz) | levelled low-pass of second order, Möbius correction, gyro bias and scale; heading by the magnetic field |
+//! | [`multiple-model`](multiple_model::MultipleModel) | `wz` and `aided` on the same input, with a selection between them |
+//! | [`wz`](wz::Wz) | levelled second-order low-pass, Möbius correction, gyro bias and scale; magnetic heading |
 //! | [`wz-closed`](wz_closed::WzClosed) | w_c' = f(w_c, ω) + (w_acc − w_c)/T |
-//! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc) as published |
-//! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, normalised or not |
-//! | [`levelling`](levelling::Levelling) | a platform levelled by the specific force less the motion a receiver tells |
-//! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with a receiver's velocity and without, and a choice between them |
-//! | [`levelling-pi`](levelling::LevellingPi) | the same by matched increments of velocity, with the gyro's bias |
+//! | [`wz-open`](wz_open::WzOpen) | HPF(w_gyro) + LPF(w_acc), as published |
+//! | [`madgwick`](madgwick::Madgwick), `madgwick-improved` | gradient descent on the quaternion, with and without a normalised gradient |
+//! | [`levelling`](levelling::Levelling) | platform levelled by the specific force less the acceleration derived from satellite velocity |
+//! | [`levelling-unified`](levelling::LevellingUnified) | two such platforms, with and without satellite velocity, and a selection between them |
+//! | [`levelling-pi`](levelling::LevellingPi) | the same levelling by matched velocity increments, with an estimate of the gyro bias |
 //! | [`aided`](aided::Aided) | error-state filter with satellite velocity |
-//! | [`vqf`](vqf::Vqf) | VQF, the yardstick |
+//! | [`vqf`](vqf::Vqf) | VQF, the reference for comparison |
 
 pub mod aided;
-mod carried;
+mod bias_handover;
 mod compass;
 mod estimate;
 mod field;
@@ -33,7 +39,7 @@ mod low_pass;
 pub mod madgwick;
 pub mod multiple_model;
 mod rest;
-mod spread;
+mod angle_uncertainty;
 pub mod vqf;
 pub mod wz;
 pub mod wz_closed;
@@ -64,11 +70,11 @@ use {
 macro_rules! fusers {
     ($($name:literal => $Variant:ident($Stage:ty) = $new:expr,)*) => {
         impl Fuser {
-            /// The stages of this slot; the first is the default.
+            /// Names of the stages of this slot. The first is the default.
             pub const NAMES: [&'static str; [$($name),*].len()] = [$($name),*];
 
-            /// The stage of that name.
-            pub fn named(name: &str) -> Option<Self> {
+            /// Returns the stage called `name`, or `None` if there is no such stage.
+            pub fn from_name(name: &str) -> Option<Self> {
                 match name {
                     $($name => Some(Self::$Variant($new)),)*
                     _ => None,
@@ -92,7 +98,7 @@ fusers! {
     "vqf" => Vqf(Vqf) = Vqf::default(),
 }
 
-/// A fuser stage.
+/// Fuser stage, selected by name.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one value per process, held by value because the crate has no allocator")]
 pub enum Fuser {
@@ -135,16 +141,21 @@ macro_rules! each {
     };
 }
 
-/// A stage that the slot `fuser` takes.
+/// Stage that can fill the slot `fuser`.
 pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimate> + Clone {
-    /// Sets the level anew by the next inclination, as after a gap in which the body may have turned anywhere; heading and gyro
-    /// bias stay.
+    /// Re-initialises the level from the next inclination, as after a gap in which the body may
+    /// have rotated arbitrarily. Heading and gyro bias are kept.
     fn realign(&mut self);
 
-    /// Begins with what was known of the sensors before: bias, scale and hard iron. The attitude is as unknown as at any beginning, whatever
-    /// `known` says of it. What cannot be taken over leaves the stage as it was.
-    fn begin_with(&mut self, known: &Estimate) -> Result<(), RestoreError> {
-        let Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, .. } = *known;
+    /// Starts with sensor errors known from an earlier run: gyro bias, gyro scale and hard iron.
+    ///
+    /// The attitude stays unknown, whatever `prior` contains.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`RestoreError`] if `prior` is invalid. The stage is unchanged then.
+    fn seed_sensor_errors(&mut self, prior: &Estimate) -> Result<(), RestoreError> {
+        let Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, .. } = *prior;
         self.adopt(&Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, ..Estimate::UNKNOWN })?;
         self.realign();
         Ok(())
@@ -178,7 +189,7 @@ impl Stage for Fuser {
         each!(self, stage => stage.set(name, value))
     }
 
-    // What the other stages made stays in registers on its way here.
+    // Inlined so that the outputs of the upstream stages reach this one in registers.
     #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
         each!(self, stage => stage.step(input))
@@ -188,8 +199,8 @@ impl Stage for Fuser {
         each!(self, stage => stage.visit_state(visit));
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        each!(self, stage => stage.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        each!(self, stage => stage.validation_error())
     }
 
     fn common(&self) -> Estimate {

@@ -1,47 +1,48 @@
-//! Rest: the gyro has not moved from its own mean for a while, sample by sample, nor the accelerometer, update by update.
+//! Rest detector: gyro and accelerometer have stayed close to their own means for a while.
 //!
-//! A steady turn about the vertical, slower than 2 °/s and with no other motion, looks the same and is taken for a bias: the
-//! tilt does not suffer, heading does.
+//! The gyro is checked at each sample, the accelerometer at each update. A steady rotation about
+//! the vertical that is slower than 2 °/s, without other motion, looks like rest and is taken for a
+//! bias. This affects the heading, but not the tilt.
 
-use crate::{Vector3, numbers::Numbers};
+use crate::{Vector3, scalars::Scalars};
 
-/// Time constant of the mean that samples are held against, s.
-const MEAN_S: f64 = 0.5;
-/// Largest distance of a rate from its mean at rest, rad/s: 2 °/s.
-const RATE_SPREAD_RAD_S: f64 = 0.034_906_585;
-/// Largest component of the mean rate that can be a bias, rad/s: 2 °/s.
-const RATE_MEAN_RAD_S: f64 = 0.034_906_585;
-/// Largest distance of a force from its mean at rest, m/s².
-const FORCE_SPREAD_M_S2: f64 = 0.5;
-/// A rate that no body has, rad/s.
-const RATE_LIMIT_RAD_S: f64 = 1e6;
-/// How long it must have been quiet, s.
-const QUIET_S: f64 = 1.5;
-/// Longest memory of the mean rate at rest, s.
+/// Time constant of the mean that samples are compared with, s.
+const MEAN_TIME_CONSTANT_S: f64 = 0.5;
+/// Largest deviation of a rate from its mean at rest, rad/s: 2 °/s.
+const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;
+/// Largest component of the mean rate that is accepted as a bias, rad/s: 2 °/s.
+const MAX_MEAN_RATE_RAD_S: f64 = 0.034_906_585;
+/// Largest deviation of a force from its mean at rest, m/s².
+const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
+/// Largest plausible rate, rad/s. A larger mean rate resets the detector.
+const MAX_RATE_RAD_S: f64 = 1e6;
+/// Time without movement after which rest is detected, s.
+const MIN_QUIET_S: f64 = 1.5;
+/// Longest averaging time of the rate at rest, s.
 const BIAS_MEMORY_S: f64 = 20.0;
 
-/// Standard deviation of the bias found at rest, rad/s.
-pub(super) const SD_REST_RAD_S: f64 = 8e-4;
+/// Standard deviation of a bias measured at rest, rad/s.
+pub(super) const BIAS_SD_AT_REST_RAD_S: f64 = 8e-4;
 
-/// Finds rest, and the mean rate during it.
+/// Detector of rest, with the mean rate during it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Rest {
+pub(super) struct RestDetector {
     rate_mean_rad_s: Vector3<f64>,
     force_mean_m_s2: Vector3<f64>,
-    /// Since the last update.
-    turned_rad: Vector3<f64>,
+    /// Integral of the rate since the last update.
+    rotation_rad: Vector3<f64>,
     moved: bool,
     quiet_s: f64,
     bias_rad_s: Vector3<f64>,
 }
 
-impl Default for Rest {
+impl Default for RestDetector {
     fn default() -> Self {
         let zero = Vector3::zeros();
         Self {
             rate_mean_rad_s: zero,
             force_mean_m_s2: zero,
-            turned_rad: zero,
+            rotation_rad: zero,
             moved: true,
             quiet_s: 0.0,
             bias_rad_s: zero,
@@ -49,28 +50,28 @@ impl Default for Rest {
     }
 }
 
-impl Rest {
-    /// One sample.
+impl RestDetector {
+    /// Processes one gyro sample.
     #[inline]
     pub(super) fn observe(&mut self, rate_rad_s: Vector3<f64>, dt_s: f64) {
-        let off_rad_s = rate_rad_s - self.rate_mean_rad_s;
-        self.turned_rad += rate_rad_s * dt_s;
-        self.moved |= off_rad_s.norm_squared() >= RATE_SPREAD_RAD_S * RATE_SPREAD_RAD_S;
+        let deviation_rad_s = rate_rad_s - self.rate_mean_rad_s;
+        self.rotation_rad += rate_rad_s * dt_s;
+        self.moved |= deviation_rad_s.norm_squared() >= MAX_RATE_DEVIATION_RAD_S * MAX_RATE_DEVIATION_RAD_S;
     }
 
-    /// The samples of `interval_s` make an update; `force_m_s2` is the last of them.
+    /// Evaluates the samples of the last `interval_s`. `force_m_s2` is the last specific force.
     pub(super) fn update(&mut self, force_m_s2: Vector3<f64>, interval_s: f64) {
-        let rate_rad_s = core::mem::take(&mut self.turned_rad) / interval_s;
-        let off_m_s2 = force_m_s2 - self.force_mean_m_s2;
-        self.moved |= off_m_s2.norm_squared() >= FORCE_SPREAD_M_S2 * FORCE_SPREAD_M_S2;
-        if !(0.0..RATE_LIMIT_RAD_S * RATE_LIMIT_RAD_S).contains(&rate_rad_s.norm_squared()) {
+        let rate_rad_s = core::mem::take(&mut self.rotation_rad) / interval_s;
+        let deviation_m_s2 = force_m_s2 - self.force_mean_m_s2;
+        self.moved |= deviation_m_s2.norm_squared() >= MAX_FORCE_DEVIATION_M_S2 * MAX_FORCE_DEVIATION_M_S2;
+        if !(0.0..MAX_RATE_RAD_S * MAX_RATE_RAD_S).contains(&rate_rad_s.norm_squared()) {
             *self = Self::default();
             return;
         }
-        let gain = (interval_s * (1.0 / MEAN_S)).min(1.0);
+        let gain = (interval_s * (1.0 / MEAN_TIME_CONSTANT_S)).min(1.0);
         self.rate_mean_rad_s += (rate_rad_s - self.rate_mean_rad_s) * gain;
-        self.force_mean_m_s2 += off_m_s2 * gain;
-        if core::mem::take(&mut self.moved) || self.rate_mean_rad_s.amax() >= RATE_MEAN_RAD_S {
+        self.force_mean_m_s2 += deviation_m_s2 * gain;
+        if core::mem::take(&mut self.moved) || self.rate_mean_rad_s.amax() >= MAX_MEAN_RATE_RAD_S {
             self.quiet_s = 0.0;
             return;
         }
@@ -78,35 +79,35 @@ impl Rest {
         self.bias_rad_s += (rate_rad_s - self.bias_rad_s) * (interval_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
     }
 
-    /// The sensors cannot be believed; rest starts anew.
+    /// Restarts the quiet time, because the sensors are not credible.
     #[inline]
     pub(super) fn interrupt(&mut self) {
         self.moved = true;
         self.quiet_s = 0.0;
     }
 
-    /// It has been quiet long enough.
+    /// Returns `true` if the body has been quiet long enough.
     #[inline]
-    pub(super) fn is_found(&self) -> bool {
-        self.quiet_s >= QUIET_S
+    pub(super) fn is_detected(&self) -> bool {
+        self.quiet_s >= MIN_QUIET_S
     }
 
-    /// The mean rate since rest began, once it is found.
+    /// Returns the mean rate at rest, or `None` while no rest is detected.
     pub(super) fn bias_rad_s(&self) -> Option<Vector3<f64>> {
-        self.is_found().then_some(self.bias_rad_s)
+        self.is_detected().then_some(self.bias_rad_s)
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.quiet_s < 0.0).then_some("a time of rest below zero")
     }
 }
 
-impl Numbers for Rest {
+impl Scalars for RestDetector {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.rate_mean_rad_s.visit(visit);
         self.force_mean_m_s2.visit(visit);
-        self.turned_rad.visit(visit);
+        self.rotation_rad.visit(visit);
         self.moved.visit(visit);
         self.quiet_s.visit(visit);
         self.bias_rad_s.visit(visit);

@@ -1,49 +1,51 @@
-//! The closed loop of first order: the exact step applied to the fused point, then a move towards the accelerometer's.
+//! First-order closed loop: the exact step of the fused point, then a move towards the
+//! accelerometer's point.
 //!
-//! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed; z likewise by the magnetic field, and by the gyro alone without.
+//! w_c' = f(w_c, ω) + (w_acc − w_c)/T — Matveev 2025, fig. 9, closed. z is corrected by the
+//! magnetic field in the same way and follows the gyro without a field.
 
 use super::{
-    carried::Carried,
+    bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
     leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
-    spread::{BIAS_SD_RAD_S, Spread},
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
 };
 use crate::{
     Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
-/// Farthest that the accelerometer's point is taken to be from the chart's centre: 168.6° of tilt. Beyond it the sum of points
-/// would leave the finite numbers.
-pub(super) const POINT_LIMIT: f64 = 10.0;
+/// Largest modulus of the accelerometer's point in a chart, 168.6° of tilt. Sums of points stay
+/// finite within it.
+pub(super) const MAX_POINT_MODULUS: f64 = 10.0;
 
 settings! {
-    /// Settings of `wz-closed`.
+    /// Settings of the stage `wz-closed`.
     pub struct Settings {
-        /// Time constant T of the tilt: what is faster comes from the gyro, what is slower from the accelerometer.
+        /// Tilt time constant T: faster motion comes from the gyro, slower from the accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// The same for the heading, between the gyro and the magnetic field.
+        /// Heading time constant, between the gyro and the magnetic field.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
     }
 }
 
-/// The fuser stage `wz-closed`.
+/// Fuser stage `wz-closed`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WzClosed {
     settings: Settings,
     attitude: Attitude,
     started: bool,
-    tilt: Spread,
+    tilt_uncertainty: AngleUncertainty,
     compass: Compass,
-    carried: Carried,
+    handed_over: HandedOverBias,
 }
 
 impl Default for WzClosed {
@@ -52,9 +54,9 @@ impl Default for WzClosed {
             settings: Settings::default(),
             attitude: Attitude::default(),
             started: false,
-            tilt: Spread::UNKNOWN,
+            tilt_uncertainty: AngleUncertainty::UNKNOWN,
             compass: Compass::default(),
-            carried: Carried::default(),
+            handed_over: HandedOverBias::default(),
         }
     }
 }
@@ -83,29 +85,29 @@ impl Stage for WzClosed {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
-            self.attitude = self.attitude.turned(motion.turn).attitude;
+            self.attitude = self.attitude.rotated(motion.rotation).attitude;
         }
-        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
+        self.tilt_uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.observe(input);
+        self.handed_over.observe(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
             if self.started {
                 innovation = innovation_rad(inclination, self.attitude);
                 let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
                 let Point { w, chart } = self.attitude.up;
-                self.attitude.up.w += (inclination.up.seen_in(chart, POINT_LIMIT) - w) * gain;
-                self.attitude = self.attitude.rebounded();
-                self.tilt.corrected(innovation, gain, dt_s);
+                self.attitude.up.w += (inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w) * gain;
+                self.attitude = self.attitude.normalised();
+                self.tilt_uncertainty.record_correction(innovation, gain, dt_s);
                 corrections.tilt = true;
             } else {
                 self.attitude = self.attitude.realigned(inclination.up).attitude;
-                (self.started, self.tilt) = (true, Spread::FIRST);
+                (self.started, self.tilt_uncertainty) = (true, AngleUncertainty::INITIAL);
                 corrections.aligned = true;
             }
         }
@@ -119,7 +121,7 @@ impl Stage for WzClosed {
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
             bias_rad_s: Vector3::zeros(),
             innovation_rad: innovation,
-            inclination_sd_rad: self.tilt.sd_rad(),
+            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
             reference: self.compass.reference(),
             corrections,
@@ -129,40 +131,40 @@ impl Stage for WzClosed {
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.attitude.visit(visit);
         self.started.visit(visit);
-        self.tilt.visit(visit);
+        self.tilt_uncertainty.visit(visit);
         self.compass.visit(visit);
-        self.carried.visit(visit);
+        self.handed_over.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude)
-            .or_else(|| self.tilt.flaw())
-            .or_else(|| self.compass.flaw())
-            .or_else(|| self.carried.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        attitude_validation_error(self.attitude)
+            .or_else(|| self.tilt_uncertainty.validation_error())
+            .or_else(|| self.compass.validation_error())
+            .or_else(|| self.handed_over.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
+        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
         Estimate {
             attitude: self.attitude,
             reference: self.compass.reference(),
             bias_rad_s,
-            inclination_sd_rad: self.tilt.sd_rad(),
+            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
             bias_sd_rad_s,
-            gyro_scale: self.carried.gyro_scale(),
-            hard_iron: self.carried.hard_iron(),
+            gyro_scale: self.handed_over.gyro_scale(),
+            hard_iron: self.handed_over.hard_iron(),
             leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
+        common.validate()?;
         self.attitude = common.attitude;
         self.started = true;
-        self.tilt = Spread::of(common.inclination_sd_rad);
-        self.compass = Compass::of(common.reference, common.heading_sd_rad);
-        self.carried = Carried::of(common);
+        self.tilt_uncertainty = AngleUncertainty::from_sd(common.inclination_sd_rad);
+        self.compass = Compass::new(common.reference, common.heading_sd_rad);
+        self.handed_over = HandedOverBias::from_estimate(common);
         Ok(())
     }
 }

@@ -1,70 +1,72 @@
-//! The open loop as published: w_c = HPF(w_gyro) + LPF(w_acc).
+//! Open loop as published: w_c = HPF(w_gyro) + LPF(w_acc).
 //!
-//! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9, T = 1 s; z likewise by the magnetic
-//! field, and by the gyro alone without. The gyro channel integrates by itself and drifts without bound, so the error grows with
-//! time: that is the published method, kept for comparison.
+//! Because HPF = 1 − LPF, w_c = w_gyro + e with T e' = (w_acc − w_gyro) − e — Matveev 2025, fig. 9,
+//! T = 1 s. z is corrected by the magnetic field in the same way and follows the gyro without a
+//! field. The gyro channel integrates by itself and drifts without bound, so the error grows with
+//! time. The published method is kept for comparison.
 
 use super::{
-    carried::Carried,
+    bias_handover::HandedOverBias,
     compass::Compass,
     estimate::Estimate,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
     leaky_velocity::LeakyVelocity,
     low_pass::low_pass_gain,
-    spread::{BIAS_SD_RAD_S, Spread},
-    wz_closed::POINT_LIMIT,
+    angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
+    wz_closed::MAX_POINT_MODULUS,
 };
 use crate::{
     Complex, Vector3,
     gyro::Motion,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
 settings! {
-    /// Settings of `wz-open`.
+    /// Settings of the stage `wz-open`.
     pub struct Settings {
-        /// Time constant T of the tilt: what is faster comes from the gyro, what is slower from the accelerometer.
+        /// Tilt time constant T: faster motion comes from the gyro, slower from the accelerometer.
         time_constant_s: 1.0 in 0.01 .. 1000.0, "s";
-        /// The same for the heading, between the gyro and the magnetic field.
+        /// Heading time constant, between the gyro and the magnetic field.
         heading_time_constant_s: 20.0 in 0.01 .. 10000.0, "s";
     }
 }
 
-/// The fuser stage `wz-open`.
+/// Fuser stage `wz-open`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WzOpen {
     settings: Settings,
-    /// The gyro slot's own attitude, as it was last told.
-    gyro: Attitude,
-    /// Of the points, in the gyro's chart.
-    difference: Complex<f64>,
-    /// Of z, rad.
-    z_difference_rad: f64,
-    /// `gyro` is an attitude taken over, not the gyro slot's.
+    /// Last attitude of the gyro slot.
+    gyro_attitude: Attitude,
+    /// Offset e of the fused point from the gyro's point, in the gyro's chart.
+    w_offset: Complex<f64>,
+    /// Offset of the fused z from the gyro's z.
+    z_offset_rad: f64,
+    /// Whether `gyro_attitude` was adopted from another stage instead of received from the gyro
+    /// slot.
     adopted: bool,
     started: bool,
-    tilt: Spread,
+    tilt_uncertainty: AngleUncertainty,
     compass: Compass,
-    carried: Carried,
+    handed_over: HandedOverBias,
 }
 
 impl Default for WzOpen {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
-            gyro: Attitude::default(),
-            difference: Complex::new(0.0, 0.0),
-            z_difference_rad: 0.0,
+            gyro_attitude: Attitude::default(),
+            w_offset: Complex::new(0.0, 0.0),
+            z_offset_rad: 0.0,
             adopted: false,
             started: false,
-            tilt: Spread::UNKNOWN,
+            tilt_uncertainty: AngleUncertainty::UNKNOWN,
             compass: Compass::default(),
-            carried: Carried::default(),
+            handed_over: HandedOverBias::default(),
         }
     }
 }
@@ -74,37 +76,37 @@ impl WzOpen {
         self.started = false;
     }
 
-    fn fused(&self) -> Attitude {
-        let up = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
-        Attitude { up, z_rad: wrapped_rad(self.gyro.z_rad + self.z_difference_rad) }.rebounded()
+    fn fused_attitude(&self) -> Attitude {
+        let up = Point { w: self.gyro_attitude.up.w + self.w_offset, chart: self.gyro_attitude.up.chart };
+        Attitude { up, z_rad: wrapped_rad(self.gyro_attitude.z_rad + self.z_offset_rad) }.normalised()
     }
 
-    /// Follows the gyro's attitude.
-    fn follow(&mut self, motion: &Motion) {
+    /// Follows the attitude of the gyro slot.
+    fn follow_gyro(&mut self, motion: &Motion) {
         if self.adopted {
-            self.compare(self.gyro.turned(motion.turn).attitude, motion.attitude);
+            self.set_offset(self.gyro_attitude.rotated(motion.rotation).attitude, motion.attitude);
             self.adopted = false;
         }
         self.follow_chart(motion.attitude);
     }
 
-    /// Follows the gyro's attitude into its chart; the fused point stays where it is.
+    /// Follows the gyro's attitude into its chart. The fused point stays unchanged.
     fn follow_chart(&mut self, gyro: Attitude) {
-        if gyro.up.chart != self.gyro.up.chart {
-            let fused = Point { w: self.gyro.up.w + self.difference, chart: self.gyro.up.chart };
-            let before = self.gyro.up.seen_in(gyro.up.chart, POINT_LIMIT);
-            self.difference = fused.seen_in(gyro.up.chart, POINT_LIMIT) - before;
+        if gyro.up.chart != self.gyro_attitude.up.chart {
+            let fused = Point { w: self.gyro_attitude.up.w + self.w_offset, chart: self.gyro_attitude.up.chart };
+            let before = self.gyro_attitude.up.w_in_chart(gyro.up.chart, MAX_POINT_MODULUS);
+            self.w_offset = fused.w_in_chart(gyro.up.chart, MAX_POINT_MODULUS) - before;
         }
-        self.gyro = gyro;
+        self.gyro_attitude = gyro;
     }
 
-    /// Takes the difference between the fused attitude and the gyro's.
-    fn compare(&mut self, fused: Attitude, gyro: Attitude) {
-        self.difference = fused.up.seen_in(gyro.up.chart, POINT_LIMIT) - gyro.up.w;
-        self.gyro = gyro;
-        // What is left between the two is a turn about the vertical.
-        let turn = fused.quaternion() * self.fused().quaternion().conjugate();
-        self.z_difference_rad = wrapped_rad(self.z_difference_rad + 2.0 * libm::atan2(turn.k, turn.w));
+    /// Sets the offset between the fused attitude and the gyro's.
+    fn set_offset(&mut self, fused: Attitude, gyro: Attitude) {
+        self.w_offset = fused.up.w_in_chart(gyro.up.chart, MAX_POINT_MODULUS) - gyro.up.w;
+        self.gyro_attitude = gyro;
+        // The remaining difference of the two is a rotation about the vertical.
+        let rotation = fused.quaternion() * self.fused_attitude().quaternion().conjugate();
+        self.z_offset_rad = wrapped_rad(self.z_offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
     }
 }
 
@@ -126,43 +128,43 @@ impl Stage for WzOpen {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let Some(motion) = &input.motion {
-            self.follow(motion);
+            self.follow_gyro(motion);
         }
-        self.tilt.drift(BIAS_SD_RAD_S, dt_s);
+        self.tilt_uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
         self.compass.drift(dt_s);
-        self.carried.observe(input);
+        self.handed_over.observe(input);
         let mut innovation = 0.0;
         if let Some(inclination) = &input.inclination {
-            let Point { w, chart } = self.gyro.up;
-            let distance = inclination.up.seen_in(chart, POINT_LIMIT) - w;
+            let Point { w, chart } = self.gyro_attitude.up;
+            let offset = inclination.up.w_in_chart(chart, MAX_POINT_MODULUS) - w;
             if self.started {
                 let gain = low_pass_gain(dt_s, self.settings.time_constant_s);
-                self.difference += (distance - self.difference) * gain;
-                innovation = innovation_rad(inclination, self.fused());
-                self.tilt.corrected(innovation, gain, dt_s);
+                self.w_offset += (offset - self.w_offset) * gain;
+                innovation = innovation_rad(inclination, self.fused_attitude());
+                self.tilt_uncertainty.record_correction(innovation, gain, dt_s);
                 corrections.tilt = true;
             } else {
-                self.difference = distance;
-                (self.started, self.tilt) = (true, Spread::FIRST);
+                self.w_offset = offset;
+                (self.started, self.tilt_uncertainty) = (true, AngleUncertainty::INITIAL);
                 corrections.aligned = true;
             }
         }
         if let (true, Some(field_ut)) = (self.started, input.field_ut) {
             let time_constant_s = self.settings.heading_time_constant_s;
-            let z_rad = self.compass.correction_rad(self.fused(), field_ut, time_constant_s, &mut corrections);
-            self.z_difference_rad = wrapped_rad(self.z_difference_rad + z_rad);
+            let z_rad = self.compass.correction_rad(self.fused_attitude(), field_ut, time_constant_s, &mut corrections);
+            self.z_offset_rad = wrapped_rad(self.z_offset_rad + z_rad);
         }
         Fused {
-            attitude: self.fused(),
+            attitude: self.fused_attitude(),
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s),
             bias_rad_s: Vector3::zeros(),
             innovation_rad: innovation,
-            inclination_sd_rad: self.tilt.sd_rad(),
+            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
             reference: self.compass.reference(),
             corrections,
@@ -170,50 +172,51 @@ impl Stage for WzOpen {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.gyro.visit(visit);
-        self.difference.visit(visit);
-        self.z_difference_rad.visit(visit);
+        self.gyro_attitude.visit(visit);
+        self.w_offset.visit(visit);
+        self.z_offset_rad.visit(visit);
         self.adopted.visit(visit);
         self.started.visit(visit);
-        self.tilt.visit(visit);
+        self.tilt_uncertainty.visit(visit);
         self.compass.visit(visit);
-        self.carried.visit(visit);
+        self.handed_over.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        // Two points, each within the limit.
-        let apart = self.difference.norm_sqr() > 4.0 * POINT_LIMIT * POINT_LIMIT || self.z_difference_rad.abs() > 4.0;
-        attitude_flaw(self.gyro)
-            .or(apart.then_some("a difference between two attitudes that no two have"))
-            .or_else(|| self.tilt.flaw())
-            .or_else(|| self.compass.flaw())
-            .or_else(|| self.carried.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        // The offset is the difference of two points, each within the maximum modulus.
+        let out_of_range = self.w_offset.norm_sqr() > 4.0 * MAX_POINT_MODULUS * MAX_POINT_MODULUS || self.z_offset_rad.abs() > 4.0;
+        attitude_validation_error(self.gyro_attitude)
+            .or(out_of_range.then_some("an offset out of range between the fused attitude and the gyro's"))
+            .or_else(|| self.tilt_uncertainty.validation_error())
+            .or_else(|| self.compass.validation_error())
+            .or_else(|| self.handed_over.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
+        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.bias();
         Estimate {
-            attitude: self.fused(),
+            attitude: self.fused_attitude(),
             reference: self.compass.reference(),
             bias_rad_s,
-            inclination_sd_rad: self.tilt.sd_rad(),
+            inclination_sd_rad: self.tilt_uncertainty.sd_rad(),
             heading_sd_rad: self.compass.sd_rad(),
             bias_sd_rad_s,
-            gyro_scale: self.carried.gyro_scale(),
-            hard_iron: self.carried.hard_iron(),
+            gyro_scale: self.handed_over.gyro_scale(),
+            hard_iron: self.handed_over.hard_iron(),
             leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 
-    /// The gyro's attitude comes from outside and is another one than this; the difference is taken at the next motion.
+    /// Adopts an attitude from outside, which differs from the gyro slot's. The offset is computed
+    /// at the next motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
-        self.gyro = common.attitude;
-        (self.difference, self.z_difference_rad) = (Complex::new(0.0, 0.0), 0.0);
+        common.validate()?;
+        self.gyro_attitude = common.attitude;
+        (self.w_offset, self.z_offset_rad) = (Complex::new(0.0, 0.0), 0.0);
         (self.adopted, self.started) = (true, true);
-        self.tilt = Spread::of(common.inclination_sd_rad);
-        self.compass = Compass::of(common.reference, common.heading_sd_rad);
-        self.carried = Carried::of(common);
+        self.tilt_uncertainty = AngleUncertainty::from_sd(common.inclination_sd_rad);
+        self.compass = Compass::new(common.reference, common.heading_sd_rad);
+        self.handed_over = HandedOverBias::from_estimate(common);
         Ok(())
     }
 }

@@ -1,8 +1,13 @@
 //! Gyro stages: from the rate to an open-loop attitude and the exact rotation of each step.
 //!
-//! Input: the body rate and the length of the interval. Output: the integrated attitude, and the turn (p, s) that a fuser applies
-//! to its own state. Time: the interval; one that is not finite or below zero is none. Failure: a rate that is not finite is that of
-//! the sample before; the attitude drifts with the gyro's bias, without bound.
+//! Input: the body rate and the length of the interval.
+//!
+//! Output: the integrated attitude, and the rotation (p, s) that a fuser applies to its own state.
+//!
+//! Time: the length of the interval. An interval that is negative or not finite counts as 0.
+//!
+//! Failure: a rate that is not finite is replaced by the previous one. The attitude drifts with the
+//! gyro bias, without bound.
 
 mod coning;
 mod motion;
@@ -11,17 +16,17 @@ pub use motion::{Motion, RateKind, RateSample};
 
 use crate::{
     Vector3, kinematics,
-    numbers::Numbers,
-    stage::{RestoreError, Stage, attitude_flaw},
+    scalars::Scalars,
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
-    turn::Turn,
+    rotation::Rotation,
 };
 use coning::Coning;
 
-/// Faster than any gyro's range, rad/s; what is beyond it is taken for this.
-const RATE_MAX_RAD_S: f64 = 1000.0;
+/// Limit that rates are clamped to, rad/s, above the range of any gyro.
+const MAX_RATE_RAD_S: f64 = 1000.0;
 
-/// How a gyro stage integrates.
+/// Integration method of a gyro stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Method {
     Mobius,
@@ -30,27 +35,30 @@ enum Method {
     Euler,
 }
 
-/// A gyro stage: `mobius`, `mobius-coning`, `rk4` or `euler`.
+/// Gyro stage: `mobius`, `mobius-coning`, `rk4` or `euler`.
 ///
-/// `mobius` is exact for a constant rate. `mobius-coning` takes the turning of the rate's axis from the samples before into account,
-/// for bodies that vibrate. `rk4` is what the simulation S1 of Matveev 2025 uses: in a rotation of 4 rad/s sampled at 286 Hz it drifts
-/// by some 2e-6° a minute. `euler` drifts by tens of degrees a minute at 4 rad/s; it is here because the article counts its operations
-/// on it.
+/// - `mobius` is exact for a constant rate.
+/// - `mobius-coning` also compensates the motion of the rotation axis, estimated from the previous
+///   samples, for bodies that vibrate.
+/// - `rk4` is the method of the simulation S1 of Matveev 2025. In a rotation of 4 rad/s sampled at
+///   286 Hz it drifts by some 2e-6° a minute.
+/// - `euler` drifts by tens of degrees a minute at 4 rad/s. It is included because the article
+///   counts operations for this method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {
     method: Method,
     attitude: Attitude,
-    rate_before_rad_s: Vector3<f64>,
+    previous_rate_rad_s: Vector3<f64>,
     started: bool,
     coning: Coning,
 }
 
 impl Gyro {
-    /// The stages of this slot; the first is the default.
+    /// Names of the stages; the first is the default.
     pub const NAMES: [&'static str; 4] = ["mobius", "mobius-coning", "rk4", "euler"];
 
-    /// The stage of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Creates the stage with the given name, or returns `None` for an unknown name.
+    pub fn from_name(name: &str) -> Option<Self> {
         let method = match name {
             "mobius" => Method::Mobius,
             "mobius-coning" => Method::MobiusConing,
@@ -61,19 +69,19 @@ impl Gyro {
         Some(Self {
             method,
             attitude: Attitude::default(),
-            rate_before_rad_s: Vector3::zeros(),
+            previous_rate_rad_s: Vector3::zeros(),
             started: false,
             coning: Coning::default(),
         })
     }
 
-    /// The open-loop attitude.
+    /// Returns the open-loop attitude.
     pub fn attitude(&self) -> Attitude {
         self.attitude
     }
 }
 
-/// A stage that the slot `gyro` takes.
+/// Stage that can fill the slot `gyro`.
 pub trait GyroStage: Stage<Input = RateSample, Output = Motion, Common = Attitude> + Clone {
     /// Sets the attitude to integrate from.
     fn align(&mut self, attitude: Attitude);
@@ -88,7 +96,7 @@ impl GyroStage for Gyro {
 impl Stage for Gyro {
     type Input = RateSample;
     type Output = Motion;
-    /// The open-loop attitude.
+    /// Open-loop attitude.
     type Common = Attitude;
 
     fn name(&self) -> &'static str {
@@ -102,56 +110,58 @@ impl Stage for Gyro {
 
     #[inline]
     fn step(&mut self, sample: &RateSample) -> Motion {
-        let in_time = sample.dt_s >= 0.0 && sample.dt_s.is_finite();
-        let dt_s = if in_time { sample.dt_s } else { 0.0 };
-        let number = sample.rate_rad_s.iter().all(|component| component.is_finite());
-        let rate_rad_s = if number { sample.rate_rad_s } else { self.rate_before_rad_s };
-        let after = rate_rad_s.map(|component| component.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
-        let before = match sample.kind {
-            RateKind::Instant if self.started => self.rate_before_rad_s,
-            _ => after,
+        let is_valid = sample.dt_s >= 0.0 && sample.dt_s.is_finite();
+        let dt_s = if is_valid { sample.dt_s } else { 0.0 };
+        let is_finite = sample.rate_rad_s.iter().all(|component| component.is_finite());
+        let rate_rad_s = if is_finite { sample.rate_rad_s } else { self.previous_rate_rad_s };
+        let end_rad_s = rate_rad_s.map(|component| component.clamp(-MAX_RATE_RAD_S, MAX_RATE_RAD_S));
+        let start_rad_s = match sample.kind {
+            RateKind::Instant if self.started => self.previous_rate_rad_s,
+            _ => end_rad_s,
         };
-        let mut mean = before * 0.5 + after * 0.5;
-        let from = self.attitude;
-        let turn = match self.method {
+        let mut mean_rad_s = start_rad_s * 0.5 + end_rad_s * 0.5;
+        let start = self.attitude;
+        let rotation = match self.method {
             Method::Mobius => {
-                let turn = Turn::of_rotation_vector(mean * dt_s);
-                self.attitude.turn(turn);
-                turn
+                let rotation = Rotation::from_rotation_vector(mean_rad_s * dt_s);
+                self.attitude.rotate(rotation);
+                rotation
             }
             Method::MobiusConing => {
-                let rotation = self.coning.step(&RateSample { rate_rad_s: after, dt_s, ..*sample });
-                mean = rotation.mean_rate_rad_s;
-                let turn = Turn::of_rotation_vector(rotation.vector_rad);
-                self.attitude = from.turned(turn).attitude;
-                turn
+                let interval = self.coning.step(&RateSample { rate_rad_s: end_rad_s, dt_s, ..*sample });
+                mean_rad_s = interval.mean_rate_rad_s;
+                let rotation = Rotation::from_rotation_vector(interval.vector_rad);
+                self.attitude = start.rotated(rotation).attitude;
+                rotation
             }
             Method::Rk4 => {
-                self.attitude = kinematics::rk4(from, |fraction| before + (after - before) * fraction, dt_s);
-                Turn::between(from, self.attitude)
+                self.attitude = kinematics::rk4(start, |fraction| start_rad_s + (end_rad_s - start_rad_s) * fraction, dt_s);
+                Rotation::between(start, self.attitude)
             }
             Method::Euler => {
-                self.attitude = kinematics::euler(from, before, dt_s);
-                Turn::between(from, self.attitude)
+                self.attitude = kinematics::euler(start, start_rad_s, dt_s);
+                Rotation::between(start, self.attitude)
             }
         };
-        self.rate_before_rad_s = after;
+        self.previous_rate_rad_s = end_rad_s;
         self.started = true;
-        Motion { attitude: self.attitude, turn, rate_rad_s: mean, dt_s }
+        Motion { attitude: self.attitude, rotation, rate_rad_s: mean_rad_s, dt_s }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.attitude.visit(visit);
-        self.rate_before_rad_s.visit(visit);
+        self.previous_rate_rad_s.visit(visit);
         self.started.visit(visit);
         if self.method == Method::MobiusConing {
             self.coning.visit(visit);
         }
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        let beyond = self.rate_before_rad_s.amax() > RATE_MAX_RAD_S;
-        attitude_flaw(self.attitude).or(beyond.then_some("a rate above 1000 rad/s")).or_else(|| self.coning.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        let too_fast = self.previous_rate_rad_s.amax() > MAX_RATE_RAD_S;
+        attitude_validation_error(self.attitude)
+            .or(too_fast.then_some("a rate above 1000 rad/s"))
+            .or_else(|| self.coning.validation_error())
     }
 
     fn common(&self) -> Attitude {
@@ -159,7 +169,7 @@ impl Stage for Gyro {
     }
 
     fn adopt(&mut self, attitude: &Attitude) -> Result<(), RestoreError> {
-        attitude.checked()?;
+        attitude.validate()?;
         self.attitude = *attitude;
         Ok(())
     }

@@ -1,63 +1,64 @@
-//! A sample of the rate, and the motion that a gyro stage makes of it.
+//! Rate samples and the motion that a gyro stage computes from them.
 
 use crate::{
     Vector3,
-    numbers::Numbers,
-    stage::{Sound, UNIT, attitude_flaw},
+    scalars::Scalars,
+    stage::{Validate, UNIT_NORM_SQUARED_TOLERANCE, attitude_validation_error},
     state::Attitude,
-    turn::Turn,
+    rotation::Rotation,
 };
 
-/// What a rate sample says about its interval.
+/// Relation of a rate sample to its interval.
 ///
-/// It matters: an instant taken for a mean is half an interval late (at 4 rad/s and 100 Hz by 1.1°, with a wrong bias after it); a
-/// mean that is averaged with the one before is late by as much. A MEMS gyro that is read as often as it filters gives means, a
-/// simulation or a gyro read far more seldom gives instants.
+/// The distinction matters. An instant treated as a mean lags by half an interval (by 1.1° at 4
+/// rad/s and 100 Hz, which also biases the gyro bias estimate); a mean that is averaged with the
+/// previous one lags by as much. A MEMS gyro that is read at its filter rate reports means, a
+/// simulation or a gyro read at a much lower rate reports instants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RateKind {
     #[default]
-    /// The mean over the interval, as an integrating or low-passed sensor gives it.
+    /// Mean over the interval, as of an integrating or low-pass filtered sensor.
     Mean,
-    /// The value at the interval's end; the mean is taken as that of both ends.
+    /// Value at the end of the interval. The mean is that of both ends.
     Instant,
 }
 
-/// One interval of the gyro.
+/// Gyro sample of one interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RateSample {
     /// Body rate, rad/s.
     pub rate_rad_s: Vector3<f64>,
     /// Length of the interval, s; 0 for the first sample.
     pub dt_s: f64,
-    /// What the rate means.
+    /// Relation of the rate to the interval.
     pub kind: RateKind,
 }
 
-/// The motion over one interval.
+/// Motion over one interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Motion {
-    /// Open-loop attitude at the interval's end.
+    /// Open-loop attitude at the end of the interval.
     pub attitude: Attitude,
-    /// The turn of the body over the interval.
-    pub turn: Turn,
+    /// Rotation of the body over the interval.
+    pub rotation: Rotation,
     /// Mean rate over the interval, rad/s.
     pub rate_rad_s: Vector3<f64>,
     /// Length of the interval, s.
     pub dt_s: f64,
 }
 
-impl Sound for Motion {
-    fn flaw(&self) -> Option<&'static str> {
-        let Self { attitude, turn, rate_rad_s, dt_s } = self;
-        let unit = libm::fabs(turn.p.norm_sqr() + turn.s.norm_sqr() - 1.0) <= UNIT;
+impl Validate for Motion {
+    fn validation_error(&self) -> Option<&'static str> {
+        let Self { attitude, rotation, rate_rad_s, dt_s } = self;
+        let unit = libm::fabs(rotation.p.norm_sqr() + rotation.s.norm_sqr() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;
         let finite = (rate_rad_s.sum() + dt_s).is_finite();
-        attitude_flaw(*attitude)
-            .or((!unit).then_some("a turn that is not of unit length"))
+        attitude_validation_error(*attitude)
+            .or((!unit).then_some("a rotation that is not of unit length"))
             .or((!finite).then_some("a number that is not finite"))
     }
 }
 
-impl Numbers for RateSample {
+impl Scalars for RateSample {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         let Self { rate_rad_s, dt_s, kind } = self;
         rate_rad_s.visit(visit);
@@ -68,11 +69,11 @@ impl Numbers for RateSample {
     }
 }
 
-impl Numbers for Motion {
+impl Scalars for Motion {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { attitude, turn, rate_rad_s, dt_s } = self;
+        let Self { attitude, rotation, rate_rad_s, dt_s } = self;
         attitude.visit(visit);
-        turn.visit(visit);
+        rotation.visit(visit);
         rate_rad_s.visit(visit);
         dt_s.visit(visit);
     }

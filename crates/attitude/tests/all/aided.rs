@@ -2,20 +2,20 @@
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     parameters::ParameterError,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use proptest::prelude::*;
 use scenario::{Field, Reading, Scenario};
 
 fn aided(settings: &[(&str, f64)]) -> Fuser {
-    let mut fuser = Fuser::named("aided").unwrap();
+    let mut fuser = Fuser::from_name("aided").unwrap();
     settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
     fuser
 }
@@ -31,7 +31,7 @@ struct Front {
 
 impl Front {
     fn new(kind: RateKind) -> Self {
-        let (gyro, accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+        let (gyro, accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
         Self { gyro, accel, kind, before_s: None }
     }
 
@@ -82,8 +82,8 @@ fn without_a_receiver_gravity_levels_it_on_a_body_that_turns_in_place() {
     println!("s1 without a receiver: {error_deg:.3}°");
     // It cannot know that the body stays in its place: 50 m/s along and 4 m/s across the course are assumed as possible.
     assert!(error_deg < 4.0);
-    assert_eq!(fuser.common().reference, Reference::Arbitrary);
-    assert!(fuser.flaw().is_none());
+    assert_eq!(fuser.common().reference, CourseReference::Arbitrary);
+    assert!(fuser.validation_error().is_none());
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn a_day_of_flight_ends_as_the_first_hour_did() {
                 hour.1 += 1.0;
             }
             if t_s % 60.0 == 0.0 {
-                flaw = flaw.or(fuser.flaw());
+                flaw = flaw.or(fuser.validation_error());
             }
         }
         let [first, .., last, _] = hours.map(|(sum, count): (f64, f64)| libm::sqrt(sum / count));
@@ -164,10 +164,10 @@ fn a_covariance_that_cannot_be_is_refused() {
     let damaged = |change: fn(&mut [f64])| {
         let mut damaged = record;
         change(&mut damaged.values[at..]);
-        damaged.checksum = damaged.sum();
+        damaged.checksum = damaged.compute_checksum();
         fuser.clone().restore(&damaged)
     };
-    let flaw = |flaw: &'static str| Err(RestoreError::Flaw { flaw });
+    let flaw = |flaw: &'static str| Err(RestoreError::Invalid { reason: flaw });
     assert_eq!(damaged(|_| ()), Ok(()));
     assert_eq!(damaged(|p| p[0] = -1.0), flaw("a variance below zero"));
     assert_eq!(damaged(|p| p[1] *= 2.0), flaw("a covariance that is not symmetric"));
@@ -183,7 +183,7 @@ fn the_course_is_true_once_the_body_moves_and_its_error_is_told() {
     let scenario = Scenario::named("cruise?duration_s=400").unwrap();
     let mut outside = 0;
     fly(&scenario, &mut aided(&[]), |t_s, out, truth| {
-        assert!(t_s < 1.0 || out.reference == Reference::True);
+        assert!(t_s < 1.0 || out.reference == CourseReference::True);
         let error_rad = wrapped_rad(out.attitude.angles().yaw_rad - truth.angles().yaw_rad).abs();
         outside += u32::from(t_s > 1.0 && error_rad > 3.0 * out.heading_sd_rad);
     });
@@ -234,7 +234,7 @@ fn the_field_gives_a_heading_only_where_it_is_asked_to() {
     let mut scenario = Scenario::named("cruise?duration_s=300&gnss=never").unwrap();
     scenario.errors.field = Some(Field { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let heading_deg = |settings: &[(&str, f64)]| {
-        let (mut worst_deg, mut reference) = (0.0f64, Reference::Arbitrary);
+        let (mut worst_deg, mut reference) = (0.0f64, CourseReference::Arbitrary);
         fly(&scenario, &mut aided(settings), |t_s, out, truth| {
             let error_rad = wrapped_rad(out.attitude.angles().yaw_rad - truth.angles().yaw_rad).abs();
             worst_deg = if t_s > 120.0 { worst_deg.max(error_rad.to_degrees()) } else { 0.0 };
@@ -244,9 +244,9 @@ fn the_field_gives_a_heading_only_where_it_is_asked_to() {
     };
     let (off, on) = (heading_deg(&[]), heading_deg(&[("magnetic", 1.0)]));
     println!("heading by the field: {:.2}° at most; without {:.1}°", on.0, off.0);
-    assert!(off.1 == Reference::Arbitrary && on.1 == Reference::Magnetic && on.0 < 10.0);
+    assert!(off.1 == CourseReference::Arbitrary && on.1 == CourseReference::Magnetic && on.0 < 10.0);
     let declined = heading_deg(&[("magnetic", 1.0), ("declination_deg", 11.0)]);
-    assert!(declined.1 == Reference::True && (declined.0 - 11.0).abs() < on.0 + 3.0);
+    assert!(declined.1 == CourseReference::True && (declined.0 - 11.0).abs() < on.0 + 3.0);
 }
 
 #[test]
@@ -332,7 +332,7 @@ prop_compose! {
     ) -> FuserInput {
         let motion = rate.map(|rate_rad_s| {
             let turned = (rate_rad_s * dt_s).map(|x| x.clamp(-1e3, 1e3));
-            Motion { attitude: Attitude::default(), turn: Turn::of_rotation_vector(turned), rate_rad_s, dt_s }
+            Motion { attitude: Attitude::default(), rotation: Rotation::from_rotation_vector(turned), rate_rad_s, dt_s }
         });
         let inclination = force.map(|force| Projector::default().step(&force));
         let fix = fix.map(|(velocity_m_s, sd_m_s, age_s, latitude_rad)| Fix { velocity_m_s, sd_m_s, age_s, latitude_rad });
@@ -352,7 +352,7 @@ proptest! {
             prop_assert!((q.norm() - 1.0).abs() < 1e-9, "{q:?}");
             let numbers = [out.inclination_sd_rad, out.heading_sd_rad, out.innovation_rad, out.bias_rad_s.amax()];
             prop_assert!(numbers.iter().all(|x| x.is_finite()), "{out:?}");
-            prop_assert_eq!(fuser.flaw(), None);
+            prop_assert_eq!(fuser.validation_error(), None);
         }
         let record = fuser.snapshot();
         prop_assert!(record.values.iter().all(|x| x.is_finite()));

@@ -41,8 +41,8 @@ fn inclination_rad(a: Quaternion<f64>, b: Quaternion<f64>) -> f64 {
 fn inclination_on_broad_is_within_the_limit() {
     let mut rmses_deg = Vec::new();
     for trial in trials() {
-        let mut gyro = Gyro::named("mobius").unwrap();
-        let (mut accel, mut fuser) = (Projector::default(), Fuser::named("wz").unwrap());
+        let mut gyro = Gyro::from_name("mobius").unwrap();
+        let (mut accel, mut fuser) = (Projector::default(), Fuser::from_name("wz").unwrap());
         let (mut sum, mut count, mut sd2) = (0.0, 0.0, 0.0);
         for (tick, row) in Reader::open(&trial).unwrap().enumerate() {
             let row = row.unwrap();

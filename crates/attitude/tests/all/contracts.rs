@@ -3,12 +3,12 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     angles::Angles,
-    course::Reference,
+    course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, Motion, RateKind, RateSample},
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use proptest::prelude::*;
 use scenario::Scenario;
@@ -21,9 +21,9 @@ const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -44.0);
 
 /// What a body without errors gives at one tick.
 fn truth(attitude: Attitude, rate_rad_s: Vector3<f64>, dt_s: f64) -> FuserInput {
-    let turn = Turn::of_rotation_vector(rate_rad_s * dt_s);
+    let turn = Rotation::from_rotation_vector(rate_rad_s * dt_s);
     FuserInput {
-        motion: Some(Motion { attitude, turn, rate_rad_s, dt_s }),
+        motion: Some(Motion { attitude, rotation: turn, rate_rad_s, dt_s }),
         inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
         field_ut: Some(attitude.matrix() * FIELD_UT),
         rest_credible: true,
@@ -39,7 +39,7 @@ fn angle_deg(one: Attitude, other: Attitude) -> f64 {
 
 /// S3's simulation as a fuser is offered it; the field at every third tick.
 fn s3() -> Vec<FuserInput> {
-    let (mut gyro, mut accel, mut before_s) = (Gyro::named("mobius-coning").unwrap(), Projector::default(), 0.0);
+    let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius-coning").unwrap(), Projector::default(), 0.0);
     let scenario = Scenario::named("s3").unwrap();
     let input = |(index, (t_s, reading)): (usize, (f64, scenario::Reading))| {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: t_s - before_s, kind: scenario.rate_kind };
@@ -61,11 +61,11 @@ fn a_restored_fuser_goes_on_bit_for_bit_from_any_tick() {
     let inputs = s3();
     for name in FUSERS {
         for tick in [0, 1, 2, 3, 10, 40, 200, 1000, 1500] {
-            let mut fuser = Fuser::named(name).unwrap();
+            let mut fuser = Fuser::from_name(name).unwrap();
             for input in &inputs[..tick] {
                 fuser.step(input);
             }
-            let mut restored = Fuser::named(name).unwrap();
+            let mut restored = Fuser::from_name(name).unwrap();
             restored.restore(&fuser.snapshot()).unwrap();
             assert_eq!(restored, fuser);
             for input in &inputs[tick..] {
@@ -82,7 +82,7 @@ fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
     for name in Gyro::NAMES {
         for kind in [RateKind::Mean, RateKind::Instant] {
             for tick in 0..10 {
-                let mut gyro = Gyro::named(name).unwrap();
+                let mut gyro = Gyro::from_name(name).unwrap();
                 let step = |gyro: &mut Gyro, index: usize| {
                     let dt_s = if index == 0 { 0.0 } else { 0.01 };
                     gyro.step(&RateSample { rate_rad_s: readings[index].1.rate_rad_s, dt_s, kind })
@@ -90,7 +90,7 @@ fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
                 for index in 0..tick {
                     step(&mut gyro, index);
                 }
-                let mut restored = Gyro::named(name).unwrap();
+                let mut restored = Gyro::from_name(name).unwrap();
                 restored.restore(&gyro.snapshot()).unwrap();
                 for index in tick..100 {
                     assert_eq!(step(&mut gyro, index), step(&mut restored, index), "{name} {kind:?} from tick {tick}");
@@ -103,7 +103,7 @@ fn a_restored_gyro_goes_on_bit_for_bit_from_any_tick() {
 #[test]
 fn a_record_with_a_number_that_no_state_has_is_refused() {
     for name in FUSERS {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         for input in &s3() {
             fuser.step(input);
         }
@@ -112,9 +112,9 @@ fn a_record_with_a_number_that_no_state_has_is_refused() {
         for index in 0..good.len {
             let mut bad = good;
             bad.values[index] = -1e6;
-            bad.checksum = bad.sum();
+            bad.checksum = bad.compute_checksum();
             let before = fuser.clone();
-            refused += usize::from(matches!(fuser.restore(&bad), Err(RestoreError::Flaw { .. })));
+            refused += usize::from(matches!(fuser.restore(&bad), Err(RestoreError::Invalid { .. })));
             assert!(fuser == before || fuser.restore(&good) == Ok(()));
         }
         println!("{name}: {refused} of {} numbers", good.len);
@@ -125,18 +125,18 @@ fn a_record_with_a_number_that_no_state_has_is_refused() {
 
 #[test]
 fn the_first_field_sets_the_heading_and_the_later_ones_hold_it() {
-    let attitude = Attitude::of_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.4, roll_rad: -2.5 });
+    let attitude = Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.4, roll_rad: -2.5 });
     // The gyro slot knows no heading and drifts by 0.2 °/s.
     let gyro = |t_s: f64| Attitude { z_rad: wrapped_rad(attitude.z_rad - 2.0 + 0.0035 * t_s), ..attitude };
     for name in FUSERS {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         let mut last = None;
         for tick in 0..40_000u32 {
             let mut input = truth(attitude, attitude.up.direction() * 0.0035, 0.005);
             input.motion.as_mut().unwrap().attitude = gyro(f64::from(tick) * 0.005);
             input.field_ut = input.field_ut.filter(|_| tick % 4 == 3);
             let out: Fused = fuser.step(&input);
-            let expected = if tick < 3 { Reference::Arbitrary } else { Reference::Magnetic };
+            let expected = if tick < 3 { CourseReference::Arbitrary } else { CourseReference::Magnetic };
             assert_eq!(out.reference, expected, "{name}, tick {tick}");
             assert_eq!(out.corrections.aligned, tick == 0 || tick == 3, "{name}, tick {tick}");
             if tick == 3 {
@@ -156,15 +156,15 @@ fn the_first_field_sets_the_heading_and_the_later_ones_hold_it() {
 #[test]
 fn a_fuser_goes_on_where_another_was() {
     let moves = Vector3::new(0.5, -0.3, 0.8);
-    let start = Attitude::of_angles(Angles { yaw_rad: -1.0, pitch_rad: 0.7, roll_rad: 2.2 });
+    let start = Attitude::from_angles(Angles { yaw_rad: -1.0, pitch_rad: 0.7, roll_rad: 2.2 });
     for name in FUSERS {
         for (reference, rate_rad_s) in [
-            (Reference::Arbitrary, moves),
-            (Reference::Magnetic, moves),
-            (Reference::True, moves),
-            (Reference::Magnetic, Vector3::zeros()),
+            (CourseReference::Arbitrary, moves),
+            (CourseReference::Magnetic, moves),
+            (CourseReference::True, moves),
+            (CourseReference::Magnetic, Vector3::zeros()),
         ] {
-            let mut fuser = Fuser::named(name).unwrap();
+            let mut fuser = Fuser::from_name(name).unwrap();
             let estimate = Estimate {
                 attitude: start,
                 reference,
@@ -179,11 +179,11 @@ fn a_fuser_goes_on_where_another_was() {
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");
             // The gyro slot's attitude is quite another one.
-            let mut gyro = Gyro::named("mobius").unwrap();
-            gyro.align(Attitude::of_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
+            let mut gyro = Gyro::from_name("mobius").unwrap();
+            gyro.align(Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
             let mut attitude = start;
             for tick in 0..1000 {
-                attitude = attitude.turned(Turn::of_rotation_vector(rate_rad_s * 0.01)).attitude;
+                attitude = attitude.rotated(Rotation::from_rotation_vector(rate_rad_s * 0.01)).attitude;
                 let mut input = truth(attitude, rate_rad_s, 0.01);
                 let sample = RateSample { rate_rad_s, dt_s: 0.01, kind: RateKind::Mean };
                 input.motion = Some(gyro.step(&sample));
@@ -206,9 +206,9 @@ fn a_fuser_goes_on_where_another_was() {
 #[test]
 fn a_time_constant_of_the_tilt_is_the_one_that_is_set() {
     for (name, time_constant_s) in [("wz-closed", 0.5), ("wz-closed", 4.0), ("wz-open", 0.5), ("wz-open", 4.0)] {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         fuser.set("time_constant_s", time_constant_s).unwrap();
-        let tilted = Attitude::of_angles(Angles { pitch_rad: 0.01, ..Angles::default() });
+        let tilted = Attitude::from_angles(Angles { pitch_rad: 0.01, ..Angles::default() });
         fuser.step(&truth(tilted, Vector3::zeros(), 0.0));
         let mut left_deg = 0.0;
         for _ in 0..(time_constant_s * 100.0) as u32 {
@@ -227,15 +227,15 @@ fn a_day_adds_nothing_to_the_error() {
     let bias_rad_s = Vector3::new(3e-4, -3e-4, 3e-4);
     let (dt_s, hour) = (0.04, 90_000);
     for name in ["wz-closed", "madgwick", "madgwick-improved", "vqf"] {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         let mut attitude = Attitude::default();
         let mut worst_deg = [0.0f64; 24];
         for tick in 0..24 * hour {
-            attitude = attitude.turned(Turn::of_rotation_vector(rate_rad_s * dt_s)).attitude;
+            attitude = attitude.rotated(Rotation::from_rotation_vector(rate_rad_s * dt_s)).attitude;
             let mut input = truth(attitude, rate_rad_s, dt_s);
             let motion = input.motion.as_mut().unwrap();
             motion.rate_rad_s += bias_rad_s;
-            motion.turn = Turn::of_rotation_vector(motion.rate_rad_s * dt_s);
+            motion.rotation = Rotation::from_rotation_vector(motion.rate_rad_s * dt_s);
             let error_deg = angle_deg(fuser.step(&input).attitude, attitude);
             worst_deg[tick / hour] = worst_deg[tick / hour].max(error_deg);
         }
@@ -272,13 +272,13 @@ proptest! {
     #[test]
     fn no_input_leads_out_of_the_finite_numbers(ticks in prop::collection::vec(tick(), 1..200)) {
         for name in FUSERS {
-            let mut fuser = Fuser::named(name).unwrap();
+            let mut fuser = Fuser::from_name(name).unwrap();
             let mut open = Attitude::default();
             for (index, (rate, force, field_ut, dt_s, rest_credible)) in ticks.iter().enumerate() {
                 let motion = rate.map(|rate_rad_s| {
-                    let turn = Turn::of_rotation_vector(rate_rad_s.map(|x| x.clamp(-1e3, 1e3)) * *dt_s);
-                    open = open.turned(turn).attitude;
-                    Motion { attitude: open, turn, rate_rad_s, dt_s: *dt_s }
+                    let rotation = Rotation::from_rotation_vector(rate_rad_s.map(|x| x.clamp(-1e3, 1e3)) * *dt_s);
+                    open = open.rotated(rotation).attitude;
+                    Motion { attitude: open, rotation, rate_rad_s, dt_s: *dt_s }
                 });
                 let inclination = force.map(|force| Projector::default().step(&force)).filter(|seen| seen.trust > 0.0);
                 let input = FuserInput {
@@ -298,19 +298,19 @@ proptest! {
                 prop_assert!(numbers.iter().all(|x| x.is_finite()), "{name}, tick {index}: {out:?}");
                 prop_assert!(out.heading_sd_rad >= 0.0 && out.inclination_sd_rad >= 0.0);
             }
-            let mut restored = Fuser::named(name).unwrap();
+            let mut restored = Fuser::from_name(name).unwrap();
             prop_assert_eq!(restored.restore(&fuser.snapshot()), Ok(()), "{}", name);
         }
     }
 
     #[test]
     fn no_interval_leads_coning_out_of_the_finite_numbers(ticks in prop::collection::vec(([-1e3..1e3, -1e3..1e3, -1e3..1e3], 0.0..1.0f64, any::<bool>()), 1..100)) {
-        let mut gyro = Gyro::named("mobius-coning").unwrap();
+        let mut gyro = Gyro::from_name("mobius-coning").unwrap();
         for (rate, dt_s, mean) in ticks {
             let kind = if mean { RateKind::Mean } else { RateKind::Instant };
             let out = gyro.step(&RateSample { rate_rad_s: Vector3::from(rate), dt_s, kind });
             prop_assert!(out.rate_rad_s.iter().all(|x| x.is_finite()) && out.attitude.z_rad.is_finite());
-            prop_assert!((out.turn.quaternion().norm() - 1.0).abs() < 1e-9);
+            prop_assert!((out.rotation.quaternion().norm() - 1.0).abs() < 1e-9);
         }
     }
 }

@@ -4,19 +4,19 @@ use std::f64::consts::{PI, TAU};
 use attitude::{
     Vector3,
     angles::Angles,
-    course::{Course, CourseInput, Reading, Reference},
+    course::{Course, CourseInput, CourseReading, CourseReference},
     gnss::Fix,
     stage::Stage,
     state::{Attitude, wrapped_rad},
 };
 use proptest::prelude::*;
 
-const REFERENCES: [Reference; 3] = [Reference::Arbitrary, Reference::Magnetic, Reference::True];
+const REFERENCES: [CourseReference; 3] = [CourseReference::Arbitrary, CourseReference::Magnetic, CourseReference::True];
 
 /// An attitude of that yaw, rad, level.
-fn input(yaw_rad: f64, reference: Reference) -> CourseInput {
-    let attitude = Attitude::of_angles(Angles { yaw_rad, ..Angles::default() });
-    let heading_sd_rad = if reference == Reference::Arbitrary { PI } else { 0.02 };
+fn input(yaw_rad: f64, reference: CourseReference) -> CourseInput {
+    let attitude = Attitude::from_angles(Angles { yaw_rad, ..Angles::default() });
+    let heading_sd_rad = if reference == CourseReference::Arbitrary { PI } else { 0.02 };
     CourseInput { attitude, reference, heading_sd_rad, fix: None, dt_s: 0.01 }
 }
 
@@ -27,7 +27,7 @@ fn fix(track_rad: f64, speed_m_s: f64) -> Option<Fix> {
 }
 
 fn course(name: &str, settings: &[(&str, f64)]) -> Course {
-    let mut course = Course::named(name).unwrap();
+    let mut course = Course::from_name(name).unwrap();
     settings.iter().for_each(|(name, value)| course.set(name, *value).unwrap());
     course
 }
@@ -36,10 +36,10 @@ fn course(name: &str, settings: &[(&str, f64)]) -> Course {
 fn run(
     course: &mut Course,
     seconds: f64,
-    reference: Reference,
+    reference: CourseReference,
     yaw: impl Fn(f64) -> f64,
     track: impl Fn(f64) -> Option<Fix>,
-) -> Vec<Reading> {
+) -> Vec<CourseReading> {
     (0..(seconds * 100.0) as u32)
         .map(|tick| {
             let t_s = f64::from(tick) / 100.0;
@@ -49,7 +49,7 @@ fn run(
         .collect()
 }
 
-fn off_deg(reading: &Reading, course_rad: f64) -> f64 {
+fn off_deg(reading: &CourseReading, course_rad: f64) -> f64 {
     wrapped_rad(reading.course_rad - course_rad).to_degrees()
 }
 
@@ -60,11 +60,11 @@ proptest! {
             for reference in REFERENCES {
                 let reading = course(name, &[("declination_deg", declination_deg)]).step(&input(yaw_rad, reference));
                 prop_assert!((0.0..TAU).contains(&reading.course_rad));
-                let turned = if reference == Reference::Magnetic { declination_deg.to_radians() } else { 0.0 };
+                let turned = if reference == CourseReference::Magnetic { declination_deg.to_radians() } else { 0.0 };
                 prop_assert!(off_deg(&reading, turned - yaw_rad).abs() < 1e-9);
                 prop_assert!(wrapped_rad(reading.angles.yaw_rad - yaw_rad).abs() < 1e-9, "yaw stays magnetic");
-                let truly = reference == Reference::Magnetic && declination_deg != 0.0;
-                prop_assert_eq!(reading.reference, if truly { Reference::True } else { reference });
+                let truly = reference == CourseReference::Magnetic && declination_deg != 0.0;
+                prop_assert_eq!(reading.reference, if truly { CourseReference::True } else { reference });
             }
         }
     }
@@ -75,10 +75,10 @@ proptest! {
     ) {
         let mut stage = course("track", &[]);
         let truth = |t_s: f64| from_rad + rate_rad_s * t_s;
-        let readings = run(&mut stage, 30.0, Reference::Arbitrary, |t| azimuth_rad - truth(t), |t| fix(truth(t), 20.0));
+        let readings = run(&mut stage, 30.0, CourseReference::Arbitrary, |t| azimuth_rad - truth(t), |t| fix(truth(t), 20.0));
         for (tick, reading) in readings.iter().enumerate() {
             prop_assert!(off_deg(reading, truth(tick as f64 / 100.0)).abs() < 1e-6);
-            prop_assert_eq!((reading.reference, reading.aligned), (Reference::True, tick == 0));
+            prop_assert_eq!((reading.reference, reading.aligned), (CourseReference::True, tick == 0));
         }
     }
 
@@ -101,7 +101,7 @@ proptest! {
                     latitude_rad: None,
                 };
                 let reading = stage.step(&CourseInput {
-                    attitude: Attitude::of_angles(Angles { yaw_rad, pitch_rad, roll_rad }),
+                    attitude: Attitude::from_angles(Angles { yaw_rad, pitch_rad, roll_rad }),
                     reference: REFERENCES[*reference],
                     heading_sd_rad: finite(*sd),
                     fix: Some(fix),
@@ -109,7 +109,7 @@ proptest! {
                 });
                 prop_assert!((0.0..TAU).contains(&reading.course_rad));
                 prop_assert!((0.0..=PI).contains(&reading.course_sd_rad));
-                prop_assert_eq!(stage.flaw(), None);
+                prop_assert_eq!(stage.validation_error(), None);
             }
         }
     }
@@ -118,36 +118,36 @@ proptest! {
 #[test]
 fn gyro_and_accelerometer_alone_give_an_arbitrary_course() {
     for name in Course::NAMES {
-        let reading = course(name, &[("declination_deg", 10.0)]).step(&input(1.0, Reference::Arbitrary));
-        assert_eq!((reading.reference, reading.course_sd_rad), (Reference::Arbitrary, PI));
+        let reading = course(name, &[("declination_deg", 10.0)]).step(&input(1.0, CourseReference::Arbitrary));
+        assert_eq!((reading.reference, reading.course_sd_rad), (CourseReference::Arbitrary, PI));
     }
 }
 
 #[test]
 fn east_declination_makes_the_true_course_the_larger() {
     for name in Course::NAMES {
-        let reading = course(name, &[("declination_deg", 12.0)]).step(&input(-1.0, Reference::Magnetic));
+        let reading = course(name, &[("declination_deg", 12.0)]).step(&input(-1.0, CourseReference::Magnetic));
         assert!((reading.course_rad - 1.0 - 12f64.to_radians()).abs() < 1e-12);
-        assert_eq!(reading.reference, Reference::True);
+        assert_eq!(reading.reference, CourseReference::True);
     }
 }
 
 #[test]
 fn angles_knows_no_track() {
     let mut stage = course("angles", &[]);
-    let readings = run(&mut stage, 5.0, Reference::Arbitrary, |_| 0.0, |_| fix(1.0, 20.0));
-    assert!(readings.iter().all(|reading| reading.reference == Reference::Arbitrary && reading.course_rad == 0.0));
+    let readings = run(&mut stage, 5.0, CourseReference::Arbitrary, |_| 0.0, |_| fix(1.0, 20.0));
+    assert!(readings.iter().all(|reading| reading.reference == CourseReference::Arbitrary && reading.course_rad == 0.0));
 }
 
 #[test]
 fn a_vehicle_that_does_not_move_has_no_track() {
     let mut stage = course("track", &[]);
     let noise = |t: f64| fix(t * 100.0, 0.3);
-    let readings = run(&mut stage, 20.0, Reference::Arbitrary, |_| 0.0, noise);
-    assert!(readings.iter().all(|reading| reading.reference == Reference::Arbitrary && !reading.aligned));
-    let moving = run(&mut stage, 1.0, Reference::Arbitrary, |_| 0.0, |_| fix(1.0, 10.0));
+    let readings = run(&mut stage, 20.0, CourseReference::Arbitrary, |_| 0.0, noise);
+    assert!(readings.iter().all(|reading| reading.reference == CourseReference::Arbitrary && !reading.aligned));
+    let moving = run(&mut stage, 1.0, CourseReference::Arbitrary, |_| 0.0, |_| fix(1.0, 10.0));
     assert_eq!(moving.iter().filter(|reading| reading.aligned).count(), 1);
-    let stopped = run(&mut stage, 60.0, Reference::Arbitrary, |_| 0.0, noise);
+    let stopped = run(&mut stage, 60.0, CourseReference::Arbitrary, |_| 0.0, noise);
     assert!(stopped.iter().all(|reading| off_deg(reading, 1.0).abs() < 1e-9), "parked, it holds its course");
 }
 
@@ -157,7 +157,7 @@ fn a_bias_costs_what_the_equation_says_and_in_a_gap_its_integral() {
     let mut stage = course("track", &[]);
     let covered = |t: f64| !(400.0..460.0).contains(&t);
     let readings =
-        run(&mut stage, 800.0, Reference::Arbitrary, |t| bias_rad_s * t, |t| fix(0.7, 20.0).filter(|_| covered(t)));
+        run(&mut stage, 800.0, CourseReference::Arbitrary, |t| bias_rad_s * t, |t| fix(0.7, 20.0).filter(|_| covered(t)));
     let at = |t_s: f64| off_deg(&readings[(t_s * 100.0) as usize - 1], 0.7);
     // T b = 2.5°, and 60 s more of 0.05 °/s in the gap.
     assert!((at(400.0) + 2.5).abs() < 0.01, "{}", at(400.0));
@@ -173,7 +173,7 @@ fn a_late_track_is_held_against_the_course_of_its_moment() {
     let mut stage = course("track", &[("time_constant_s", 5.0)]);
     let rate_rad_s = 0.1;
     let late = |t: f64| fix(rate_rad_s * (t - 0.5), 20.0).map(|fix| Fix { age_s: Some(0.5), ..fix });
-    let readings = run(&mut stage, 60.0, Reference::Arbitrary, |t| -rate_rad_s * t, late);
+    let readings = run(&mut stage, 60.0, CourseReference::Arbitrary, |t| -rate_rad_s * t, late);
     assert!(off_deg(readings.last().unwrap(), rate_rad_s * 59.99).abs() < 0.05);
 }
 
@@ -181,8 +181,8 @@ fn a_late_track_is_held_against_the_course_of_its_moment() {
 fn over_the_top_the_track_keeps_its_course() {
     let mut stage = course("track", &[]);
     let fly = |pitch_rad: f64| CourseInput {
-        attitude: Attitude::of_angles(Angles { yaw_rad: 0.3, pitch_rad, roll_rad: 0.0 }),
-        ..input(0.0, Reference::Arbitrary)
+        attitude: Attitude::from_angles(Angles { yaw_rad: 0.3, pitch_rad, roll_rad: 0.0 }),
+        ..input(0.0, CourseReference::Arbitrary)
     };
     stage.step(&CourseInput { fix: fix(1.0, 50.0), ..fly(0.0) });
     for tick in 0..=628 {
@@ -196,20 +196,20 @@ fn over_the_top_the_track_keeps_its_course() {
 fn a_fuser_whose_heading_becomes_true_sets_the_course_and_says_so() {
     for name in Course::NAMES {
         let mut stage = course(name, &[]);
-        run(&mut stage, 1.0, Reference::Arbitrary, |_| 0.0, |_| fix(1.0, 20.0));
-        let reading = stage.step(&input(-1.1, Reference::True));
-        assert_eq!((reading.reference, reading.aligned), (Reference::True, true), "{name}");
+        run(&mut stage, 1.0, CourseReference::Arbitrary, |_| 0.0, |_| fix(1.0, 20.0));
+        let reading = stage.step(&input(-1.1, CourseReference::True));
+        assert_eq!((reading.reference, reading.aligned), (CourseReference::True, true), "{name}");
         assert!(off_deg(&reading, 1.1).abs() < 1e-9);
-        assert!(!stage.step(&input(-1.1, Reference::True)).aligned);
+        assert!(!stage.step(&input(-1.1, CourseReference::True)).aligned);
     }
 }
 
 #[test]
 fn a_fuser_that_loses_its_reference_leaves_a_course_by_track_where_it_was() {
     let mut stage = course("track", &[]);
-    run(&mut stage, 1.0, Reference::True, |_| -1.0, |_| fix(1.0, 20.0));
-    let reading = stage.step(&input(2.0, Reference::Arbitrary));
-    assert_eq!((reading.reference, reading.aligned), (Reference::True, false));
+    run(&mut stage, 1.0, CourseReference::True, |_| -1.0, |_| fix(1.0, 20.0));
+    let reading = stage.step(&input(2.0, CourseReference::Arbitrary));
+    assert_eq!((reading.reference, reading.aligned), (CourseReference::True, false));
     assert!(off_deg(&reading, 1.0).abs() < 1e-9);
 }
 
@@ -218,17 +218,17 @@ fn a_restored_course_goes_on_bit_for_bit_and_an_adopted_one_where_it_was() {
     for name in Course::NAMES {
         let mut stage = course(name, &[]);
         let yaw = |t: f64| 0.01 * t;
-        run(&mut stage, 20.0, Reference::Arbitrary, yaw, |t| fix(0.7 + 0.1 * t.sin(), 20.0));
+        run(&mut stage, 20.0, CourseReference::Arbitrary, yaw, |t| fix(0.7 + 0.1 * t.sin(), 20.0));
         let mut restored = course(name, &[]);
         restored.restore(&stage.snapshot()).unwrap();
         let on = |stage: &mut Course| {
-            run(stage, 5.0, Reference::Arbitrary, |t| yaw(20.0 + t), |t| fix(0.7 + 0.1 * t.cos(), 20.0))
+            run(stage, 5.0, CourseReference::Arbitrary, |t| yaw(20.0 + t), |t| fix(0.7 + 0.1 * t.cos(), 20.0))
         };
         let mut adopted = course("track", &[]);
         adopted.adopt(&stage.common()).unwrap();
-        let last = stage.common().bearing.unwrap();
-        let next = adopted.step(&input(yaw(20.0), Reference::Arbitrary));
-        if last.reference == Reference::True {
+        let last = stage.common().course.unwrap();
+        let next = adopted.step(&input(yaw(20.0), CourseReference::Arbitrary));
+        if last.reference == CourseReference::True {
             assert!(off_deg(&next, last.course_rad).abs() < 1e-9);
         }
         assert!(!next.aligned);
@@ -239,12 +239,12 @@ fn a_restored_course_goes_on_bit_for_bit_and_an_adopted_one_where_it_was() {
 #[test]
 fn a_record_that_is_no_state_is_refused() {
     let mut stage = course("track", &[]);
-    run(&mut stage, 2.0, Reference::Arbitrary, |_| 0.0, |_| fix(0.7, 20.0));
+    run(&mut stage, 2.0, CourseReference::Arbitrary, |_| 0.0, |_| fix(0.7, 20.0));
     let record = stage.snapshot();
     for (index, value) in [(0, 2.0), (4, 7.0), (6, -1.0), (8, 7.0), (11, 100.0), (13, 100.0), (14, -1.0), (15, -1.0)] {
         let mut damaged = record;
         damaged.values[index] = value;
-        damaged.checksum = damaged.sum();
+        damaged.checksum = damaged.compute_checksum();
         let untouched = stage.clone();
         assert!(stage.restore(&damaged).is_err(), "value {index} = {value}");
         assert_eq!(stage, untouched);

@@ -5,7 +5,7 @@
 use attitude::{
     Quaternion,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gyro::{Gyro, RateSample},
     stage::Stage,
@@ -36,7 +36,7 @@ impl Normalised {
         let e = out.attitude.quaternion() * truth.conjugate();
         let inclination_rad = 2.0 * e.i.hypot(e.j).atan2(e.w.hypot(e.k));
         self.inclination.push(inclination_rad / out.inclination_sd_rad);
-        if out.reference != Reference::Arbitrary {
+        if out.reference != CourseReference::Arbitrary {
             self.heading.push(2.0 * e.k.abs().atan2(e.w.abs()) / out.heading_sd_rad);
         }
     }
@@ -115,7 +115,7 @@ const CRUISE: [(&str, f64); 7] = [
 const CRUISE_HARD: [(&str, f64); 5] = [CRUISE[0], CRUISE[1], CRUISE[3], CRUISE[4], ("scale_noise", 0.003)];
 /// What `wz` is told of the sensors of `s1`, which have a constant bias of the gyro and white noise of the accelerometer alone.
 const S1: [(&str, f64); 3] =
-    [("level_noise_deg_sqrt_s", 0.0001), ("gyro_bias_walk_deg_s_sqrt_s", 0.0), ("accel_bias_left_m_s2", 0.0)];
+    [("level_noise_deg_sqrt_s", 0.0001), ("gyro_bias_walk_deg_s_sqrt_s", 0.0), ("residual_accel_bias_sd_m_s2", 0.0)];
 
 #[test]
 fn those_of_aided_are_true_on_cruise_flights() {
@@ -157,7 +157,7 @@ fn those_of_wz_are_true_behind_a_calibrated_accelerometer() {
 #[test]
 fn those_of_wz_are_true_where_it_is_told_of_its_sensors() {
     assert_true_of("wz", "s1", &S1, 16);
-    assert_true_of("wz", "s1?accel_bias_g=0.001", &[S1[0], S1[1], ("accel_bias_left_m_s2", 0.01)], 16);
+    assert_true_of("wz", "s1?accel_bias_g=0.001", &[S1[0], S1[1], ("residual_accel_bias_sd_m_s2", 0.01)], 16);
 }
 
 fn assert_true_of(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) {
@@ -173,8 +173,8 @@ fn assert_true_of(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64)
 fn simulated(fuser: &str, name: &str, settings: &[(&str, f64)], seeds: u64) -> [[f64; 2]; 2] {
     let run = |seed: u64| {
         let scenario = Scenario::named(name).unwrap().with_seed(seed);
-        let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
-        let (mut fuser, mut errors, mut before_s) = (Fuser::named(fuser).unwrap(), Normalised::default(), None);
+        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
+        let (mut fuser, mut errors, mut before_s) = (Fuser::from_name(fuser).unwrap(), Normalised::default(), None);
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
         for (t_s, reading) in scenario.readings() {
             let dt_s = t_s - before_s.replace(t_s).unwrap_or(t_s);

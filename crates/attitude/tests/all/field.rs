@@ -3,12 +3,12 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     angles::Angles,
-    course::Reference,
+    course::CourseReference,
     fuser::{Fused, FuserInput, wz::Wz},
     gyro::Motion,
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 
 /// A body that turns in place after a rest, and its sensors.
@@ -40,7 +40,7 @@ const WORLD: World = World {
 /// Yaw, pitch, roll with the period of a minute.
 fn attitude_at(t_s: f64) -> Attitude {
     let phase = t_s * core::f64::consts::TAU / 60.0;
-    Attitude::of_angles(Angles {
+    Attitude::from_angles(Angles {
         yaw_rad: 0.7 + 1.5 * (7.0 * phase).sin() - 0.4 * phase.sin(),
         pitch_rad: 0.9 * (5.0 * phase).sin(),
         roll_rad: 1.2 * (8.0 * phase).sin(),
@@ -68,12 +68,12 @@ impl World {
     fn input(&self, tick: u64) -> FuserInput {
         let (dt_s, t_s) = (1.0 / self.rate_hz, tick as f64 / self.rate_hz);
         let now = self.attitude(t_s);
-        let turn = if tick == 0 { Turn::NONE } else { Turn::between(self.attitude(t_s - dt_s), now) };
+        let turn = if tick == 0 { Rotation::IDENTITY } else { Rotation::between(self.attitude(t_s - dt_s), now) };
         let q = turn.quaternion();
         let q = if q.w < 0.0 { -q } else { q };
         let drift = if t_s > self.rest_s { now.up.direction() * self.drift_rad_s } else { Vector3::zeros() };
         let rate_rad_s = if tick == 0 { Vector3::zeros() } else { q.imag() * (2.0 / dt_s) + drift };
-        let turn = turn.then(Turn::of_rotation_vector(drift * dt_s));
+        let turn = turn.then(Rotation::from_rotation_vector(drift * dt_s));
         let dt_s = if tick == 0 { 0.0 } else { dt_s };
         let force_m_s2 = now.up.direction() * GRAVITY_M_S2;
         let [x, y, z] = self.field_ut;
@@ -82,7 +82,7 @@ impl World {
             self.attitude(t_s - self.delay_s).matrix() * Vector3::new(x, y, z) + sample
         });
         FuserInput {
-            motion: Some(Motion { attitude: now, turn, rate_rad_s, dt_s }),
+            motion: Some(Motion { attitude: now, rotation: turn, rate_rad_s, dt_s }),
             inclination: Some(Projector::default().step(&force_m_s2)),
             field_ut,
             rest_credible: true,
@@ -243,7 +243,7 @@ fn before_the_first_field_the_heading_is_the_gyros() {
     let (mut with, mut without) = (Wz::default(), Wz::default());
     let none = |_: f64, input: &mut FuserInput| input.field_ut = None;
     WORLD.run(&mut without, 10.0, none, |_, out, _, _| {
-        assert_eq!((out.reference, out.heading_sd_rad), (Reference::Arbitrary, core::f64::consts::PI));
+        assert_eq!((out.reference, out.heading_sd_rad), (CourseReference::Arbitrary, core::f64::consts::PI));
     });
     let late = |t_s: f64, input: &mut FuserInput| input.field_ut = input.field_ut.filter(|_| t_s > 9.0);
     let mut aligned_s = Vec::new();
@@ -251,7 +251,7 @@ fn before_the_first_field_the_heading_is_the_gyros() {
         if out.corrections.aligned {
             aligned_s.push(t_s);
         }
-        assert_eq!(out.reference == Reference::Magnetic, aligned_s.len() == 2, "{t_s} s");
+        assert_eq!(out.reference == CourseReference::Magnetic, aligned_s.len() == 2, "{t_s} s");
     });
     assert!(aligned_s[0] == 0.0 && (9.0..9.3).contains(&aligned_s[1]), "{aligned_s:?}");
 }
@@ -267,7 +267,7 @@ fn a_heading_that_was_magnetic_does_not_jump_when_it_is_taken_over() {
         let e = out.attitude.quaternion() * WORLD.attitude(tick as f64 / 100.0).quaternion().conjugate();
         let error_deg = wrapped_rad(2.0 * e.k.atan2(e.w)).to_degrees();
         assert!(error_deg.abs() < 2.0 && !out.corrections.aligned, "tick {tick}: {error_deg}°");
-        assert_eq!(out.reference, Reference::Magnetic);
+        assert_eq!(out.reference, CourseReference::Magnetic);
     }
 }
 
@@ -286,8 +286,8 @@ fn a_restored_heading_goes_on_bit_for_bit_and_a_broken_one_is_refused() {
     for index in 0..record.len {
         let mut broken = record;
         broken.values[index] = -1e3;
-        broken.checksum = broken.sum();
-        refused += usize::from(matches!(Wz::default().restore(&broken), Err(RestoreError::Flaw { .. })));
+        broken.checksum = broken.compute_checksum();
+        refused += usize::from(matches!(Wz::default().restore(&broken), Err(RestoreError::Invalid { .. })));
     }
     println!("{} numbers of state, {refused} of them refused at −1000", record.len);
     assert!(refused > 200, "{refused} of {}", record.len);

@@ -3,7 +3,7 @@ use crate::common::{Rmse, broad, mean};
 use attitude::{
     Vector3,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Estimate, Fuser, FuserInput, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, GyroStage, RateKind, RateSample},
     stage::Stage,
@@ -12,7 +12,7 @@ use attitude::{
 use scenario::{Errors, Motion, Scenario, Sensors};
 
 fn set(name: &str, parameter: &str, value: f64) -> Fuser {
-    let mut fuser = Fuser::named(name).unwrap();
+    let mut fuser = Fuser::from_name(name).unwrap();
     fuser.set(parameter, value).unwrap();
     fuser
 }
@@ -20,7 +20,7 @@ fn set(name: &str, parameter: &str, value: f64) -> Fuser {
 fn known(attitude: Attitude) -> Estimate {
     Estimate {
         attitude,
-        reference: Reference::Magnetic,
+        reference: CourseReference::Magnetic,
         bias_rad_s: Vector3::zeros(),
         inclination_sd_rad: 0.0,
         heading_sd_rad: 0.0,
@@ -34,7 +34,7 @@ fn known(attitude: Attitude) -> Estimate {
 /// RMS of the rotation between estimate and truth over S3's simulation, degrees.
 fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
-        (set(name, parameter, beta), Gyro::named("mobius").unwrap(), Projector::default());
+        (set(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Projector::default());
     let scenario = Scenario::named("s3").unwrap().with_seed(seed);
     // The paper starts from the truth; one noisy sample would outweigh gains as low as these.
     fuser.adopt(&known(scenario.motion.at(0.0).attitude)).unwrap();
@@ -87,7 +87,7 @@ fn coning_drift_deg_s(name: &str, kind: RateKind, rate_hz: f64) -> f64 {
     if kind == RateKind::Mean {
         sensors = sensors.integrating();
     }
-    let mut gyro = Gyro::named(name).unwrap();
+    let mut gyro = Gyro::from_name(name).unwrap();
     gyro.align(motion.at(0.0).attitude);
     let mut last = 0.0;
     for tick in 0..=(60.0 * rate_hz) as u64 {
@@ -117,7 +117,7 @@ fn coning_compensation_takes_off_what_the_cone_adds() {
 #[test]
 fn broad_gives_the_published_figures() {
     let Some(trials) = broad() else { return };
-    let default = |name: &str| Fuser::named(name).unwrap();
+    let default = |name: &str| Fuser::from_name(name).unwrap();
     for (name, beta, published) in [
         ("madgwick", default("madgwick"), [5.23, 4.41, 2.51]),
         ("madgwick-improved", default("madgwick-improved"), [6.45, 5.36, 3.29]),

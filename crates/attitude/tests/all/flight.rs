@@ -12,7 +12,7 @@ use attitude::{
     gyro::{Gyro, RateKind, RateSample},
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use scenario::Scenario;
 
@@ -28,9 +28,9 @@ struct Chain {
 
 impl Chain {
     fn new(name: &str, settings: &[(&str, f64)]) -> Self {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         settings.iter().for_each(|(name, value)| fuser.set(name, *value).unwrap());
-        Self { gyro: Gyro::named("mobius").unwrap(), accel: Projector::default(), fuser }
+        Self { gyro: Gyro::from_name("mobius").unwrap(), accel: Projector::default(), fuser }
     }
 
     fn step(&mut self, sample: &RateSample, force_m_s2: Vector3<f64>, fix: Option<Fix>) -> Fused {
@@ -102,7 +102,7 @@ fn fly(scenario: &Scenario, name: &str, settings: &[(&str, f64)]) -> Errors {
         let out = chain.step(&sample, reading.force_m_s2, reading.fix).attitude;
         let truth = reading.truth.attitude;
         if let (true, Some((_, out_before, truth_before))) = (t_s > scenario.scored_from_s, before) {
-            let turned = |from: Attitude, to: Attitude| Turn::between(from, to).quaternion();
+            let turned = |from: Attitude, to: Attitude| Rotation::between(from, to).quaternion();
             let step = turned(out_before, out).conjugate() * turned(truth_before, truth);
             errors.step.add((2.0 * step.imag().norm()).to_degrees());
             let (got, want) = (out.angles(), truth.angles());
@@ -113,7 +113,7 @@ fn fly(scenario: &Scenario, name: &str, settings: &[(&str, f64)]) -> Errors {
         }
         before = Some((t_s, out, truth));
     }
-    assert_eq!(chain.fuser.flaw(), None);
+    assert_eq!(chain.fuser.validation_error(), None);
     if let Fuser::Aided(aided) = &chain.fuser {
         errors.latency_s.add(aided.latency_s());
     }
@@ -289,7 +289,7 @@ fn over_the_flight(fuser: &str, name: &str, rows: &[Row], covered: impl Fn(f64) 
             heading.add(2.0 * libm::atan(e.k / e.w).to_degrees());
         }
     }
-    assert_eq!(chain.fuser.flaw(), None);
+    assert_eq!(chain.fuser.validation_error(), None);
     let rms = [inclination.get(), heading.get()];
     println!("{fuser}, apm_plane_log2, {name}: inclination {:.2}, heading {:.2}, deg", rms[0], rms[1]);
     rms

@@ -26,7 +26,7 @@ use crate::common::{DT_S, Row, broad};
 use attitude::{
     Complex, GRAVITY_M_S2, Quaternion, Vector3,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, LeakyVelocity},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
@@ -129,7 +129,7 @@ struct Alone {
 
 impl Trial {
     fn new(rows: &[Row], magnetic: bool) -> Self {
-        let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+        let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
         let input = |(index, row): (usize, &Row)| {
             let dt_s = if index == 0 { 0.0 } else { DT_S };
             FuserInput {
@@ -165,7 +165,7 @@ impl Trial {
     }
 
     fn alone(&self, name: &'static str, swap: usize) -> Alone {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         let before = self.run(&mut fuser, 0..swap);
         let at_swap = fuser.clone();
         Alone { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
@@ -173,7 +173,7 @@ impl Trial {
 
     /// By how much the errors with a swap are above what is allowed: from the swap on, and over the whole trial.
     fn above(&self, swap: usize, giver: &Alone, receiver: &Alone) -> [Errors; 2] {
-        let mut fuser = Fuser::named(receiver.name).unwrap();
+        let mut fuser = Fuser::from_name(receiver.name).unwrap();
         fuser.adopt(&giver.at_swap.common()).unwrap();
         let after = self.run(&mut fuser, swap..self.inputs.len());
         let whole = |alone: &Alone| Errors::of(alone.before + alone.after);
@@ -244,14 +244,14 @@ fn positions() -> impl Iterator<Item = Attitude> {
             let axis = Unit::new_normalize(Vector3::new(about_rad.cos(), about_rad.sin(), 0.0));
             let tilt = UnitQuaternion::from_axis_angle(&axis, tilt_rad);
             let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading_rad);
-            Attitude::of_quaternion((tilt * heading).into_inner())
+            Attitude::from_quaternion((tilt * heading).into_inner())
         })
     })
 }
 
 /// A stage that has taken this over, and what it hands on after `seconds` at rest there.
 fn handed_on(name: &str, given: &Estimate, interval_s: f64, seconds: f64) -> Estimate {
-    let mut fuser = Fuser::named(name).unwrap();
+    let mut fuser = Fuser::from_name(name).unwrap();
     fuser.adopt(given).unwrap();
     let inclination = Projector::default().step(&(given.attitude.up.direction() * GRAVITY_M_S2));
     for _ in 0..(seconds / interval_s) as u32 {
@@ -268,7 +268,7 @@ fn handed_on(name: &str, given: &Estimate, interval_s: f64, seconds: f64) -> Est
 fn the_velocity_by_which_the_level_leans_is_handed_on_as_it_was_given() {
     let leaky_velocity = LeakyVelocity { velocity_m_s: Complex::new(3.0, -2.0), sd_m_s: 0.5 };
     for name in ["wz", "multiple-model", "vqf"] {
-        for (attitude, reference) in positions().flat_map(|at| [(at, Reference::Arbitrary), (at, Reference::Magnetic)])
+        for (attitude, reference) in positions().flat_map(|at| [(at, CourseReference::Arbitrary), (at, CourseReference::Magnetic)])
         {
             let known =
                 Estimate { attitude, reference, inclination_sd_rad: 0.01, heading_sd_rad: 0.02, ..Estimate::UNKNOWN };
@@ -302,7 +302,7 @@ fn a_stage_that_makes_no_use_of_the_bias_hands_on_what_it_was_given() {
     let [out, back] = [0.3, 0.5].map(|share| trial.row(share));
     let given = trial.alone("wz", out).at_swap.common();
     for name in ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "levelling", "levelling-unified"] {
-        let mut between = Fuser::named(name).unwrap();
+        let mut between = Fuser::from_name(name).unwrap();
         between.adopt(&given).unwrap();
         trial.run(&mut between, out..back);
         let handed_on = between.common();
@@ -320,7 +320,7 @@ fn every_fuser_hands_over_the_bias_that_the_gyro_has_at_rest() {
     let moving = trial.row(0.0);
     let known = trial.alone("vqf", moving).at_swap.common().bias_rad_s;
     for name in Fuser::NAMES {
-        assert!(Fuser::named(name).unwrap().common().bias_rad_s.norm() == 0.0, "{name}");
+        assert!(Fuser::from_name(name).unwrap().common().bias_rad_s.norm() == 0.0, "{name}");
         let found = trial.alone(name, moving).at_swap.common();
         let off_deg_s = (found.bias_rad_s - known).amax().to_degrees();
         assert!(off_deg_s < 0.02, "{name}: {off_deg_s} of {:?}", known.map(f64::to_degrees));
@@ -330,7 +330,7 @@ fn every_fuser_hands_over_the_bias_that_the_gyro_has_at_rest() {
 
 #[test]
 fn a_smooth_ride_is_not_taken_for_rest() {
-    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
     let mut input = |fix: Option<f64>| FuserInput {
         motion: Some(gyro.step(&RateSample { rate_rad_s: [0.0, 0.0, 0.01].into(), dt_s: 0.01, kind: RateKind::Mean })),
         inclination: Some(accel.step(&[0.0, 0.0, 9.81].into())),
@@ -346,7 +346,7 @@ fn a_smooth_ride_is_not_taken_for_rest() {
     };
     for (speed_m_s, rests) in [(None, true), (Some(20.0), false), (Some(0.0), true)] {
         for name in ["madgwick", "madgwick-improved", "wz-closed", "wz-open", "levelling"] {
-            let mut fuser = Fuser::named(name).unwrap();
+            let mut fuser = Fuser::from_name(name).unwrap();
             for tick in 0..1000 {
                 fuser.step(&input(speed_m_s.filter(|_| tick % 300 == 0)));
             }
@@ -362,7 +362,7 @@ fn a_restart_from_a_snapshot_goes_on_bit_for_bit() {
     let swap = trial.row(0.5);
     for name in Fuser::NAMES {
         let mut stays = trial.alone(name, swap).at_swap;
-        let mut restarted = Fuser::named(name).unwrap();
+        let mut restarted = Fuser::from_name(name).unwrap();
         restarted.restore(&stays.snapshot()).unwrap();
         for (tick, input) in trial.inputs.iter().enumerate().skip(swap) {
             let (a, b) = (stays.step(input), restarted.step(input));

@@ -9,7 +9,7 @@ use attitude::{
     point::{Chart, Point},
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use proptest::prelude::*;
 
@@ -77,7 +77,7 @@ fn angle_between(a: Quaternion<f64>, b: Quaternion<f64>) -> f64 {
 proptest! {
     #[test]
     fn quaternion_matrix_and_angles_of_a_point_agree(q in quaternion()) {
-        let attitude = Attitude::of_quaternion(q);
+        let attitude = Attitude::from_quaternion(q);
         prop_assert!(size(attitude.up.w) <= 1.0 + 1e-15);
         prop_assert!((attitude.quaternion().norm() - 1.0).abs() < 1e-15);
         prop_assert!(angle_between(attitude.quaternion(), q) < 1e-14);
@@ -90,7 +90,7 @@ proptest! {
     fn angles_go_through_a_point_and_back(
         yaw_rad in -PI..PI, pitch_rad in -FRAC_PI_2..FRAC_PI_2, roll_rad in -PI..PI,
     ) {
-        let back = Attitude::of_angles(Angles { yaw_rad, pitch_rad, roll_rad }).angles();
+        let back = Attitude::from_angles(Angles { yaw_rad, pitch_rad, roll_rad }).angles();
         let near_vertical = FRAC_PI_2 - pitch_rad.abs();
         prop_assert!((back.pitch_rad - pitch_rad).abs() < 1e-12);
         prop_assert!(wrapped_rad(back.yaw_rad - yaw_rad).abs() * near_vertical < 1e-12);
@@ -101,7 +101,7 @@ proptest! {
     fn initial_point_of_the_article_is_the_point_of_the_angles(
         pitch_rad in -1.5..1.5f64, roll_rad in -1.5..1.5f64,
     ) {
-        let w = Attitude::of_angles(Angles { yaw_rad: 0.0, pitch_rad, roll_rad }).up.seen_in(Chart::Upright, 1e6);
+        let w = Attitude::from_angles(Angles { yaw_rad: 0.0, pitch_rad, roll_rad }).up.w_in_chart(Chart::Upright, 1e6);
         let k = 1.0 + roll_rad.cos() * pitch_rad.cos();
         let w0 = Complex::new(-roll_rad.sin() * pitch_rad.cos() / k, pitch_rad.sin() / k);
         prop_assert!(size(w - w0) < 1e-13);
@@ -109,47 +109,47 @@ proptest! {
 
     #[test]
     fn the_other_chart_is_the_inverse_point(q in quaternion()) {
-        let point = Attitude::of_quaternion(q).up;
+        let point = Attitude::from_quaternion(q).up;
         prop_assume!(size(point.w) > 1e-3);
-        let other = Point { w: point.seen_in(point.chart.other(), 1e6), chart: point.chart.other() };
+        let other = Point { w: point.w_in_chart(point.chart.other(), 1e6), chart: point.chart.other() };
         prop_assert!(size(other.w * point.w - 1.0) < 1e-15);
         prop_assert!((other.direction() - point.direction()).amax() < 1e-14);
     }
 
     #[test]
     fn a_turn_acts_as_the_quaternion_product(q in quaternion(), rotation in vector(7.0)) {
-        let turn = Turn::of_rotation_vector(rotation);
-        let before = Attitude::of_quaternion(q);
-        let moved = before.turned(turn);
+        let turn = Rotation::from_rotation_vector(rotation);
+        let before = Attitude::from_quaternion(q);
+        let moved = before.rotated(turn);
         prop_assert!(size(moved.attitude.up.w) <= 1.2 + 1e-12);
         prop_assert!(angle_between(moved.attitude.quaternion(), q * turn.quaternion()) < 1e-13);
-        prop_assert!(angle_between(before.quaternion() * Turn::between(before, moved.attitude).quaternion(), moved.attitude.quaternion()) < 1e-13);
+        prop_assert!(angle_between(before.quaternion() * Rotation::between(before, moved.attitude).quaternion(), moved.attitude.quaternion()) < 1e-13);
     }
 
     #[test]
     fn two_turns_compose(q in quaternion(), first in vector(3.0), second in vector(3.0)) {
-        let (first, second) = (Turn::of_rotation_vector(first), Turn::of_rotation_vector(second));
-        let attitude = Attitude::of_quaternion(q);
-        let apart = attitude.turned(first).attitude.turned(second).attitude;
-        let together = attitude.turned(first.then(second)).attitude;
+        let (first, second) = (Rotation::from_rotation_vector(first), Rotation::from_rotation_vector(second));
+        let attitude = Attitude::from_quaternion(q);
+        let apart = attitude.rotated(first).attitude.rotated(second).attitude;
+        let together = attitude.rotated(first.then(second)).attitude;
         prop_assert!(angle_between(apart.quaternion(), together.quaternion()) < 1e-13);
     }
 
     #[test]
     fn what_stands_still_swings_with_the_level_frame(q in quaternion(), rotation in vector(7.0), fixed in vector(1.0)) {
-        let before = Attitude::of_quaternion(q);
-        let turn = Turn::of_rotation_vector(rotation);
-        let moved = before.turned(turn);
+        let before = Attitude::from_quaternion(q);
+        let turn = Rotation::from_rotation_vector(rotation);
+        let moved = before.rotated(turn);
         let seen_before = before.horizontal(before.matrix() * fixed);
         let seen_after = moved.attitude.horizontal(moved.attitude.matrix() * fixed);
-        prop_assert!(size(seen_before * moved.swing - seen_after) < 1e-13);
+        prop_assert!(size(seen_before * moved.level_frame_rotation - seen_after) < 1e-13);
     }
 
     #[test]
     fn leaning_turns_about_a_horizontal_axis(q in quaternion(), lean in [-0.3..0.3f64, -0.3..0.3f64]) {
         let lean = Complex::new(lean[0], lean[1]);
-        let before = Attitude::of_quaternion(q);
-        let moved = before.leaned(lean);
+        let before = Attitude::from_quaternion(q);
+        let moved = before.tilted(lean);
         let change = moved.attitude.quaternion() * before.quaternion().conjugate();
         prop_assert!(change.k.abs() < 1e-14);
         let up_before = before.horizontal(moved.attitude.up.direction());
@@ -159,7 +159,7 @@ proptest! {
 
     #[test]
     fn realigning_brings_up_to_the_top_and_keeps_heading(q in quaternion(), up in quaternion()) {
-        let (before, up) = (Attitude::of_quaternion(q), Attitude::of_quaternion(up).up);
+        let (before, up) = (Attitude::from_quaternion(q), Attitude::from_quaternion(up).up);
         let moved = before.realigned(up);
         prop_assert!((moved.attitude.up.direction() - up.direction()).amax() < 1e-6);
         let change = moved.attitude.quaternion() * before.quaternion().conjugate();
@@ -169,8 +169,8 @@ proptest! {
     #[test]
     fn the_step_is_the_limit_of_fine_runge_kutta(q in quaternion(), rate in vector(6.0)) {
         let dt_s = 0.01;
-        let exact = Attitude::of_quaternion(q).turned(Turn::of_rotation_vector(rate * dt_s)).attitude;
-        let mut fine = Attitude::of_quaternion(q);
+        let exact = Attitude::from_quaternion(q).rotated(Rotation::from_rotation_vector(rate * dt_s)).attitude;
+        let mut fine = Attitude::from_quaternion(q);
         for _ in 0..100 {
             fine = kinematics::rk4(fine, |_| rate, dt_s / 100.0);
         }
@@ -180,7 +180,7 @@ proptest! {
 
     #[test]
     fn the_projector_finds_the_up_vector(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
-        let attitude = Attitude::of_quaternion(q);
+        let attitude = Attitude::from_quaternion(q);
         let seen = Projector::default().step(&(attitude.up.direction() * norm_m_s2));
         prop_assert!(size(seen.up.w) <= 1.0 + 1e-12);
         prop_assert!((seen.up.direction() - attitude.up.direction()).amax() < 1e-14);
@@ -189,10 +189,10 @@ proptest! {
 
     #[test]
     fn the_inclinometers_see_what_the_projector_sees(q in quaternion(), norm_m_s2 in 0.6..100.0f64) {
-        let force_m_s2 = Attitude::of_quaternion(q).up.direction() * norm_m_s2;
+        let force_m_s2 = Attitude::from_quaternion(q).up.direction() * norm_m_s2;
         let projected = Projector::default().step(&force_m_s2);
         for name in ["inclinometer-matrix", "inclinometer-quaternion"] {
-            let seen = Accelerometer::named(name).unwrap().step(&force_m_s2);
+            let seen = Accelerometer::from_name(name).unwrap().step(&force_m_s2);
             prop_assert!((seen.up.direction() - projected.up.direction()).amax() < 1e-12, "{name}: {:?}", seen.up);
             if projected.up.direction().z.abs() > 1e-12 {
                 prop_assert_eq!(seen.up.chart, projected.up.chart);
@@ -206,7 +206,7 @@ proptest! {
 #[test]
 fn the_papers_pitch_and_roll_are_those_of_the_attitude() {
     let (pitch_rad, roll_rad) = (0.3f64, -0.7f64);
-    let n = Attitude::of_angles(Angles { yaw_rad: 1.0, pitch_rad, roll_rad }).up.direction();
+    let n = Attitude::from_angles(Angles { yaw_rad: 1.0, pitch_rad, roll_rad }).up.direction();
     let (gx, gy, gz) = (-n.y, -n.x, n.z);
     let papers = (-pitch_rad.sin(), roll_rad.sin() * pitch_rad.cos(), roll_rad.cos() * pitch_rad.cos());
     for (got, want) in [(gx, papers.0), (gy, papers.1), (gz, papers.2)] {
@@ -216,7 +216,7 @@ fn the_papers_pitch_and_roll_are_those_of_the_attitude() {
 
 #[test]
 fn a_half_turn_from_level_leads_to_the_inverted_chart() {
-    let moved = Attitude::default().turned(Turn::of_quaternion(Quaternion::new(0.0, 1.0, 0.0, 0.0)));
+    let moved = Attitude::default().rotated(Rotation::from_quaternion(Quaternion::new(0.0, 1.0, 0.0, 0.0)));
     assert_eq!(moved.attitude.up.chart, Chart::Inverted);
     assert!(size(moved.attitude.up.w) < 1e-15);
 }
@@ -224,7 +224,7 @@ fn a_half_turn_from_level_leads_to_the_inverted_chart() {
 #[test]
 fn a_force_without_direction_keeps_the_point_and_has_no_trust() {
     for name in Accelerometer::NAMES {
-        let mut stage = Accelerometer::named(name).unwrap();
+        let mut stage = Accelerometer::from_name(name).unwrap();
         let seen = stage.step(&Vector3::new(0.0, 6.0, 8.0));
         for force_m_s2 in [Vector3::new(0.0, 0.01, -0.01), Vector3::zeros(), Vector3::new(1e300, -1e300, 1e300)] {
             let kept = stage.step(&force_m_s2);

@@ -23,8 +23,8 @@ struct Chain {
 
 impl Chain {
     fn new(fuser: &str) -> Self {
-        let gyro = Gyro::named("mobius").unwrap();
-        Self { gyro, accel: Projector::default(), fuser: Fuser::named(fuser).unwrap(), started: false }
+        let gyro = Gyro::from_name("mobius").unwrap();
+        Self { gyro, accel: Projector::default(), fuser: Fuser::from_name(fuser).unwrap(), started: false }
     }
 
     fn step(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> Fused {
@@ -36,7 +36,7 @@ impl Chain {
     fn input(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> FuserInput {
         let inclination = self.accel.step(&force_m_s2);
         if !self.started {
-            self.gyro.align(Attitude::levelled(inclination.up));
+            self.gyro.align(Attitude::from_up(inclination.up));
         }
         let dt_s = if self.started { 1.0 / RATE_HZ } else { 0.0 };
         self.started = true;
@@ -130,7 +130,7 @@ fn the_bias_is_found_within_30_s() {
 fn a_steady_spin_about_the_vertical_keeps_its_level() {
     for spin_rad_s in [0.2, 0.3, 0.4, 0.5, 1.0, 3.0] {
         for seed in 1..=2 {
-            let tilt = Attitude::of_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
+            let tilt = Attitude::from_angles(Angles { pitch_rad: 20f64.to_radians(), ..Angles::default() });
             let rate_rad_s = (tilt.up.direction() * spin_rad_s).add_scalar(Errors::S1.gyro_bias_rad_s);
             let mut noise = Sensors::new(Motion::S1, Errors::S1, seed);
             let mut chain = Chain::new("wz");
@@ -157,7 +157,7 @@ fn a_day_does_not_let_the_error_of_any_fuser_grow() {
     let mut sensors = Sensors::new(Motion::S1, Errors::S1, 1);
     let period: Vec<_> = (0..36_000).map(|tick| sensors.read(tick as f64 / RATE_HZ)).collect();
     let mut front = Chain::new("wz");
-    let mut days = Fuser::NAMES.map(|name| (name, Fuser::named(name).unwrap(), Rms::default(), Rms::default()));
+    let mut days = Fuser::NAMES.map(|name| (name, Fuser::from_name(name).unwrap(), Rms::default(), Rms::default()));
     for tick in 0..24 * HOUR {
         let reading = &period[(tick % 36_000) as usize];
         let input = front.input(reading.rate_rad_s, reading.force_m_s2);
@@ -188,7 +188,7 @@ fn a_stage_restored_halfway_goes_on_bit_for_bit() {
     for reading in first {
         whole.step(reading.rate_rad_s, reading.force_m_s2);
     }
-    let mut fresh = Fuser::named("wz").unwrap();
+    let mut fresh = Fuser::from_name("wz").unwrap();
     fresh.restore(&whole.fuser.snapshot()).unwrap();
     let mut halved = Chain { fuser: fresh, ..whole.clone() };
     for reading in second {
@@ -213,8 +213,8 @@ fn a_state_that_cannot_be_is_refused() {
     for index in 0..sound.len {
         let mut record = sound;
         record.values[index] = -1e3;
-        record.checksum = record.sum();
-        let mut fuser = Fuser::named("wz").unwrap();
+        record.checksum = record.compute_checksum();
+        let mut fuser = Fuser::from_name("wz").unwrap();
         let untouched = fuser.clone();
         if fuser.restore(&record).is_err() {
             refused += 1;
@@ -261,7 +261,7 @@ fn absurd_input_is_survived() {
             let all = q.coords.iter().chain(&fused.rate_rad_s).chain(&fused.bias_rad_s).chain(&numbers);
             assert!(all.into_iter().all(|x| x.is_finite()), "{fuser}, tick {tick}: {fused:?}");
             assert!((q.norm() - 1.0).abs() < 1e-9);
-            assert_eq!(chain.fuser.flaw(), None, "{fuser}, tick {tick}");
+            assert_eq!(chain.fuser.validation_error(), None, "{fuser}, tick {tick}");
             chain.fuser.clone().visit_state(&mut |x| assert!(x.is_finite(), "{fuser}, tick {tick}"));
         }
     }

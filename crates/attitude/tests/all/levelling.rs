@@ -5,13 +5,13 @@ use crate::common::Once;
 use attitude::{
     Vector3,
     accel::Projector,
-    course::{Course, CourseInput, Reading, Reference},
+    course::{Course, CourseInput, CourseReading, CourseReference},
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage},
     gnss::Fix,
     gyro::{self, Gyro, RateKind, RateSample},
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use proptest::prelude::*;
 use scenario::{Errors, Motion, Scenario};
@@ -27,14 +27,14 @@ struct Chain {
 impl Chain {
     fn new(fuser: &str, course: &str) -> Self {
         Self {
-            gyro: Gyro::named("mobius").unwrap(),
+            gyro: Gyro::from_name("mobius").unwrap(),
             accel: Projector::default(),
-            fuser: Fuser::named(fuser).unwrap(),
-            course: Course::named(course).unwrap(),
+            fuser: Fuser::from_name(fuser).unwrap(),
+            course: Course::from_name(course).unwrap(),
         }
     }
 
-    fn step(&mut self, sample: &RateSample, reading: &scenario::Reading) -> (Fused, Reading) {
+    fn step(&mut self, sample: &RateSample, reading: &scenario::Reading) -> (Fused, CourseReading) {
         let fused = self.fuser.step(&FuserInput {
             motion: Some(self.gyro.step(sample)),
             inclination: Some(self.accel.step(&reading.force_m_s2)),
@@ -107,7 +107,7 @@ impl Flown {
                         level[i].add(error_rad);
                         one.step.add(error_rad - before[i]);
                     }
-                    if course.reference == Reference::True {
+                    if course.reference == CourseReference::True {
                         one.course.add(wrapped_rad(course.course_rad + truth.yaw_rad));
                     }
                     one.heading.add(wrapped_rad(got.yaw_rad - truth.yaw_rad));
@@ -280,7 +280,7 @@ fn at_standstill_the_bias_is_found_within_half_a_minute() {
         let error_deg_s = fused.bias_rad_s.add_scalar(-errors.gyro_bias_rad_s).amax().to_degrees();
         println!("receiver {receiver}: bias within {error_deg_s:.4} °/s");
         assert!(fused.corrections.rest && error_deg_s < 0.01);
-        assert_eq!(fused.reference, Reference::Arbitrary);
+        assert_eq!(fused.reference, CourseReference::Arbitrary);
         // With the bias known, a flight without a receiver is no longer that of a cold start.
         let Estimate { bias_sd_rad_s, .. } = chain.fuser.common();
         assert!(bias_sd_rad_s.to_degrees() < 0.02);
@@ -308,7 +308,7 @@ fn the_first_track_sets_the_heading_and_is_told() {
     for (t_s, reading) in scenario.readings() {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: 0.01, kind: scenario.rate_kind };
         let (fused, course) = chain.step(&sample, &reading);
-        let known = fused.reference == Reference::True;
+        let known = fused.reference == CourseReference::True;
         assert_eq!(fused.heading_sd_rad < 0.5, known);
         if fused.corrections.aligned {
             aligned.push((t_s, known, course.aligned));
@@ -329,9 +329,9 @@ fn in_flight_and_in_a_gap_a_restored_stage_goes_on_bit_for_bit() {
             let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: 0.01, kind: scenario.rate_kind };
             if [200.0, 320.0, 360.05].contains(&t_s) {
                 other = chain.clone();
-                other.fuser = Fuser::named(fuser).unwrap();
+                other.fuser = Fuser::from_name(fuser).unwrap();
                 other.fuser.restore(&chain.fuser.snapshot()).unwrap();
-                other.course = Course::named("track").unwrap();
+                other.course = Course::from_name("track").unwrap();
                 other.course.restore(&chain.course.snapshot()).unwrap();
             }
             let seen = chain.step(&sample, &reading);
@@ -351,16 +351,16 @@ fn an_adopted_estimate_is_gone_on_with() {
         let sample = RateSample { rate_rad_s: reading.rate_rad_s, dt_s: 0.01, kind: scenario.rate_kind };
         if t_s == 400.0 {
             for name in Fuser::NAMES {
-                Fuser::named(name).unwrap().adopt(&chain.fuser.common()).unwrap();
+                Fuser::from_name(name).unwrap().adopt(&chain.fuser.common()).unwrap();
             }
-            let mut next = Fuser::named("levelling-pi").unwrap();
+            let mut next = Fuser::from_name("levelling-pi").unwrap();
             next.adopt(&chain.fuser.common()).unwrap();
             assert_eq!(next.common().bias_rad_s, chain.fuser.common().bias_rad_s);
             chain.fuser = next;
         }
         let fused = chain.step(&sample, &reading).0;
         if t_s > 400.0 {
-            assert!(fused.reference == Reference::True && !fused.corrections.aligned);
+            assert!(fused.reference == CourseReference::True && !fused.corrections.aligned);
             let (got, truth) = (fused.attitude.angles(), reading.truth.attitude.angles());
             late[0].add(got.roll_rad - truth.roll_rad);
             late[1].add(got.pitch_rad - truth.pitch_rad);
@@ -372,13 +372,13 @@ fn an_adopted_estimate_is_gone_on_with() {
 #[test]
 fn a_record_of_negative_variance_or_time_is_refused() {
     for fuser in ["levelling", "levelling-unified", "levelling-pi"] {
-        let mut stage = Fuser::named(fuser).unwrap();
+        let mut stage = Fuser::from_name(fuser).unwrap();
         let record = stage.snapshot();
         let refused = (0..record.len)
             .filter(|index| {
                 let mut damaged = record;
                 damaged.values[*index] = -1e3;
-                damaged.checksum = damaged.sum();
+                damaged.checksum = damaged.compute_checksum();
                 stage.restore(&damaged).is_err()
             })
             .count();
@@ -414,8 +414,8 @@ proptest! {
                 if *anew {
                     chain.fuser.realign();
                 }
-                let turn = Turn::of_rotation_vector(rate_rad_s.map(|x| x.clamp(-100.0, 100.0)) * *dt_s);
-                let motion = gyro::Motion { attitude: Attitude::default(), turn, rate_rad_s, dt_s: *dt_s };
+                let rotation = Rotation::from_rotation_vector(rate_rad_s.map(|x| x.clamp(-100.0, 100.0)) * *dt_s);
+                let motion = gyro::Motion { attitude: Attitude::default(), rotation, rate_rad_s, dt_s: *dt_s };
                 let fused = chain.fuser.step(&FuserInput {
                     motion: moves.then_some(motion),
                     inclination: feels.then(|| chain.accel.step(&finite(*force, 15.0))),
@@ -423,7 +423,7 @@ proptest! {
                     fix: fixes.then_some(fix),
                     rest_credible: *still, rate_credible: true,
                 });
-                prop_assert_eq!(chain.fuser.flaw(), None);
+                prop_assert_eq!(chain.fuser.validation_error(), None);
                 chain.fuser.common().attitude.angles();
                 let numbers = [fused.inclination_sd_rad, fused.heading_sd_rad, fused.innovation_rad];
                 prop_assert!(numbers.iter().chain(&fused.bias_rad_s).all(|x| x.is_finite()));

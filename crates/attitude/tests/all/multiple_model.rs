@@ -2,14 +2,14 @@
 use attitude::{
     Complex, GRAVITY_M_S2, Vector3,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Fused, Fuser, FuserInput},
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     parameters::ParameterError,
     stage::Stage,
     state::Attitude,
-    turn::Turn,
+    rotation::Rotation,
 };
 use nalgebra::UnitQuaternion;
 use scenario::{Field, Scenario};
@@ -19,11 +19,11 @@ use crate::common::{DT_S, Row, broad};
 const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -44.0);
 
 fn named(name: &str) -> Fuser {
-    Fuser::named(name).unwrap()
+    Fuser::from_name(name).unwrap()
 }
 
 fn inputs(trial: &[Row], magnetic: bool) -> Vec<FuserInput> {
-    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
     let input = |(index, row): (usize, &Row)| {
         let dt_s = if index == 0 { 0.0 } else { DT_S };
         FuserInput {
@@ -55,7 +55,7 @@ fn what_a_hand_moves_has_the_attitude_of_wz_to_the_last_bit() {
 fn flown_and_landed(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::named("cruise?duration_s=600").unwrap();
     scenario.errors.field = magnetic.then_some(Field { reference_ut: FIELD_UT, noise_ut: 0.5 });
-    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
     let mut fuser = named("multiple-model");
     let (mut outputs, mut last) = (Vec::new(), Attitude::default());
     let flight = scenario.readings().take_while(|(t_s, _)| *t_s < until_s);
@@ -74,7 +74,7 @@ fn flown_and_landed(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fuse
         last = reading.truth.attitude;
     }
     for tick in 0..(rest_s * 100.0) as u32 {
-        let motion = Motion { attitude: last, turn: Turn::NONE, rate_rad_s: Vector3::zeros(), dt_s: 0.01 };
+        let motion = Motion { attitude: last, rotation: Rotation::IDENTITY, rate_rad_s: Vector3::zeros(), dt_s: 0.01 };
         let input = FuserInput {
             motion: Some(motion),
             inclination: Some(accel.step(&(last.up.direction() * GRAVITY_M_S2))),
@@ -85,13 +85,13 @@ fn flown_and_landed(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fuse
         };
         outputs.push((until_s + f64::from(tick) * 0.01, fuser.step(&input)));
     }
-    assert_eq!(fuser.flaw(), None);
+    assert_eq!(fuser.validation_error(), None);
     outputs
 }
 
 /// What the heading counts from, each with the time from which on.
-fn references(outputs: &[(f64, Fused)]) -> Vec<(f64, Reference)> {
-    let mut all: Vec<(f64, Reference)> = Vec::new();
+fn references(outputs: &[(f64, Fused)]) -> Vec<(f64, CourseReference)> {
+    let mut all: Vec<(f64, CourseReference)> = Vec::new();
     for (t_s, out) in outputs {
         if all.last().is_none_or(|(_, before)| *before != out.reference) {
             assert!(out.corrections.aligned, "another reference without a word at {t_s} s");
@@ -103,7 +103,7 @@ fn references(outputs: &[(f64, Fused)]) -> Vec<(f64, Reference)> {
 
 #[test]
 fn the_heading_says_what_it_counts_from_whenever_that_changes() {
-    use Reference::{Arbitrary, Magnetic, True};
+    use CourseReference::{Arbitrary, Magnetic, True};
     let of = |outputs: &[(f64, Fused)]| references(outputs).into_iter().map(|(_, of)| of).collect::<Vec<_>>();
     assert_eq!(of(&flown_and_landed(60.0, 400.0, false)), [Arbitrary, True]);
     let outputs = flown_and_landed(60.0, 400.0, true);
@@ -171,10 +171,10 @@ fn the_velocity_by_which_the_level_leans_is_handed_over_in_the_frame_of_the_head
 fn velocity_of_a_push(direction_rad: f64, roll_rad: f64) -> Complex<f64> {
     let (sin, cos) = direction_rad.sin_cos();
     let (mut fuser, mut gyro, mut accel) =
-        (named("multiple-model"), Gyro::named("mobius").unwrap(), Projector::default());
+        (named("multiple-model"), Gyro::from_name("mobius").unwrap(), Projector::default());
     let (mut rolled_rad, mut speed_m_s) = (roll_rad - 0.3, 0.0);
     let mut seconds = |duration_s: f64, roll_rad_s: f64, acceleration_m_s2: f64, told: bool| {
-        let mut reference = Reference::Arbitrary;
+        let mut reference = CourseReference::Arbitrary;
         for tick in 0..(duration_s * 100.0) as u32 {
             rolled_rad += roll_rad_s * 0.01;
             speed_m_s += acceleration_m_s2 * 0.01;
@@ -201,6 +201,6 @@ fn velocity_of_a_push(direction_rad: f64, roll_rad: f64) -> Complex<f64> {
     }
     seconds(310.0, 0.0, 0.0, false);
     let (reference, velocity_m_s) = seconds(1.0, 0.0, 1.0, false);
-    assert_eq!(reference, Reference::True);
+    assert_eq!(reference, CourseReference::True);
     velocity_m_s
 }

@@ -3,14 +3,14 @@
 use attitude::{
     Vector3,
     accel::Inclination,
-    course::{CourseInput, LastReading, Reading},
+    course::{CourseInput, LastReading, CourseReading},
     fuser::{Estimate, Fused, FuserInput},
     gyro::{Motion, RateSample},
-    numbers::Numbers,
+    scalars::Scalars,
 };
 
 /// The value made of other numbers, each different, and how many there are; each comes back where it was put.
-fn assert_each_number_has_its_place<T: Numbers + Default + Copy>(expected: usize) {
+fn assert_each_number_has_its_place<T: Scalars + Default + Copy>(expected: usize) {
     let (mut value, mut count) = (T::default(), 0.0);
     value.visit(&mut |number| {
         count += 1.0;
@@ -35,6 +35,6 @@ fn what_goes_to_another_process_has_as_many_numbers_as_its_header_says() {
     assert_each_number_has_its_place::<Fused>(21);
     assert_each_number_has_its_place::<Estimate>(24);
     assert_each_number_has_its_place::<CourseInput>(17);
-    assert_each_number_has_its_place::<Reading>(13);
+    assert_each_number_has_its_place::<CourseReading>(13);
     assert_each_number_has_its_place::<LastReading>(8);
 }

@@ -23,9 +23,9 @@ struct Chain {
 impl Chain {
     fn new(gyro: &str, fuser: &str) -> Self {
         Self {
-            gyro: Gyro::named(gyro).unwrap(),
+            gyro: Gyro::from_name(gyro).unwrap(),
             accel: Projector::default(),
-            fuser: Fuser::named(fuser).unwrap(),
+            fuser: Fuser::from_name(fuser).unwrap(),
             ticks: 0,
         }
     }
@@ -34,7 +34,7 @@ impl Chain {
         let inclination = self.accel.step(&force_m_s2);
         let first = self.ticks == 0;
         if first {
-            self.gyro.align(Attitude::levelled(inclination.up));
+            self.gyro.align(Attitude::from_up(inclination.up));
         }
         self.ticks += 1;
         let dt_s = if first { 0.0 } else { dt_s };
@@ -207,7 +207,7 @@ fn euler_drifts_where_mobius_does_not() {
 fn a_steady_spin_does_not_break_the_bias_estimate() {
     for spin_rad_s in [0.2, 0.5, 3.0] {
         let tilt =
-            Attitude::of_angles(attitude::angles::Angles { pitch_rad: 20f64.to_radians(), ..Default::default() });
+            Attitude::from_angles(attitude::angles::Angles { pitch_rad: 20f64.to_radians(), ..Default::default() });
         let rate_rad_s = tilt.up.direction() * spin_rad_s;
         let mut noise = Sensors::new(Motion::S1, Errors::S1, 7);
         let mut chain = Chain::new("mobius", "wz");
@@ -262,12 +262,12 @@ fn sensors_clone(tick: u64) -> (Vector3<f64>, Vector3<f64>) {
 
 #[test]
 fn a_foreign_or_broken_record_is_refused_and_nothing_changes() {
-    let mut fuser = Fuser::named("wz").unwrap();
+    let mut fuser = Fuser::from_name("wz").unwrap();
     let untouched = fuser.clone();
     let mut record = fuser.snapshot();
     record.values[3] = f64::NAN;
     assert_eq!(fuser.restore(&record), Err(RestoreError::NotFinite { index: 3 }));
-    let foreign = Fuser::named("wz-open").unwrap().snapshot();
+    let foreign = Fuser::from_name("wz-open").unwrap().snapshot();
     assert!(matches!(fuser.restore(&foreign), Err(RestoreError::OtherStage { .. })));
     record.len -= 1;
     assert!(matches!(fuser.restore(&record), Err(RestoreError::OtherLength { .. })));

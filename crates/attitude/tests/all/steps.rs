@@ -14,9 +14,9 @@ use attitude::{
     gnss::Fix,
     gyro::{Gyro, Motion, RateKind, RateSample},
     stage::Stage,
-    turn::Turn,
+    rotation::Rotation,
 };
-use recording::{Reader, gnss::Fixes};
+use recording::{Reader, gnss::FixReader};
 
 use crate::common::ulog;
 
@@ -58,10 +58,10 @@ fn multicopter() -> Option<Vec<Sample>> {
 }
 
 /// A recording with the fixes of a file beside it.
-fn recorded(path: &Path, mut fixes: Option<Fixes>) -> Vec<Sample> {
+fn recorded(path: &Path, mut fixes: Option<FixReader>) -> Vec<Sample> {
     let sample = |row: Result<recording::Row, _>| {
         let row = row.unwrap();
-        let fix = fixes.as_mut().and_then(|fixes| fixes.until(row.t_ns).unwrap());
+        let fix = fixes.as_mut().and_then(|fixes| fixes.latest_until(row.t_ns).unwrap());
         Sample {
             t_s: row.t_ns as f64 * 1e-9,
             rate_rad_s: row.rate_rad_s.into(),
@@ -81,7 +81,7 @@ fn recorded(path: &Path, mut fixes: Option<Fixes>) -> Vec<Sample> {
 /// Runs a fuser; each tick's time, motion and output.
 fn run(name: &str, samples: &[Sample], magnetic: bool, mut see: impl FnMut(f64, &Motion, &Fused)) {
     let (mut gyro, mut accel, mut fuser) =
-        (Gyro::named("mobius").unwrap(), Projector::default(), Fuser::named(name).unwrap());
+        (Gyro::from_name("mobius").unwrap(), Projector::default(), Fuser::from_name(name).unwrap());
     let mut before_s = samples[0].t_s;
     for sample in samples {
         let (rate_rad_s, dt_s) = (sample.rate_rad_s, sample.t_s - before_s);
@@ -119,7 +119,7 @@ fn worst(name: &str, samples: &[Sample], magnetic: bool) -> Worst {
         let told = out.corrections.aligned;
         worst.announced += u64::from(told);
         let correction = before.filter(|_| !told).map(|before| {
-            let turn = Turn::of_rotation_vector((motion.rate_rad_s - before.bias_rad_s) * motion.dt_s);
+            let turn = Rotation::from_rotation_vector((motion.rate_rad_s - before.bias_rad_s) * motion.dt_s);
             let expected = before.attitude.quaternion() * turn.quaternion();
             let rest = out.attitude.quaternion() * expected.conjugate();
             rest.imag() * (2.0 * rest.w.signum())
@@ -166,7 +166,7 @@ fn no_tick_of_broad_turns_the_attitude_unannounced() {
 #[test]
 fn no_tick_of_an_aerobatic_flight_turns_the_attitude_unannounced() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
-    let fixes = Fixes::open(&data("flights/apm_plane_log2_gnss.csv").unwrap()).unwrap();
+    let fixes = FixReader::open(&data("flights/apm_plane_log2_gnss.csv").unwrap()).unwrap();
     let samples = recorded(&path, Some(fixes));
     for (name, magnetic) in FUSERS.map(|name| (name, false)).into_iter().chain([("wz", true), ("aided", true)]) {
         let worst = worst(name, &samples, magnetic);

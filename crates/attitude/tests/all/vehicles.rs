@@ -50,8 +50,8 @@ fn step_deg(a: Attitude, b: Attitude) -> f64 {
 fn accelerations_of_vehicles_make_no_jump_that_is_not_told_and_swing_the_level_little_beyond_that_of_vqf() {
     for Manoeuvre { name, between_s: [from_s, to_s], forward_m_s2, left_m_s2, yaw_rate_rad_s } in MANOEUVRES {
         let mut noise = Sensors::new(Motion::S1, Errors { accel_noise_m_s2: 0.05, ..Errors::default() }, 1);
-        let mut gyro = Gyro::named("mobius").unwrap();
-        let (mut accel, mut fuser) = (Projector::default(), Fuser::named("wz").unwrap());
+        let mut gyro = Gyro::from_name("mobius").unwrap();
+        let (mut accel, mut fuser) = (Projector::default(), Fuser::from_name("wz").unwrap());
         let mut vqf = VQF::new(DT_S, None, None, None);
         let (mut ours_deg, mut theirs_deg, mut before) = (0.0_f64, 0.0_f64, Attitude::default());
         for tick in 0..16_000 {

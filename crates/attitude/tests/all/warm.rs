@@ -3,12 +3,12 @@ use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Projector,
     angles::Angles,
-    course::Reference,
+    course::CourseReference,
     fuser::{Estimate, Fused, Fuser, FuserInput, FuserStage, GyroScale, HardIron, LeakyVelocity},
     gyro::{Gyro, Motion, RateSample},
     stage::Stage,
     state::Attitude,
-    turn::Turn,
+    rotation::Rotation,
 };
 use scenario::Scenario;
 
@@ -26,7 +26,7 @@ const SCALE: GyroScale = GyroScale { error: Vector3::new(0.002, -0.004, 0.001), 
 
 /// The outputs over 2 s of a movement that does not rest, and the fuser after them.
 fn moved(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
-    let (mut gyro, mut accel, mut before_s) = (Gyro::named("mobius").unwrap(), Projector::default(), 0.0);
+    let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Projector::default(), 0.0);
     let scenario = Scenario::named("s1").unwrap();
     let step = |(t_s, reading): (f64, scenario::Reading)| {
         let (rate_rad_s, dt_s, kind) = (reading.rate_rad_s, t_s - before_s, scenario.rate_kind);
@@ -46,8 +46,8 @@ fn moved(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
 /// What an earlier run has found, and the attitude at its end.
 fn known() -> Estimate {
     Estimate {
-        attitude: Attitude::of_angles(Angles { yaw_rad: 1.0, pitch_rad: 0.5, roll_rad: 2.0 }),
-        reference: Reference::Magnetic,
+        attitude: Attitude::from_angles(Angles { yaw_rad: 1.0, pitch_rad: 0.5, roll_rad: 2.0 }),
+        reference: CourseReference::Magnetic,
         bias_rad_s: Vector3::repeat(BIAS_RAD_S),
         inclination_sd_rad: 0.001,
         heading_sd_rad: 0.001,
@@ -59,8 +59,8 @@ fn known() -> Estimate {
 }
 
 fn warm(name: &str) -> Fuser {
-    let mut fuser = Fuser::named(name).unwrap();
-    fuser.begin_with(&known()).unwrap();
+    let mut fuser = Fuser::from_name(name).unwrap();
+    fuser.seed_sensor_errors(&known()).unwrap();
     fuser
 }
 
@@ -75,7 +75,7 @@ fn the_bias_is_there_from_the_first_tick_on_although_the_body_moves() {
             outputs.iter().map(|out| error_deg_s(out.bias_rad_s)).fold(0.0, f64::max)
         };
         let (cold_deg_s, warm_deg_s) =
-            (worst_deg_s(moved(Fuser::named(name).unwrap())), worst_deg_s(moved(warm(name))));
+            (worst_deg_s(moved(Fuser::from_name(name).unwrap())), worst_deg_s(moved(warm(name))));
         println!("{name}: bias wrong by at most {cold_deg_s:.4} °/s cold, {warm_deg_s:.4} °/s warm");
         assert!(warm_deg_s < most_deg_s && cold_deg_s > 0.09, "{name}: {warm_deg_s}, {cold_deg_s}");
     }
@@ -99,11 +99,11 @@ fn every_fuser_hands_it_on() {
 #[test]
 fn the_attitude_is_as_unknown_as_without_it() {
     for name in Fuser::NAMES {
-        let (cold, warm) = (moved(Fuser::named(name).unwrap()).0, moved(warm(name)).0);
+        let (cold, warm) = (moved(Fuser::from_name(name).unwrap()).0, moved(warm(name)).0);
         let (cold, warm) = (&cold[0], &warm[0]);
         assert_eq!(warm.attitude, cold.attitude, "{name}");
         assert!(warm.corrections.aligned, "{name}");
-        assert_eq!((warm.reference, warm.heading_sd_rad), (Reference::Arbitrary, cold.heading_sd_rad), "{name}");
+        assert_eq!((warm.reference, warm.heading_sd_rad), (CourseReference::Arbitrary, cold.heading_sd_rad), "{name}");
         let share = warm.inclination_sd_rad / cold.inclination_sd_rad;
         assert!((share - 1.0).abs() < 1e-2, "{name}: {} and {} rad", warm.inclination_sd_rad, cold.inclination_sd_rad);
     }
@@ -114,20 +114,20 @@ fn every_fuser_hands_the_hard_iron_on() {
     for name in Fuser::NAMES {
         let (_, fuser) = moved(warm(name));
         assert_eq!(fuser.common().hard_iron, known().hard_iron, "{name}");
-        let mut restored = Fuser::named(name).unwrap();
+        let mut restored = Fuser::from_name(name).unwrap();
         restored.restore(&fuser.snapshot()).unwrap();
         assert_eq!(restored.common().hard_iron, known().hard_iron, "{name}");
-        assert_eq!(Fuser::named(name).unwrap().common().hard_iron, HardIron::UNKNOWN, "{name}");
+        assert_eq!(Fuser::from_name(name).unwrap().common().hard_iron, HardIron::UNKNOWN, "{name}");
     }
 }
 
 #[test]
 fn every_fuser_hands_the_scale_of_the_gyro_on() {
     for name in Fuser::NAMES {
-        let mut fuser = Fuser::named(name).unwrap();
+        let mut fuser = Fuser::from_name(name).unwrap();
         fuser.adopt(&known()).unwrap();
         assert_eq!(fuser.common().gyro_scale, SCALE, "{name}");
-        let mut restored = Fuser::named(name).unwrap();
+        let mut restored = Fuser::from_name(name).unwrap();
         restored.restore(&fuser.snapshot()).unwrap();
         assert_eq!(restored.common().gyro_scale, SCALE, "{name}");
         assert_eq!(warm(name).common().gyro_scale, SCALE, "{name}");
@@ -139,13 +139,13 @@ fn wz_finds_north_at_once_beside_a_hard_iron_that_was_known_before() {
     let (rate_rad_s, dt_s) = (Vector3::new(0.3, -0.2, 1.0), 0.01);
     let place_ut = Vector3::new(0.0, 20.0, -44.0);
     let largest_deg = |mut fuser: Fuser| {
-        let mut attitude = Attitude::of_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.3, roll_rad: -0.4 });
+        let mut attitude = Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.3, roll_rad: -0.4 });
         let mut largest_deg: f64 = 0.0;
         for tick in 0..200 {
-            let turn = Turn::of_rotation_vector(rate_rad_s * dt_s);
-            attitude = attitude.turned(turn).attitude;
+            let turn = Rotation::from_rotation_vector(rate_rad_s * dt_s);
+            attitude = attitude.rotated(turn).attitude;
             let out = fuser.step(&FuserInput {
-                motion: Some(Motion { attitude, turn, rate_rad_s, dt_s }),
+                motion: Some(Motion { attitude, rotation: turn, rate_rad_s, dt_s }),
                 inclination: Some(Projector::default().step(&(attitude.up.direction() * GRAVITY_M_S2))),
                 field_ut: Some(attitude.matrix() * place_ut + IRON_UT),
                 rest_credible: true,
@@ -158,9 +158,9 @@ fn wz_finds_north_at_once_beside_a_hard_iron_that_was_known_before() {
         }
         largest_deg
     };
-    let mut warm = Fuser::named("wz").unwrap();
-    warm.begin_with(&Estimate { bias_rad_s: Vector3::zeros(), ..known() }).unwrap();
-    let (cold_deg, warm_deg) = (largest_deg(Fuser::named("wz").unwrap()), largest_deg(warm));
+    let mut warm = Fuser::from_name("wz").unwrap();
+    warm.seed_sensor_errors(&Estimate { bias_rad_s: Vector3::zeros(), ..known() }).unwrap();
+    let (cold_deg, warm_deg) = (largest_deg(Fuser::from_name("wz").unwrap()), largest_deg(warm));
     println!("heading within 2 s wrong by at most {cold_deg:.1}° cold, {warm_deg:.1}° warm");
     assert!(warm_deg < 2.0 && cold_deg > 10.0, "{warm_deg}°, {cold_deg}°");
 }
@@ -186,9 +186,9 @@ fn what_cannot_be_known_leaves_the_fuser_as_it_was() {
             scale(0.2, 1e-3),
             scale(1e-3, -1.0),
         ] {
-            let mut fuser = Fuser::named(name).unwrap();
-            assert!(fuser.begin_with(&wrong).is_err(), "{name}: {wrong:?}");
-            assert_eq!(fuser, Fuser::named(name).unwrap(), "{name}");
+            let mut fuser = Fuser::from_name(name).unwrap();
+            assert!(fuser.seed_sensor_errors(&wrong).is_err(), "{name}: {wrong:?}");
+            assert_eq!(fuser, Fuser::from_name(name).unwrap(), "{name}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What carries a system's name is one user's alone; what somebody else has put there is named and left as it is.
+//! Files of a system are private to its user. Files of other users are reported and kept.
 use std::{
     fs,
     os::unix::{
@@ -13,70 +13,71 @@ use std::{
 use bus::{Bus, BusError, Observer, StaleResources, SystemName};
 use messages::ImuSample;
 
-/// A user who owns nothing of a system.
-const NOBODY: u32 = 65534;
-const CONTENTS: &str = "what somebody needs";
+/// User that owns no file of a system.
+const NOBODY_UID: u32 = 65534;
+const CONTENTS: &str = "contents of another program";
 
-/// A name that no other test has, and what it is to be cleared of.
+/// System name that no other test uses, and a folder outside the shared memory.
 struct Name {
     system_name: SystemName,
-    aside: tempfile::TempDir,
+    outside: tempfile::TempDir,
 }
 
 impl Name {
     fn new() -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("test-own-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
-        Self { system_name: SystemName::new(&name).unwrap(), aside: tempfile::tempdir().unwrap() }
+        Self { system_name: SystemName::new(&name).unwrap(), outside: tempfile::tempdir().unwrap() }
     }
 
-    /// The path of a file of the name; of its folder with no `end`.
+    /// Returns the path of a file of the system, or of its folder for an empty `end`.
     fn path(&self, end: &str) -> PathBuf {
         PathBuf::from(format!("/dev/shm/plumbline.{}{end}", self.system_name.name()))
     }
 
-    /// A file elsewhere, of more than a page.
-    fn elsewhere(&self) -> PathBuf {
-        let path = self.aside.path().join("elsewhere");
+    /// Creates a file outside the shared memory that is longer than the shared state.
+    fn outside_file(&self) -> PathBuf {
+        let path = self.outside.path().join("outside_file");
         fs::write(&path, CONTENTS.repeat(1000)).unwrap();
         path
     }
 
-    fn own_file(&self, end: &str, mode: u32) -> PathBuf {
+    fn create_file(&self, end: &str, mode: u32) -> PathBuf {
         let path = self.path(end);
         fs::write(&path, CONTENTS).unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
         path
     }
 
-    /// Neither whoever starts a system of the name nor whoever clears away after one touches `path`; both say what is wrong with it.
-    fn assert_refused(&self, path: &Path, why: &str) {
+    /// Asserts that starting a system and removing stale files both reject `path` and leave it
+    /// unchanged.
+    fn assert_rejected(&self, path: &Path, why: &str) {
         let before = state(path);
-        let refusals = [
+        let errors = [
             self.system_name.claim().map(drop).unwrap_err(),
-            StaleResources::of(&self.system_name).and_then(|remains| remains.clear()).unwrap_err(),
+            StaleResources::for_system(&self.system_name).and_then(|stale| stale.remove()).unwrap_err(),
         ];
-        for refusal in refusals {
-            let said = refusal.to_string();
-            assert!(matches!(&refusal, BusError::NotOurs { path: named, .. } if named == path), "{said}");
-            assert!(said.contains(why) && said.contains(&format!("rm -r {}", path.display())), "{said}");
+        for error in errors {
+            let message = error.to_string();
+            assert!(matches!(&error, BusError::ForeignFile { path: named, .. } if named == path), "{message}");
+            assert!(message.contains(why) && message.contains(&format!("rm -r {}", path.display())), "{message}");
         }
         assert_eq!(state(path), before);
         if fs::remove_file(path).is_err() {
             fs::remove_dir_all(path).unwrap();
         }
         drop(self.system_name.claim().unwrap());
-        assert_eq!(StaleResources::of(&self.system_name).unwrap().files, Vec::<PathBuf>::new());
+        assert_eq!(StaleResources::for_system(&self.system_name).unwrap().files, Vec::<PathBuf>::new());
     }
 }
 
-/// What is at a path, and what it points to.
+/// Returns mode, owner, size and link target of a path.
 fn state(path: &Path) -> (u32, u32, u64, Option<PathBuf>) {
     let found = fs::symlink_metadata(path).unwrap();
     (found.mode(), found.uid(), found.len(), fs::read_link(path).ok())
 }
 
-fn am_root() -> bool {
+fn is_root() -> bool {
     let root = fs::metadata("/proc/self").unwrap().uid() == 0;
     if !root {
         eprintln!("skipped: only root can make files of another user");
@@ -85,76 +86,76 @@ fn am_root() -> bool {
 }
 
 #[test]
-fn a_symbolic_link_is_not_followed() {
+fn symbolic_links_are_rejected() {
     for end in [".wake", ".members"] {
         let name = Name::new();
-        let target = name.elsewhere();
+        let target = name.outside_file();
         symlink(&target, name.path(end)).unwrap();
-        name.assert_refused(&name.path(end), "it is a symbolic link, not a file");
+        name.assert_rejected(&name.path(end), "it is a symbolic link, not a file");
         assert_eq!(fs::read_to_string(&target).unwrap(), CONTENTS.repeat(1000), "{end}");
     }
     let name = Name::new();
     symlink(name.path(".nothing"), name.path(".wake")).unwrap();
-    name.assert_refused(&name.path(".wake"), "it is a symbolic link, not a file");
+    name.assert_rejected(&name.path(".wake"), "it is a symbolic link, not a file");
 }
 
 #[test]
-fn what_is_no_file_is_not_waited_for_and_not_used() {
+fn non_regular_files_are_rejected_without_blocking() {
     let name = Name::new();
     let page = name.path(".wake");
     fs::create_dir(&page).unwrap();
-    name.assert_refused(&page, "it is a folder, not a file");
+    name.assert_rejected(&page, "it is a folder, not a file");
     assert!(Command::new("mkfifo").args(["-m", "600"]).arg(&page).status().unwrap().success());
-    name.assert_refused(&page, "it is a named pipe, not a file");
+    name.assert_rejected(&page, "it is a named pipe, not a file");
     drop(UnixListener::bind(&page).unwrap());
-    name.assert_refused(&page, "it is a socket, not a file");
+    name.assert_rejected(&page, "it is a socket, not a file");
 }
 
 #[test]
-fn what_others_may_use_or_have_under_another_name_is_not_used() {
+fn accessible_or_hard_linked_files_are_rejected() {
     let name = Name::new();
-    for (mode, said) in [(0o666, "(mode 666)"), (0o640, "(mode 640)"), (0o604, "(mode 604)")] {
-        name.assert_refused(&name.own_file(".wake", mode), said);
+    for (mode, message) in [(0o666, "(mode 666)"), (0o640, "(mode 640)"), (0o604, "(mode 604)")] {
+        name.assert_rejected(&name.create_file(".wake", mode), message);
     }
-    let page = name.own_file(".wake", 0o600);
+    let page = name.create_file(".wake", 0o600);
     let second = PathBuf::from(format!("/dev/shm/test-own-second-name-{}", std::process::id()));
     fs::hard_link(&page, &second).unwrap();
-    name.assert_refused(&page, "a hard link");
+    name.assert_rejected(&page, "a hard link");
     assert_eq!(fs::read_to_string(&second).unwrap(), CONTENTS);
     fs::remove_file(&second).unwrap();
 }
 
 #[test]
-fn nothing_of_another_user_is_used_or_removed() {
-    if !am_root() {
+fn files_of_other_users_are_rejected_and_kept() {
+    if !is_root() {
         return;
     }
     for end in [".wake", ".members", ".0123.data"] {
         let name = Name::new();
-        let path = name.own_file(end, 0o600);
-        chown(&path, Some(NOBODY), Some(NOBODY)).unwrap();
-        name.assert_refused(&path, "it belongs to user 65534, and this is user 0");
+        let path = name.create_file(end, 0o600);
+        chown(&path, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap();
+        name.assert_rejected(&path, "it belongs to user 65534, not to user 0");
     }
     let name = Name::new();
     let folder = name.path("");
     fs::create_dir(&folder).unwrap();
-    fs::write(folder.join("door"), CONTENTS).unwrap();
-    chown(&folder, Some(NOBODY), Some(NOBODY)).unwrap();
-    let said = name.system_name.door().unwrap_err().to_string();
-    assert!(said.contains("sudo -u '#65534' plumb"), "{said}");
-    name.assert_refused(&folder, "it belongs to user 65534, and this is user 0");
-    symlink(name.aside.path(), &folder).unwrap();
-    lchown(&folder, Some(NOBODY), Some(NOBODY)).unwrap();
-    name.assert_refused(&folder, "it belongs to user 65534, and this is user 0");
+    fs::write(folder.join("control"), CONTENTS).unwrap();
+    chown(&folder, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap();
+    let message = name.system_name.control_socket_path().unwrap_err().to_string();
+    assert!(message.contains("sudo -u '#65534' plumb"), "{message}");
+    name.assert_rejected(&folder, "it belongs to user 65534, not to user 0");
+    symlink(name.outside.path(), &folder).unwrap();
+    lchown(&folder, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap();
+    name.assert_rejected(&folder, "it belongs to user 65534, not to user 0");
 }
 
 #[test]
-fn the_folder_is_no_link_to_another() {
+fn linked_folder_is_rejected_and_replaced() {
     let name = Name::new();
-    symlink(name.aside.path(), name.path("")).unwrap();
-    assert!(matches!(name.system_name.door().unwrap_err(), BusError::NotOurs { .. }));
-    // One's own link goes with what an earlier system left behind; what it leads to stays.
-    let kept = name.elsewhere();
+    symlink(name.outside.path(), name.path("")).unwrap();
+    assert!(matches!(name.system_name.control_socket_path().unwrap_err(), BusError::ForeignFile { .. }));
+    // A link of the same user is removed with the files of a previous run. Its target is kept.
+    let kept = name.outside_file();
     let claim = name.system_name.claim().unwrap();
     assert_eq!(state(&name.path("")).0, 0o040_700);
     drop(claim);
@@ -162,33 +163,33 @@ fn the_folder_is_no_link_to_another() {
 }
 
 #[test]
-fn an_observer_takes_no_seat_that_is_a_link() {
+fn observer_rejects_linked_lock_file() {
     let name = Name::new();
     let claim = name.system_name.claim().unwrap();
     let bus = Bus::join(&name.system_name, "service").unwrap();
-    let target = name.elsewhere();
-    symlink(&target, name.path(".seat.0")).unwrap();
-    let refused = Observer::sit(&name.system_name, "test").unwrap_err();
-    assert!(matches!(refused, BusError::NotOurs { .. }), "{refused}");
+    let target = name.outside_file();
+    symlink(&target, name.path(".observer.0")).unwrap();
+    let refused = Observer::attach(&name.system_name, "test").unwrap_err();
+    assert!(matches!(refused, BusError::ForeignFile { .. }), "{refused}");
     drop((bus, claim));
     assert!(target.exists());
 }
 
 #[test]
-fn everything_that_is_made_is_this_users_alone() {
+fn created_files_are_private() {
     let name = Name::new();
     let claim = name.system_name.claim().unwrap();
     let bus = Bus::join(&name.system_name, "service").unwrap();
     let publisher = bus.publisher::<ImuSample>(64).unwrap();
     let reader = bus.subscriber::<ImuSample>(64).unwrap();
     publisher.deliver_history().unwrap();
-    let observer = Observer::sit(&name.system_name, "test").unwrap();
-    let files = StaleResources::of(&name.system_name).unwrap().files;
+    let observer = Observer::attach(&name.system_name, "test").unwrap();
+    let files = StaleResources::for_system(&name.system_name).unwrap().files;
     let segments = files.iter().filter(|path| path.to_string_lossy().ends_with(".global_mgmt")).count();
-    assert_eq!(segments, 1, "iceoryx2 counts nodes from another segment: {files:?}");
+    assert_eq!(segments, 1, "iceoryx2 counts nodes in another segment: {files:?}");
     for path in &files {
-        assert_eq!(state(path).0 & 0o077, 0, "{} is open to others", path.display());
+        assert_eq!(state(path).0 & 0o077, 0, "{} is accessible to others", path.display());
     }
     drop((observer, reader, publisher, bus, claim));
-    assert_eq!(StaleResources::of(&name.system_name).unwrap().files, Vec::<PathBuf>::new());
+    assert_eq!(StaleResources::for_system(&name.system_name).unwrap().files, Vec::<PathBuf>::new());
 }

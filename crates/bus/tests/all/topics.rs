@@ -1,4 +1,4 @@
-//! Two places on the bus of a system that only the test has.
+//! Topics, names and wake-ups on the bus of a test system.
 use std::{
     fs,
     os::unix::fs::{FileExt, PermissionsExt},
@@ -7,22 +7,22 @@ use std::{
     time::Duration,
 };
 
-use bus::{Bus, BusError, Claim, Publisher, Subscriber, SystemName, Woken};
+use bus::{Bus, BusError, Claim, Publisher, Subscriber, SystemName, WaitOutcome};
 use bytemuck::Zeroable;
 use graph::Entry;
 use messages::{Field, Health, ImuSample, Layout, Message, Reference};
 
 const BUFFER: usize = 64;
-/// Nothing that is waited for takes so long; it ends a test that failed.
-const HANG: Duration = Duration::from_secs(60);
+/// Upper limit for waits in these tests, so that a failed test ends.
+const TEST_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A system whose name no other test has.
+/// Returns a system name that no other test uses.
 fn system_name() -> SystemName {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     SystemName::new(&format!("test-bus-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst))).unwrap()
 }
 
-/// Two places on the bus of a claimed system. Dropped before the claim, as in a system.
+/// Two members of the bus of a claimed system. Drop order: members first, then the claim.
 struct Pair {
     here: Bus,
     there: Bus,
@@ -37,8 +37,8 @@ fn pair() -> Pair {
     Pair { here, there, system_name, _claim: claim }
 }
 
-/// What carries the system's name.
-fn remains(system_name: &SystemName) -> Vec<String> {
+/// Returns the names of all files and folders of the system.
+fn system_files(system_name: &SystemName) -> Vec<String> {
     let (dotted, folder) = (format!("plumbline.{}.", system_name.name()), format!("plumbline.{}", system_name.name()));
     ["/dev/shm", "/tmp"]
         .iter()
@@ -61,7 +61,7 @@ fn ticks(subscriber: &Subscriber<ImuSample>) -> Vec<u64> {
 }
 
 #[test]
-fn messages_arrive_whole_and_in_order() {
+fn messages_arrive_complete_and_in_order() {
     let Pair { here, there, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
@@ -81,7 +81,7 @@ fn messages_arrive_whole_and_in_order() {
 }
 
 #[test]
-fn a_slow_reader_loses_the_oldest_and_a_quick_one_nothing() {
+fn slow_subscriber_loses_oldest_messages_only() {
     let Pair { here, there, .. } = &pair();
     let slow = there.subscriber::<ImuSample>(BUFFER).unwrap();
     let quick = here.subscriber::<ImuSample>(BUFFER).unwrap();
@@ -98,7 +98,7 @@ fn a_slow_reader_loses_the_oldest_and_a_quick_one_nothing() {
 }
 
 #[test]
-fn a_reader_that_comes_late_begins_with_the_next_message() {
+fn late_subscriber_starts_with_next_message() {
     let Pair { here, there, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..10);
@@ -108,7 +108,7 @@ fn a_reader_that_comes_late_begins_with_the_next_message() {
 }
 
 #[test]
-fn a_waiter_is_woken_by_what_was_sent() {
+fn waiter_is_woken_by_messages() {
     let Pair { there, system_name, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
     std::thread::scope(|scope| {
@@ -123,7 +123,7 @@ fn a_waiter_is_woken_by_what_was_sent() {
         });
         let mut seen = Vec::new();
         while seen.len() < 500 {
-            assert_eq!(subscriber.wait(HANG), Woken::Work, "after {}", seen.len());
+            assert_eq!(subscriber.wait(TEST_TIMEOUT), WaitOutcome::Published, "after {}", seen.len());
             subscriber.drain(BUFFER, |sample| seen.push(sample.header.tick)).unwrap();
         }
         assert_eq!(seen, (0..500).collect::<Vec<_>>());
@@ -131,7 +131,7 @@ fn a_waiter_is_woken_by_what_was_sent() {
 }
 
 #[test]
-fn every_reader_of_a_topic_is_woken_by_one_call() {
+fn wake_reaches_every_subscriber() {
     let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     std::thread::scope(|scope| {
@@ -142,14 +142,14 @@ fn every_reader_of_a_topic_is_woken_by_one_call() {
                     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
                     let mut last = None;
                     while last != Some(999) {
-                        assert_ne!(subscriber.wait(HANG), Woken::Idle);
+                        assert_ne!(subscriber.wait(TEST_TIMEOUT), WaitOutcome::Idle);
                         subscriber.drain(BUFFER, |sample| last = Some(sample.header.tick)).unwrap();
                     }
                 })
             })
             .collect();
         for tick in 0.. {
-            // The last tick again and again, for readers that were not there before.
+            // Repeats the last tick for subscribers that joined late.
             send(&publisher, tick.min(999)..tick.min(999) + 1);
             publisher.wake();
             std::thread::sleep(Duration::from_micros(50));
@@ -160,48 +160,48 @@ fn every_reader_of_a_topic_is_woken_by_one_call() {
     });
 }
 
-/// Who is frozen said that he waits before that, and says nothing more.
+/// A frozen subscriber announced that it waits before it froze, and does not announce it again.
 #[test]
-fn a_reader_that_is_frozen_while_it_waits_costs_one_call_of_the_kernel() {
+fn frozen_waiter_costs_one_system_call() {
     let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
-    // Each word is alone on its cache line, and so is what stands before the first.
+    // Each word and the fields before the first one occupy a cache line.
     let word_bytes = 64;
-    let waiting = (word_bytes * (1 + ImuSample::TOPIC.place) + size_of::<u32>()) as u64;
-    let page = fs::File::options()
+    let waiting = (word_bytes * (1 + ImuSample::TOPIC.index) + size_of::<u32>()) as u64;
+    let file = fs::File::options()
         .read(true)
         .write(true)
         .open(format!("/dev/shm/plumbline.{}.wake", system_name.name()))
         .unwrap();
-    page.write_all_at(&1_u32.to_ne_bytes(), waiting).unwrap();
+    file.write_all_at(&1_u32.to_ne_bytes(), waiting).unwrap();
     publisher.wake();
-    let mut said = [0xff; 4];
-    page.read_exact_at(&mut said, waiting).unwrap();
-    assert_eq!(u32::from_ne_bytes(said), 0, "the next message would call the kernel as well");
+    let mut waiting_word = [0xff; 4];
+    file.read_exact_at(&mut waiting_word, waiting).unwrap();
+    assert_eq!(u32::from_ne_bytes(waiting_word), 0, "the next message would make a system call, too");
 }
 
 #[test]
-fn a_wait_is_idle_without_work_and_none_with_it() {
+fn wait_returns_immediately_with_messages() {
     let Pair { here, there, .. } = &pair();
     let subscriber = there.subscriber::<ImuSample>(BUFFER).unwrap();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
-    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle);
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), WaitOutcome::Idle);
     send(&publisher, 0..BUFFER as u64);
     publisher.wake();
-    assert_eq!(subscriber.wait(HANG), Woken::Work, "it is there already");
+    assert_eq!(subscriber.wait(TEST_TIMEOUT), WaitOutcome::Published, "the message is there already");
     subscriber.drain(BUFFER / 2, |_| ()).unwrap();
-    assert_eq!(subscriber.wait(HANG), Woken::Work, "there may be more than was taken");
+    assert_eq!(subscriber.wait(TEST_TIMEOUT), WaitOutcome::Published, "more messages may be left");
     subscriber.drain(BUFFER, |_| ()).unwrap();
-    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle);
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), WaitOutcome::Idle);
 }
 
-mod more {
+mod extended {
     graph::topics!(graph::define_topics {}
         Pressure = "pressure": Pressure, no_tick, Control, services => [supervisor];
     );
 }
 
-/// A payload of a topic that the table has in one line more.
+/// Payload of the topic in the added table line.
 #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Pressure {
@@ -209,35 +209,35 @@ struct Pressure {
 }
 
 impl Message for Pressure {
-    const TOPIC: &'static Entry = more::Topic::Pressure.entry();
+    const TOPIC: &'static Entry = extended::Topic::Pressure.entry();
     const TYPE: &'static str = "plumbline.Pressure.1";
 
     fn layout() -> Layout {
-        let fields = vec![Field { name: "pressure_pa", kind: "f64", offset: 0, about: "" }];
-        Layout { name: Self::TYPE, size: 8, fields, topic: Some(Self::TOPIC.name), about: "", header_fields: 0 }
+        let fields = vec![Field { name: "pressure_pa", kind: "f64", offset: 0, description: "" }];
+        Layout { name: Self::TYPE, size: 8, fields, topic: Some(Self::TOPIC.name), description: "", header_fields: 0 }
     }
 }
 
 #[test]
-fn a_topic_of_a_line_more_has_a_wake_word_of_its_own_and_room_for_its_publishers() {
+fn added_topic_has_its_own_wake_word_and_publishers() {
     let Pair { here, there, .. } = &pair();
     let subscriber = there.subscriber::<Pressure>(BUFFER).unwrap();
     let publishers: Vec<_> = (0..10).map(|_| here.publisher::<Pressure>(BUFFER).unwrap()).collect();
     let health = here.publisher::<Health>(BUFFER).unwrap();
     health.wake();
-    assert_eq!(subscriber.wait(Duration::from_millis(5)), Woken::Idle, "that was another topic");
+    assert_eq!(subscriber.wait(Duration::from_millis(5)), WaitOutcome::Idle, "another topic was woken");
     for (count, publisher) in publishers.iter().enumerate() {
         publisher.send(&Pressure { pressure_pa: count as f64 }).unwrap();
     }
     publishers[0].set_next_tick_after(41);
     publishers[0].wake();
-    assert_eq!(subscriber.wait(HANG), Woken::Work);
+    assert_eq!(subscriber.wait(TEST_TIMEOUT), WaitOutcome::Published);
     let mut sum_pa = 0.0;
     subscriber.drain(BUFFER, |message| sum_pa += message.pressure_pa).unwrap();
     assert_eq!((sum_pa, there.next_tick(Pressure::TOPIC), there.next_tick(Health::TOPIC)), (45.0, 42, 0));
 }
 
-/// `Reference` as another build of this program might define it: same name, same size, two fields the other way round.
+/// `Reference` with the same name and size but two fields exchanged, as in another build.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Swapped {
@@ -251,14 +251,14 @@ impl Message for Swapped {
     const TYPE: &'static str = Reference::TYPE;
 
     fn layout() -> Layout {
-        let field = |name, kind, offset| Field { name, kind, offset, about: "" };
+        let field = |name, kind, offset| Field { name, kind, offset, description: "" };
         let fields = vec![field("scored", "u64", 0), field("tick", "u64", 8), field("quaternion", "[f64; 4]", 16)];
         Layout {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
             topic: Some(Self::TOPIC.name),
-            about: "",
+            description: "",
             header_fields: 0,
         }
     }
@@ -276,41 +276,41 @@ impl Message for Later {
     const TYPE: &'static str = "plumbline.Reference.2";
 
     fn layout() -> Layout {
-        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, about: "" }];
+        let fields = vec![Field { name: "tick", kind: "u64", offset: 0, description: "" }];
         Layout {
             name: Self::TYPE,
             size: size_of::<Self>(),
             fields,
             topic: Some(Self::TOPIC.name),
-            about: "",
+            description: "",
             header_fields: 0,
         }
     }
 }
 
 fn assert_names_both_layouts(error: &BusError, here: &Layout, there: &Layout) {
-    assert!(matches!(error, BusError::Layout { .. }), "{error:?}");
+    assert!(matches!(error, BusError::LayoutMismatch { .. }), "{error:?}");
     let expected = format!(
-        "opening the topic `reference`: another layout is on the bus\n  here:  {here}\n  there: {there}\nrun one version of plumb only"
+        "opening the topic `reference`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     );
     assert_eq!(error.to_string(), expected);
 }
 
 #[test]
-fn a_topic_that_holds_too_little_says_how_much_all_must_ask_for() {
+fn buffer_mismatch_reports_required_size() {
     let Pair { here, there, .. } = &pair();
     let _publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     for error in [there.publisher::<ImuSample>(2000).unwrap_err(), there.subscriber::<ImuSample>(2000).unwrap_err()] {
-        assert!(matches!(error, BusError::Buffer { here: 2000, there: BUFFER, .. }), "{error:?}");
-        let said = error.to_string();
-        assert!(said.contains("`imu`") && said.contains("buffer_s x rate_hz of the launch file"), "{said}");
+        assert!(matches!(error, BusError::BufferMismatch { here: 2000, there: BUFFER, .. }), "{error:?}");
+        let message = error.to_string();
+        assert!(message.contains("`imu`") && message.contains("buffer_s x rate_hz of the launch file"), "{message}");
     }
-    // Whoever asks for less takes what there is.
+    // A smaller request uses the existing buffer.
     there.publisher::<ImuSample>(BUFFER / 2).unwrap();
 }
 
 #[test]
-fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
+fn layout_mismatch_reports_both_layouts() {
     let Pair { here, there, .. } = &pair();
     let _publisher = here.publisher::<Reference>(BUFFER).unwrap();
     let error = there.subscriber::<Swapped>(BUFFER).unwrap_err();
@@ -323,49 +323,49 @@ fn a_message_of_another_layout_is_refused_and_both_layouts_are_shown() {
 }
 
 #[test]
-fn a_name_cannot_be_claimed_twice() {
+fn second_claim_names_the_owner() {
     let Pair { system_name, .. } = &pair();
     let error = system_name.claim().unwrap_err();
     let pid = std::process::id();
-    assert!(matches!(error, BusError::Taken { .. }), "{error:?}");
+    assert!(matches!(error, BusError::NameInUse { .. }), "{error:?}");
     let text = error.to_string();
     assert!(text.contains(&format!("process {pid}")) && text.contains(&format!("kill {pid}")), "{text}");
     assert!(text.contains("set another `name` in launch.toml"), "{text}");
 }
 
 #[test]
-fn a_system_that_does_not_run_cannot_be_joined() {
+fn join_fails_if_system_is_not_running() {
     let system_name = system_name();
     let error = Bus::join(&system_name, "test").unwrap_err();
     assert!(matches!(error, BusError::NotRunning { .. }), "{error:?}");
     drop(system_name.claim().unwrap());
-    assert!(matches!(Bus::join(&system_name, "test"), Err(BusError::NotRunning { .. })), "after its end");
-    assert_eq!(remains(&system_name), Vec::<String>::new());
+    assert!(matches!(Bus::join(&system_name, "test"), Err(BusError::NotRunning { .. })), "after the end of the system");
+    assert_eq!(system_files(&system_name), Vec::<String>::new());
 }
 
 #[test]
-fn names_that_cannot_be_part_of_a_file_name_are_refused() {
+fn system_name_rejects_invalid_characters() {
     for name in ["", "a.b", "a/b", "..", "Upper", "with space", "é", &"x".repeat(33)] {
-        assert!(matches!(SystemName::new(name), Err(BusError::Name { .. })), "{name:?}");
+        assert!(matches!(SystemName::new(name), Err(BusError::InvalidName { .. })), "{name:?}");
     }
     assert_eq!(SystemName::new(&"x".repeat(32)).unwrap().name().len(), 32);
 }
 
 #[test]
-fn nothing_of_the_name_remains_at_the_end() {
+fn dropped_claim_removes_all_files() {
     let pair = pair();
     let system_name = pair.system_name.clone();
     let subscriber = pair.there.subscriber::<ImuSample>(BUFFER).unwrap();
     let publisher = pair.here.publisher::<ImuSample>(BUFFER).unwrap();
     send(&publisher, 0..3);
-    assert!(remains(&system_name).len() > 1);
+    assert!(system_files(&system_name).len() > 1);
     drop((subscriber, publisher, pair));
-    assert_eq!(remains(&system_name), Vec::<String>::new());
+    assert_eq!(system_files(&system_name), Vec::<String>::new());
 }
 
-/// A real owner is killed in the tests of the command line.
+/// The tests of the command line kill a real owner.
 #[test]
-fn what_a_dead_owner_left_is_removed_by_the_next() {
+fn claim_removes_files_of_dead_owner() {
     let system_name = system_name();
     let prefix = format!("/dev/shm/plumbline.{}.", system_name.name());
     for file in ["wake", "0123.service", "4567.publisher"] {
@@ -375,29 +375,29 @@ fn what_a_dead_owner_left_is_removed_by_the_next() {
     let services = PathBuf::from(format!("/dev/shm/plumbline.{}/services", system_name.name()));
     fs::create_dir_all(services.join("0123")).unwrap();
     let claim = system_name.claim().unwrap();
-    let left = remains(&system_name);
+    let left = system_files(&system_name);
     assert!(!left.iter().any(|name| name.ends_with("0123.service") || name.ends_with("4567.publisher")), "{left:?}");
     assert!(!services.join("0123").exists());
-    let bus = Bus::join(&system_name, "heir").unwrap();
+    let bus = Bus::join(&system_name, "successor").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(2 * BUFFER).unwrap();
     let publisher = bus.publisher::<ImuSample>(2 * BUFFER).unwrap();
     send(&publisher, 5..8);
     assert_eq!(ticks(&subscriber), [5, 6, 7]);
     drop((subscriber, publisher, bus, claim));
-    assert_eq!(remains(&system_name), Vec::<String>::new());
+    assert_eq!(system_files(&system_name), Vec::<String>::new());
 }
 
 #[test]
-fn a_name_that_begins_another_does_not_touch_it() {
+fn claim_of_name_prefix_keeps_other_system() {
     let short = system_name();
     let long = SystemName::new(&format!("{}b", short.name())).unwrap();
     let long_claim = long.claim().unwrap();
     let bus = Bus::join(&long, "test").unwrap();
     let subscriber = bus.subscriber::<ImuSample>(BUFFER).unwrap();
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let before = remains(&long);
+    let before = system_files(&long);
     drop(short.claim().unwrap());
-    assert_eq!(remains(&long), before);
+    assert_eq!(system_files(&long), before);
     send(&publisher, 0..3);
     assert_eq!(ticks(&subscriber), [0, 1, 2]);
     let other = Bus::join(&long, "other").unwrap();
@@ -405,11 +405,11 @@ fn a_name_that_begins_another_does_not_touch_it() {
     send(&publisher, 3..5);
     assert_eq!(ticks(&late), [3, 4]);
     drop((late, other, subscriber, publisher, bus, long_claim));
-    assert_eq!(remains(&long), Vec::<String>::new());
+    assert_eq!(system_files(&long), Vec::<String>::new());
 }
 
 #[test]
-fn the_page_of_another_system_is_never_removed() {
+fn claim_keeps_files_of_longer_names() {
     let system_name = system_name();
     let foreign = PathBuf::from(format!("/dev/shm/plumbline.{}x.test", system_name.name()));
     fs::write(&foreign, "").unwrap();
@@ -420,7 +420,7 @@ fn the_page_of_another_system_is_never_removed() {
 }
 
 #[test]
-fn a_name_taken_anew_after_its_files_were_removed_goes_on_with_its_ticks() {
+fn renewed_claim_keeps_next_ticks() {
     let system_name = system_name();
     let claim = system_name.claim().unwrap();
     let driver = Bus::join(&system_name, "driver").unwrap();
@@ -428,21 +428,21 @@ fn a_name_taken_anew_after_its_files_were_removed_goes_on_with_its_ticks() {
     let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
     publisher.set_next_tick_after(41);
     let own = [std::process::id()];
-    assert_eq!(system_name.removed(&own), None);
-    for name in remains(&system_name) {
+    assert_eq!(system_name.removed_file(&own), None);
+    for name in system_files(&system_name) {
         let path = PathBuf::from("/dev/shm").join(name);
         if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.unwrap();
     }
-    assert!(system_name.removed(&own).is_some());
+    assert!(system_name.removed_file(&own).is_some());
     drop((publisher, bus));
     let claim = claim.renew().unwrap();
-    assert!(!driver.is_running(), "it has to join again");
+    assert!(!driver.is_running(), "the driver has to join again");
     let bus = Bus::join(&system_name, "supervisor").unwrap();
     assert_eq!(bus.next_tick(ImuSample::TOPIC), 42);
     assert!(bus.is_running());
-    assert!(system_name.removed(&own).is_some(), "the driver's are still the old ones");
+    assert!(system_name.removed_file(&own).is_some(), "the driver still has removed files open");
     drop(driver);
-    assert_eq!(system_name.removed(&own), None);
+    assert_eq!(system_name.removed_file(&own), None);
     drop((bus, claim));
-    assert_eq!(remains(&system_name), Vec::<String>::new());
+    assert_eq!(system_files(&system_name), Vec::<String>::new());
 }

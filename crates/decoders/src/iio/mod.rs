@@ -1,81 +1,91 @@
-//! Linux industrial I/O: the records of a buffer's character device, as the kernel's documentation of its sysfs has them.
+//! Linux industrial I/O: records of a buffer's character device, as documented in the kernel's
+//! sysfs ABI.
 //!
-//! [`sysfs`] reads how a device's records are made and switches its buffer on; [`Iio`] decodes the records. What is known of a value
-//! comes from the device's folder: its place and format (`scan_elements/*_index`, `_type`), its scale and offset, the matrix by which
-//! the sensor is mounted, and the clock of the time stamps.
+//! [`sysfs`] reads the layout of a device's records and enables its buffer. [`Iio`] decodes the
+//! records. The layout comes from the device's folder: position and format of each value
+//! (`scan_elements/*_index`, `_type`), scale and offset, the mounting matrix, and the clock of the
+//! timestamps.
 //!
-//! Units: `in_anglvel` in rad/s, `in_accel` in m/s², `in_magn` in gauss, after (raw + offset) × scale. Axes: the sensor's, turned by
-//! `in_mount_matrix`, or that of each quantity. Time: `in_timestamp`, by the clock of `current_timestamp_clock`: from 1970 of
-//! `realtime` and `tai`, else since the start.
+//! Units: `in_anglvel` in rad/s, `in_accel` in m/s², `in_magn` in gauss, after (raw + offset) ×
+//! scale.
 //!
-//! Many chips are two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`), with two files of records: [`Pair`] takes both.
+//! Axes: those of the sensor, rotated by `in_mount_matrix` or by the matrix of the quantity.
 //!
-//! Limits: records carry no mark, so what begins inside of one cannot be seen.
+//! Time: `in_timestamp` on the clock given by `current_timestamp_clock`: UNIX time for `realtime`
+//! and `tai`, else time since the start.
+//!
+//! Many chips are two devices, one for each quantity (`lsm6dsm_gyro` and `lsm6dsm_accel`), with
+//! separate record files. [`DevicePair`] combines them.
+//!
+//! Limits: records have no start marker, so a stream that starts in the middle of a record is not
+//! detected.
 
 mod pair;
 mod records;
 pub mod sysfs;
 
-pub use pair::{GAP_MAX_NS, Pair, WAIT_MAX_NS};
+pub use pair::{MAX_GAP_NS, DevicePair, MAX_WAIT_NS};
 pub use records::{Channel, Clock, Iio, Layout, Vector};
 
-/// What is wrong with a device's folder.
+/// Error while configuring a device through its folder.
 #[derive(Debug, thiserror::Error)]
 pub enum IioError {
-    /// A file that cannot be read.
-    #[error("reading {}: {cause}; check that the device is there and that this user may read it", path.display())]
+    /// A file cannot be read.
+    #[error("reading {}: {cause}; check that the device is present and that this user may read it", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: std::path::PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: std::io::Error,
     },
-    /// A file that cannot be written.
-    #[error("writing {found:?} to {}: {cause}; let this user write it by a udev rule", path.display())]
+    /// A file cannot be written.
+    #[error("writing {value:?} to {}: {cause}; grant this user write access with a udev rule", path.display())]
     Write {
-        /// The file.
+        /// Path of the file.
         path: std::path::PathBuf,
-        /// What was to be written.
-        found: String,
-        /// What the system said.
+        /// Value to be written.
+        value: String,
+        /// Error of the operating system.
         cause: std::io::Error,
     },
-    /// A file with something else in it.
+    /// A file has unexpected content.
     #[error("reading {}: found {found:?}, expected {expected}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: std::path::PathBuf,
-        /// What is there, shortened.
+        /// First characters of the content.
         found: String,
-        /// What was expected.
+        /// Expected content.
         expected: &'static str,
     },
-    /// No device of that name.
-    #[error("looking for the device {name:?} in {}: there is none; there are {}", root.display(), names(known))]
+    /// No device has this name.
+    #[error("no IIO device {name:?} in {}; available: {}", root.display(), names(available))]
     NoDevice {
-        /// The folder of devices.
+        /// Folder that contains the device folders.
         root: std::path::PathBuf,
-        /// The name.
+        /// Requested name.
         name: String,
-        /// Those that are there.
-        known: Vec<String>,
+        /// Names of the existing devices.
+        available: Vec<String>,
     },
-    /// Channels that must be there, and switched on.
-    #[error("reading the channels of a device: found none of {missing}; of a chip that is two devices, name both")]
-    Missing {
-        /// What is not there.
+    /// Required channels do not exist or are not enabled.
+    #[error(
+        "the IIO device has no {missing} channels; for a chip with separate gyro and accelerometer devices set both device and accel_device"
+    )]
+    MissingChannels {
+        /// Names of the missing channels.
         missing: &'static str,
     },
-    /// Two devices whose time stamps cannot be compared.
-    #[error("pairing two devices: the time stamps are by {gyro:?} and {accel:?}, expected one clock")]
-    Clocks {
-        /// Of the gyro.
+    /// The timestamps of two devices use different clocks.
+    #[error("the gyro's timestamps use the clock {gyro:?}, the accelerometer's {accel:?}; set both devices to one clock")]
+    ClockMismatch {
+        /// Clock of the gyro.
         gyro: Clock,
-        /// Of the accelerometer.
+        /// Clock of the accelerometer.
         accel: Clock,
     },
 }
 
-fn names(known: &[String]) -> String {
-    if known.is_empty() { "no devices".into() } else { known.join(", ") }
+fn names(available: &[String]) -> String {
+    if available.is_empty() { "no devices".into() } else { available.join(", ") }
 }

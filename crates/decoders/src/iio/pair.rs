@@ -1,44 +1,56 @@
-//! A chip that is two devices: the records of its gyro and of its accelerometer.
+//! A chip that consists of two devices: combines the records of its gyro and its accelerometer.
 //!
-//! Input: bytes of either character device, as they come. Output: a measurement for each record of the gyro, with the force on the line
-//! between the two records of the accelerometer around it, as far as they are close; else with the one that is. Time: the stamp of the
-//! gyro's record; both devices have one clock. A record of the gyro waits for the force behind it, [`WAIT_MAX_NS`] of the gyro's time
-//! at most. Failure: a rate without a force is counted as refused; where a clock steps back, both begin anew.
+//! Input: bytes of either character device, in any interleaving.
+//!
+//! Output: a measurement per gyro record. Its force is interpolated between the two surrounding
+//! accelerometer records if they are close to each other, else taken from the nearest one.
+//!
+//! Time: the timestamp of the gyro record. Both devices use the same clock. A gyro record waits for
+//! a later force for at most [`MAX_WAIT_NS`] of the gyro's time.
+//!
+//! Failure: a rate without a force is counted as rejected. If either clock steps back, both queues
+//! are cleared.
 
 use std::collections::VecDeque;
 
 use super::{IioError, Layout, records::Sample};
 use crate::{Counts, Measurement, Value};
 
-/// How much later records of the gyro may come before one goes without the force behind it, ns.
-pub const WAIT_MAX_NS: u64 = 200_000_000;
-/// From a rate to a force that is used for it, and between two forces with a rate between them, at most, ns.
-pub const GAP_MAX_NS: u64 = 100_000_000;
-/// Of records that wait, of each device.
-const RECORDS_MAX: usize = 8192;
+/// Maximum wait of a gyro record for a later force, on the gyro's clock, ns.
+pub const MAX_WAIT_NS: u64 = 200_000_000;
+/// Maximum time between a rate and the force used for it, and between two forces that are
+/// interpolated, ns.
+pub const MAX_GAP_NS: u64 = 100_000_000;
+/// Maximum number of queued records per device.
+const MAX_QUEUED_RECORDS: usize = 8192;
 
-/// Both devices.
+/// Combined decoder of a gyro device and an accelerometer device.
 #[derive(Debug, Clone)]
-pub struct Pair {
-    gyro: Records,
-    accel: Records,
+pub struct DevicePair {
+    gyro: RecordBuffer,
+    accel: RecordBuffer,
     rates: VecDeque<(u64, Sample)>,
     forces: VecDeque<(u64, [f64; 3])>,
     counts: Counts,
 }
 
-impl Pair {
-    /// Of these layouts: the gyro's has a rate, the accelerometer's a force, both a time.
+impl DevicePair {
+    /// Creates a decoder for a gyro with a rate and an accelerometer with a force.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if one of these quantities or a timestamp is missing, or if the clocks
+    /// differ.
     pub fn new(gyro: Layout, accel: Layout) -> Result<Self, IioError> {
-        let missing = |missing| Err(IioError::Missing { missing });
+        let missing = |missing| Err(IioError::MissingChannels { missing });
         match (&gyro, &accel) {
             (Layout { rate: None, .. }, _) => missing("in_anglvel"),
             (_, Layout { force: None, .. }) => missing("in_accel"),
             (Layout { time: None, .. }, _) | (_, Layout { time: None, .. }) => missing("in_timestamp"),
-            _ if gyro.clock != accel.clock => Err(IioError::Clocks { gyro: gyro.clock, accel: accel.clock }),
+            _ if gyro.clock != accel.clock => Err(IioError::ClockMismatch { gyro: gyro.clock, accel: accel.clock }),
             _ => Ok(Self {
-                gyro: Records::new(gyro),
-                accel: Records::new(accel),
+                gyro: RecordBuffer::new(gyro),
+                accel: RecordBuffer::new(accel),
                 rates: VecDeque::new(),
                 forces: VecDeque::new(),
                 counts: Counts::default(),
@@ -46,108 +58,110 @@ impl Pair {
         }
     }
 
-    /// Takes the next bytes of the gyro, and adds what is complete.
-    pub fn push_gyro(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) {
+    /// Decodes bytes of the gyro and appends the completed measurements.
+    pub fn push_gyro(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) {
         for sample in self.gyro.push(bytes) {
             self.counts.frames += 1;
             let Some(now_ns) = sample.now_ns else {
-                self.counts.refused += 1;
+                self.counts.rejected += 1;
                 continue;
             };
             let last_ns = self.rates.back().map(|(last_ns, _)| *last_ns);
-            if !self.is_later(now_ns, last_ns) {
+            if !self.check_order(now_ns, last_ns) {
                 continue;
             }
-            if self.rates.len() == RECORDS_MAX {
+            if self.rates.len() == MAX_QUEUED_RECORDS {
                 self.rates.pop_front();
-                self.counts.refused += 1;
+                self.counts.rejected += 1;
             }
             self.rates.push_back((now_ns, sample));
-            self.settle(found);
+            self.emit_ready(measurements);
         }
     }
 
-    /// Takes the next bytes of the accelerometer, and adds what is complete.
-    pub fn push_accel(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) {
+    /// Decodes bytes of the accelerometer and appends the completed measurements.
+    pub fn push_accel(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) {
         for sample in self.accel.push(bytes) {
             self.counts.frames += 1;
             let (Some(now_ns), Some(force_m_s2)) = (sample.now_ns, sample.force_m_s2) else {
-                self.counts.refused += 1;
+                self.counts.rejected += 1;
                 continue;
             };
             let last_ns = self.forces.back().map(|(last_ns, _)| *last_ns);
-            if !self.is_later(now_ns, last_ns) {
+            if !self.check_order(now_ns, last_ns) {
                 continue;
             }
-            if self.forces.len() == RECORDS_MAX {
+            if self.forces.len() == MAX_QUEUED_RECORDS {
                 self.forces.pop_front();
             }
             self.forces.push_back((now_ns, force_m_s2));
-            self.settle(found);
+            self.emit_ready(measurements);
         }
     }
 
-    /// What both have sent so far.
+    /// Returns the totals of both devices.
     pub fn counts(&self) -> Counts {
         self.counts
     }
 
-    /// Whether a record is to be used: not if it has the time of the one before it. One before that begins anew.
-    fn is_later(&mut self, now_ns: u64, last_ns: Option<u64>) -> bool {
+    /// Returns `false` for a record with the timestamp of its predecessor, which is rejected.
+    ///
+    /// An earlier timestamp means that the clock was reset. Both queues are then cleared.
+    fn check_order(&mut self, now_ns: u64, last_ns: Option<u64>) -> bool {
         let Some(last_ns) = last_ns.filter(|last_ns| now_ns <= *last_ns) else { return true };
         if now_ns == last_ns {
-            self.counts.refused += 1;
+            self.counts.rejected += 1;
             return false;
         }
-        self.counts.refused += self.rates.len() as u64;
+        self.counts.rejected += self.rates.len() as u64;
         self.rates.clear();
         self.forces.clear();
         true
     }
 
-    /// Hands the rates over whose force is known, or does not come.
-    fn settle(&mut self, found: &mut Vec<Measurement>) {
+    /// Outputs the queued rates with a known force, and rejects those that will get none.
+    fn emit_ready(&mut self, measurements: &mut Vec<Measurement>) {
         while let (Some((now_ns, sample)), Some((newest_ns, _))) = (self.rates.front(), self.rates.back()) {
             let force = match self.force_at(*now_ns) {
-                Force::Here(force_m_s2) => Some(force_m_s2),
-                Force::Behind if newest_ns - now_ns <= WAIT_MAX_NS => return,
-                Force::Behind => {
-                    self.forces.back().filter(|(t_ns, _)| t_ns.abs_diff(*now_ns) <= GAP_MAX_NS).map(|near| near.1)
+                Force::Known(force_m_s2) => Some(force_m_s2),
+                Force::Pending if newest_ns - now_ns <= MAX_WAIT_NS => return,
+                Force::Pending => {
+                    self.forces.back().filter(|(t_ns, _)| t_ns.abs_diff(*now_ns) <= MAX_GAP_NS).map(|nearest| nearest.1)
                 }
-                Force::Nowhere => None,
+                Force::Missing => None,
             };
             match sample.rate_rad_s.zip(force) {
-                Some((rate_rad_s, force_m_s2)) => found.push(Measurement {
-                    time: Some(self.gyro.layout.clock.time(*now_ns)),
+                Some((rate_rad_s, force_m_s2)) => measurements.push(Measurement {
+                    time: Some(self.gyro.layout.clock.device_time(*now_ns)),
                     value: Value::Imu { rate_rad_s, force_m_s2, field_ut: sample.field_ut },
                 }),
-                None => self.counts.refused += 1,
+                None => self.counts.rejected += 1,
             }
             self.rates.pop_front();
-            self.forget();
+            self.discard_old_forces();
         }
     }
 
     fn force_at(&self, now_ns: u64) -> Force {
-        let behind = self.forces.partition_point(|(t_ns, _)| *t_ns < now_ns);
-        let before = behind.checked_sub(1).and_then(|before| self.forces.get(before));
-        let Some((after_ns, after)) = self.forces.get(behind) else { return Force::Behind };
-        let near = |&(t_ns, force): &(u64, [f64; 3])| (t_ns.abs_diff(now_ns) <= GAP_MAX_NS).then_some((t_ns, force));
+        let after_index = self.forces.partition_point(|(t_ns, _)| *t_ns < now_ns);
+        let before = after_index.checked_sub(1).and_then(|index| self.forces.get(index));
+        let Some((after_ns, after)) = self.forces.get(after_index) else { return Force::Pending };
+        let if_close = |&(t_ns, force): &(u64, [f64; 3])| (t_ns.abs_diff(now_ns) <= MAX_GAP_NS).then_some((t_ns, force));
         let force = match before {
-            Some((before_ns, before)) if after_ns - before_ns <= GAP_MAX_NS => {
-                let part = (now_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
-                Some([0, 1, 2].map(|axis| before[axis] + part * (after[axis] - before[axis])))
+            Some((before_ns, before)) if after_ns - before_ns <= MAX_GAP_NS => {
+                let fraction = (now_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
+                Some([0, 1, 2].map(|axis| before[axis] + fraction * (after[axis] - before[axis])))
             }
             before => {
-                let both = [before.and_then(near), near(&(*after_ns, *after))];
+                let both = [before.and_then(if_close), if_close(&(*after_ns, *after))];
                 both.into_iter().flatten().min_by_key(|(t_ns, _)| t_ns.abs_diff(now_ns)).map(|(_, force)| force)
             }
         };
-        force.map_or(Force::Nowhere, Force::Here)
+        force.map_or(Force::Missing, Force::Known)
     }
 
-    /// Forces before the last one that is not after the rate to come are for none.
-    fn forget(&mut self) {
+    /// Discards the forces that are too old for the oldest queued rate.
+    fn discard_old_forces(&mut self) {
         let Some((now_ns, _)) = self.rates.front() else { return };
         while self.forces.get(1).is_some_and(|(t_ns, _)| t_ns <= now_ns) {
             self.forces.pop_front();
@@ -155,33 +169,34 @@ impl Pair {
     }
 }
 
+/// Force at the time of a rate.
 enum Force {
-    Here([f64; 3]),
-    /// No force after the rate has come yet.
-    Behind,
-    /// None is close.
-    Nowhere,
+    Known([f64; 3]),
+    /// No later force has arrived yet.
+    Pending,
+    /// All forces are beyond the maximum gap.
+    Missing,
 }
 
-/// The bytes of one device.
+/// Splitter of the byte stream of one device into records.
 #[derive(Debug, Clone)]
-struct Records {
+struct RecordBuffer {
     layout: Layout,
-    kept: Vec<u8>,
+    buffer: Vec<u8>,
 }
 
-impl Records {
+impl RecordBuffer {
     fn new(layout: Layout) -> Self {
-        Self { layout, kept: Vec::new() }
+        Self { layout, buffer: Vec::new() }
     }
 
     fn push(&mut self, bytes: &[u8]) -> Vec<Sample> {
-        self.kept.extend_from_slice(bytes);
-        let size = self.layout.record_bytes.max(1);
-        let records = self.kept.chunks_exact(size);
-        let rest = records.remainder().to_vec();
-        let samples = records.map(|record| self.layout.sample(record)).collect();
-        self.kept = rest;
+        self.buffer.extend_from_slice(bytes);
+        let record_bytes = self.layout.record_bytes.max(1);
+        let records = self.buffer.chunks_exact(record_bytes);
+        let remainder = records.remainder().to_vec();
+        let samples = records.map(|record| self.layout.decode(record)).collect();
+        self.buffer = remainder;
         samples
     }
 }

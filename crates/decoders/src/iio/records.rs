@@ -1,75 +1,78 @@
-//! Records of a buffer, whose layout is known.
+//! Decoder of buffer records with a known layout.
 //!
-//! Input: bytes of the character device. Output: one measurement for each record. Time: the record's stamp. Failure: none; a record is
-//! what it is.
+//! Input: bytes of the character device.
+//!
+//! Output: one measurement per record.
+//!
+//! Time: the timestamp of the record.
 
 use super::IioError;
 use crate::{
     DeviceTime, Measurement, Value,
-    framed::{Format, Seen},
+    framed::{Format, ParseOutcome},
 };
 
 const UT_PER_GAUSS: f64 = 100.0;
 
-/// How a record is made.
+/// Layout of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
-    /// Bytes of a record.
+    /// Size of a record, bytes.
     pub record_bytes: usize,
-    /// Of `in_anglvel`, rad/s.
+    /// `in_anglvel`, rad/s.
     pub rate: Option<Vector>,
-    /// Of `in_accel`, m/s².
+    /// `in_accel`, m/s².
     pub force: Option<Vector>,
-    /// Of `in_magn`, gauss.
+    /// `in_magn`, gauss.
     pub field: Option<Vector>,
-    /// Of `in_timestamp`, ns.
+    /// `in_timestamp`, ns.
     pub time: Option<Channel>,
-    /// Of the time stamps.
+    /// Clock of the timestamps.
     pub clock: Clock,
 }
 
-/// Three channels that belong together.
+/// Three channels of one quantity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vector {
-    /// x, y, z.
+    /// Channels of x, y and z.
     pub channels: [Channel; 3],
-    /// Added to what is read, before the scale.
+    /// Offset added to the raw value before scaling.
     pub offset: [f64; 3],
-    /// Units of one.
+    /// Physical unit per raw unit.
     pub scale: [f64; 3],
-    /// From the sensor's axes to those of the board, row by row.
-    pub mount: [[f64; 3]; 3],
+    /// Rotation from sensor axes to board axes, row by row.
+    pub mount_matrix: [[f64; 3]; 3],
 }
 
-/// Where a number is, and how it is written.
+/// Position and encoding of a number in a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Channel {
-    /// Bytes before it.
-    pub at: usize,
-    /// Bytes it takes, 1 to 8.
-    pub bytes: usize,
-    /// Bits that count, 1 to 64.
+    /// Number of bytes before the value.
+    pub byte_offset: usize,
+    /// Number of stored bytes, 1 to 8.
+    pub storage_bytes: usize,
+    /// Number of significant bits, 1 to 64.
     pub bits: u32,
-    /// Bits below those.
+    /// Number of bits below the significant ones.
     pub shift: u32,
-    /// Negative ones are two's complements.
+    /// Whether the value is a two's complement number.
     pub is_signed: bool,
-    /// The highest byte is the first.
+    /// Whether the most significant byte comes first.
     pub is_big_endian: bool,
 }
 
-/// What time stamps count from.
+/// Clock of the timestamps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Clock {
-    /// CLOCK_MONOTONIC, or one of its kind: from the start.
+    /// CLOCK_MONOTONIC and its variants: time since boot.
     Monotonic,
-    /// CLOCK_BOOTTIME: from the start, with the time asleep.
+    /// CLOCK_BOOTTIME: time since boot, including suspend.
     Boottime,
-    /// CLOCK_REALTIME, or one of its kind: from 1970.
+    /// CLOCK_REALTIME and its variants: UNIX time.
     Realtime,
 }
 
-/// What a record says.
+/// Decoded record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
     pub(super) now_ns: Option<u64>,
@@ -79,20 +82,20 @@ pub(super) struct Sample {
 }
 
 impl Layout {
-    /// Of a whole record.
-    pub(super) fn sample(&self, record: &[u8]) -> Sample {
-        let of = |vector: Option<Vector>| vector.and_then(|vector| vector.of(record));
+    /// Decodes a complete record.
+    pub(super) fn decode(&self, record: &[u8]) -> Sample {
+        let read = |vector: Option<Vector>| vector.and_then(|vector| vector.decode(record));
         Sample {
-            now_ns: self.time.and_then(|time| u64::try_from(time.of(record)?).ok()),
-            rate_rad_s: of(self.rate),
-            force_m_s2: of(self.force),
-            field_ut: of(self.field).map(|field| field.map(|part| part * UT_PER_GAUSS)),
+            now_ns: self.time.and_then(|time| u64::try_from(time.read(record)?).ok()),
+            rate_rad_s: read(self.rate),
+            force_m_s2: read(self.force),
+            field_ut: read(self.field).map(|field| field.map(|part| part * UT_PER_GAUSS)),
         }
     }
 }
 
 impl Clock {
-    pub(super) fn time(self, now_ns: u64) -> DeviceTime {
+    pub(super) fn device_time(self, now_ns: u64) -> DeviceTime {
         match self {
             Self::Monotonic | Self::Boottime => DeviceTime::SinceBoot { now_ns },
             Self::Realtime => DeviceTime::Unix { now_ns },
@@ -100,61 +103,65 @@ impl Clock {
     }
 }
 
-/// Records of one device with rate and force.
+/// Record format of a device with rate and force.
 #[derive(Debug, Clone)]
 pub struct Iio {
     layout: Layout,
 }
 
 impl Iio {
-    /// Of this layout, which has both.
+    /// Creates a format with this layout.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the layout has no rate or no force.
     pub fn new(layout: Layout) -> Result<Self, IioError> {
         match (layout.rate, layout.force) {
             (Some(_), Some(_)) => Ok(Self { layout }),
-            (None, _) => Err(IioError::Missing { missing: "in_anglvel" }),
-            (_, None) => Err(IioError::Missing { missing: "in_accel" }),
+            (None, _) => Err(IioError::MissingChannels { missing: "in_anglvel" }),
+            (_, None) => Err(IioError::MissingChannels { missing: "in_accel" }),
         }
     }
 }
 
 impl Format for Iio {
-    fn look(&mut self, bytes: &[u8], found: &mut Vec<Measurement>) -> Seen {
+    fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
         let record_bytes = self.layout.record_bytes;
-        let Some(record) = bytes.get(..record_bytes) else { return Seen::More };
+        let Some(record) = bytes.get(..record_bytes) else { return ParseOutcome::Incomplete };
         let Sample { now_ns, rate_rad_s: Some(rate_rad_s), force_m_s2: Some(force_m_s2), field_ut } =
-            self.layout.sample(record)
+            self.layout.decode(record)
         else {
-            return Seen::RefusedLine(record_bytes);
+            return ParseOutcome::RejectedUnit(record_bytes);
         };
-        let time = now_ns.map(|now_ns| self.layout.clock.time(now_ns));
-        found.push(Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut } });
-        Seen::Frame(record_bytes)
+        let time = now_ns.map(|now_ns| self.layout.clock.device_time(now_ns));
+        measurements.push(Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut } });
+        ParseOutcome::Frame(record_bytes)
     }
 }
 
 impl Vector {
-    fn of(&self, record: &[u8]) -> Option<[f64; 3]> {
+    fn decode(&self, record: &[u8]) -> Option<[f64; 3]> {
         let mut vector = [0.0; 3];
         for (axis, part) in vector.iter_mut().enumerate() {
-            *part = (self.channels[axis].of(record)? as f64 + self.offset[axis]) * self.scale[axis];
+            *part = (self.channels[axis].read(record)? as f64 + self.offset[axis]) * self.scale[axis];
         }
-        Some(self.mount.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()))
+        Some(self.mount_matrix.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()))
     }
 }
 
 impl Channel {
-    /// `None` beyond the end of the record.
-    fn of(&self, record: &[u8]) -> Option<i64> {
-        let stored = record.get(self.at..self.at.checked_add(self.bytes)?)?;
+    /// Returns the value in `record`, or `None` beyond its end.
+    fn read(&self, record: &[u8]) -> Option<i64> {
+        let stored = record.get(self.byte_offset..self.byte_offset.checked_add(self.storage_bytes)?)?;
         let joined = |all: u64, byte: &u8| all << 8 | u64::from(*byte);
         let word = if self.is_big_endian { stored.iter().fold(0, joined) } else { stored.iter().rev().fold(0, joined) };
-        // To the upper end, and back with or without the sign.
-        let above = 64u32.checked_sub(self.bits)?;
-        let upper = word.checked_shr(self.shift)?.checked_shl(above)?;
+        // Shift the value to the upper end of the word and back, with or without sign extension.
+        let unused_bits = 64u32.checked_sub(self.bits)?;
+        let upper = word.checked_shr(self.shift)?.checked_shl(unused_bits)?;
         if self.is_signed {
-            (upper.cast_signed()).checked_shr(above)
+            (upper.cast_signed()).checked_shr(unused_bits)
         } else {
-            upper.checked_shr(above)?.try_into().ok()
+            upper.checked_shr(unused_bits)?.try_into().ok()
         }
     }
 }

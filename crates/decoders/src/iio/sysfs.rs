@@ -1,7 +1,10 @@
-//! The folder of a device in sysfs.
+//! Access to the folder of a device in sysfs.
 //!
-//! Input: a folder such as `/sys/bus/iio/devices/iio:device0`, or one made like it. Output: the [`Layout`] of its records; with
-//! [`prepare`] also a buffer that is switched on. Failure: an [`IioError`] that names the file.
+//! Input: a folder such as `/sys/bus/iio/devices/iio:device0`, or one with the same structure.
+//!
+//! Output: the [`Layout`] of its records. [`prepare`] also enables the buffer.
+//!
+//! Failure: an [`IioError`] that names the file.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -11,45 +14,57 @@ use std::{
 
 use super::{Channel, Clock, IioError, Layout, Vector};
 
-/// Where devices are on a running system.
+/// Folder of the devices on a running system.
 pub const ROOT: &str = "/sys/bus/iio/devices";
 
-/// No file of a device is longer.
-const FILE_MAX_BYTES: u64 = 4096;
-/// Folders of a root that are looked into.
-const DEVICES_MAX: usize = 1000;
-/// The folder of channels since Linux 5.11, and before.
-const FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
-const NAMES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
+/// Maximum number of bytes read from a file.
+const MAX_FILE_BYTES: u64 = 4096;
+/// Maximum number of folder entries that are examined.
+const MAX_ENTRIES: usize = 1000;
+/// Folders of the channels: since Linux 5.11, and before.
+const CHANNEL_FOLDERS: [&str; 2] = ["buffer0", "scan_elements"];
+const QUANTITIES: [&str; 3] = ["in_anglvel", "in_accel", "in_magn"];
 const AXES: [&str; 3] = ["x", "y", "z"];
 const TIMESTAMP: &str = "in_timestamp";
-/// By how much the rows of a mounting matrix may differ from those of a rotation; drivers write few digits.
+/// Maximum deviation of a mounting matrix from a rotation. Drivers print few digits.
 const ROTATION_TOLERANCE: f64 = 0.01;
-const UNTURNED: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// The folder of the device that is called `name` in its file `name`, or whose folder is.
+/// Returns the folder of a device. `name` is the content of its file `name`, or the name of the
+/// folder.
+///
+/// # Errors
+///
+/// Returns an error if `root` cannot be read or contains no such device.
 pub fn find(root: &Path, name: &str) -> Result<PathBuf, IioError> {
     let failed = |cause| IioError::Read { path: root.to_owned(), cause };
-    let mut known = Vec::new();
-    for entry in fs::read_dir(root).map_err(failed)?.take(DEVICES_MAX) {
+    let mut available = Vec::new();
+    for entry in fs::read_dir(root).map_err(failed)?.take(MAX_ENTRIES) {
         let folder = entry.map_err(failed)?.path();
-        let Ok(called) = text(&folder.join("name")) else { continue };
-        if called == name || folder.file_name().is_some_and(|folder| folder == name) {
+        let Ok(device_name) = read_text(&folder.join("name")) else { continue };
+        if device_name == name || folder.file_name().is_some_and(|folder| folder == name) {
             return Ok(folder);
         }
-        known.push(called);
+        available.push(device_name);
     }
-    known.sort();
-    Err(IioError::NoDevice { root: root.to_owned(), name: name.to_owned(), known })
+    available.sort();
+    Err(IioError::NoDevice { root: root.to_owned(), name: name.to_owned(), available })
 }
 
-/// Switches the channels of rate, force, field and time on, the time stamps to CLOCK_MONOTONIC, then the buffer, with room for
-/// `records`; the sampling rate is set where one is given.
-pub fn prepare(device: &Path, records: u32, rate_hz: Option<f64>) -> Result<Layout, IioError> {
+/// Configures a device and enables its buffer.
+///
+/// Enables the channels of rate, force, field and time, sets the timestamps to CLOCK_MONOTONIC if
+/// possible, sets the sampling rate to `rate_hz` if given, and enables the buffer with room for
+/// `buffer_records` records.
+///
+/// # Errors
+///
+/// Returns an error that names the file if one cannot be read or written or is malformed.
+pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Result<Layout, IioError> {
     let buffer = device.join("buffer");
     let buffer = if buffer.is_dir() { buffer } else { device.join("buffer0") };
     write(&buffer.join("enable"), "0")?;
-    // Not every driver can: what it has is read below.
+    // Some drivers reject the clock. The one in effect is read back below.
     let clock = device.join("current_timestamp_clock");
     if clock.exists() {
         write(&clock, "monotonic")?;
@@ -63,7 +78,7 @@ pub fn prepare(device: &Path, records: u32, rate_hz: Option<f64>) -> Result<Layo
         }
     }
     let channels = channels_folder(device)?;
-    let vectors = NAMES.iter().flat_map(|name| AXES.map(|axis| format!("{name}_{axis}")));
+    let vectors = QUANTITIES.iter().flat_map(|name| AXES.map(|axis| format!("{name}_{axis}")));
     for name in vectors.chain([TIMESTAMP.to_owned()]) {
         let path = channels.join(format!("{name}_en"));
         if path.exists() {
@@ -71,27 +86,32 @@ pub fn prepare(device: &Path, records: u32, rate_hz: Option<f64>) -> Result<Layo
         }
     }
     let layout = read(device)?;
-    write(&buffer.join("length"), &records.to_string())?;
+    write(&buffer.join("length"), &buffer_records.to_string())?;
     write(&buffer.join("enable"), "1")?;
     Ok(layout)
 }
 
-/// The layout of the records of a device with those of its channels that are switched on.
+/// Returns the layout of the records of a device, with its enabled channels.
+///
+/// # Errors
+///
+/// Returns an error that names the malformed file, or the missing channels if neither a rate nor a
+/// force is enabled.
 pub fn read(device: &Path) -> Result<Layout, IioError> {
     let folder = channels_folder(device)?;
     let (channels, record_bytes) = channels(&folder)?;
     let find = |name: &str| channels.iter().find(|(other, _)| other == name).map(|(_, channel)| *channel);
     let vector = |name: &'static str| -> Result<Option<Vector>, IioError> {
         let [Some(x), Some(y), Some(z)] = AXES.map(|axis| find(&format!("{name}_{axis}"))) else { return Ok(None) };
-        let mut vector = Vector { channels: [x, y, z], offset: [0.0; 3], scale: [1.0; 3], mount: mount(device, name)? };
+        let mut vector = Vector { channels: [x, y, z], offset: [0.0; 3], scale: [1.0; 3], mount_matrix: mount_matrix(device, name)? };
         for (index, axis) in AXES.iter().enumerate() {
-            let of = |what: &str| first_number(device, &[format!("{name}_{axis}_{what}"), format!("{name}_{what}")]);
-            vector.offset[index] = of("offset")?.unwrap_or(0.0);
-            vector.scale[index] = of("scale")?.unwrap_or(1.0);
+            let read_number = |what: &str| first_number(device, &[format!("{name}_{axis}_{what}"), format!("{name}_{what}")]);
+            vector.offset[index] = read_number("offset")?.unwrap_or(0.0);
+            vector.scale[index] = read_number("scale")?.unwrap_or(1.0);
         }
         Ok(Some(vector))
     };
-    let [rate_name, force_name, field_name] = NAMES;
+    let [rate_name, force_name, field_name] = QUANTITIES;
     let layout = Layout {
         record_bytes,
         rate: vector(rate_name)?,
@@ -101,7 +121,7 @@ pub fn read(device: &Path) -> Result<Layout, IioError> {
         clock: clock(device)?,
     };
     match layout {
-        Layout { rate: None, force: None, .. } => Err(IioError::Missing { missing: "in_anglvel nor of in_accel" }),
+        Layout { rate: None, force: None, .. } => Err(IioError::MissingChannels { missing: "in_anglvel or in_accel" }),
         layout => Ok(layout),
     }
 }
@@ -109,46 +129,47 @@ pub fn read(device: &Path) -> Result<Layout, IioError> {
 fn channels_folder(device: &Path) -> Result<PathBuf, IioError> {
     let has_channels = |folder: &PathBuf| {
         let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.take(DEVICES_MAX).any(|entry| entry.file_name().to_string_lossy().ends_with("_en"))
+        entries.take(MAX_ENTRIES).any(|entry| entry.file_name().to_string_lossy().ends_with("_en"))
     };
-    let found = FOLDERS.map(|name| device.join(name)).into_iter().find(has_channels);
-    let none = || std::io::Error::new(std::io::ErrorKind::NotFound, "there are no channels of a buffer");
-    found.ok_or_else(|| IioError::Read { path: device.join(FOLDERS[1]), cause: none() })
+    let found = CHANNEL_FOLDERS.map(|name| device.join(name)).into_iter().find(has_channels);
+    let not_found = || std::io::Error::new(std::io::ErrorKind::NotFound, "the device has no buffer channels");
+    found.ok_or_else(|| IioError::Read { path: device.join(CHANNEL_FOLDERS[1]), cause: not_found() })
 }
 
-/// The channels that are switched on, by name, and the bytes of a record. Each is at a multiple of its own size, and so is a record at
-/// one of its largest.
+/// Returns the enabled channels by name, and the size of a record in bytes.
+///
+/// Each channel is aligned to its own size, and the record to the largest of them.
 fn channels(folder: &Path) -> Result<(Vec<(String, Channel)>, usize), IioError> {
     let failed = |cause| IioError::Read { path: folder.to_owned(), cause };
     let mut found = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed)?.take(DEVICES_MAX) {
+    for entry in fs::read_dir(folder).map_err(failed)?.take(MAX_ENTRIES) {
         let file = entry.map_err(failed)?.file_name();
         let Some(name) = file.to_str().and_then(|file| file.strip_suffix("_en")) else { continue };
-        if text(&folder.join(&file))? != "1" {
+        if read_text(&folder.join(&file))? != "1" {
             continue;
         }
         let path = folder.join(format!("{name}_index"));
-        let said = text(&path)?;
-        let index: u32 = said.parse().map_err(|_| malformed(&path, &said, "a whole number"))?;
+        let text = read_text(&path)?;
+        let index: u32 = text.parse().map_err(|_| malformed(&path, &text, "a whole number"))?;
         let path = folder.join(format!("{name}_type"));
-        let said = text(&path)?;
-        let (channel, size) = kind(&said).ok_or_else(|| malformed(&path, &said, "such as le:s16/16>>0"))?;
+        let text = read_text(&path)?;
+        let (channel, size) = parse_channel_type(&text).ok_or_else(|| malformed(&path, &text, "such as le:s16/16>>0"))?;
         found.push((index, size, name.to_owned(), channel));
     }
     found.sort_by_key(|(index, ..)| *index);
-    let (mut at, mut largest) = (0usize, 1);
+    let (mut byte_offset, mut largest) = (0usize, 1);
     let mut placed = Vec::with_capacity(found.len());
     for (_, size, name, channel) in found {
-        at = at.next_multiple_of(size);
-        placed.push((name, Channel { at, ..channel }));
-        at += size;
+        byte_offset = byte_offset.next_multiple_of(size);
+        placed.push((name, Channel { byte_offset, ..channel }));
+        byte_offset += size;
         largest = largest.max(size);
     }
-    Ok((placed, at.next_multiple_of(largest)))
+    Ok((placed, byte_offset.next_multiple_of(largest)))
 }
 
-/// `[be|le]:[s|u]BITS/STORED[XREPEAT]>>SHIFT`, and the bytes it takes with its repetitions.
-fn kind(text: &str) -> Option<(Channel, usize)> {
+/// Parses `[be|le]:[s|u]BITS/STORED[XREPEAT]>>SHIFT` and returns the channel with its total size in bytes, including repetitions.
+fn parse_channel_type(text: &str) -> Option<(Channel, usize)> {
     let (order, rest) = text.split_once(':')?;
     let is_big_endian = match order {
         "be" => true,
@@ -165,46 +186,49 @@ fn kind(text: &str) -> Option<(Channel, usize)> {
     let (stored, repeat) = stored.split_once('X').unwrap_or((stored, "1"));
     let (bits, stored, shift): (u32, u32, u32) = (bits.parse().ok()?, stored.parse().ok()?, shift.parse().ok()?);
     let repeat: usize = repeat.parse().ok()?;
-    let is_sound = matches!(stored, 8 | 16 | 32 | 64) && bits >= 1 && (1..=64).contains(&repeat);
-    if !is_sound || bits.checked_add(shift)? > stored {
+    let is_valid = matches!(stored, 8 | 16 | 32 | 64) && bits >= 1 && (1..=64).contains(&repeat);
+    if !is_valid || bits.checked_add(shift)? > stored {
         return None;
     }
     let bytes = usize::try_from(stored / 8).ok()?;
-    Some((Channel { at: 0, bytes, bits, shift, is_signed, is_big_endian }, bytes * repeat))
+    Some((Channel { byte_offset: 0, storage_bytes: bytes, bits, shift, is_signed, is_big_endian }, bytes * repeat))
 }
 
 fn clock(device: &Path) -> Result<Clock, IioError> {
     let path = device.join("current_timestamp_clock");
-    // Drivers from before there was a choice.
+    // Older drivers have no such file and always use CLOCK_REALTIME.
     if !path.exists() {
         return Ok(Clock::Realtime);
     }
-    let said = text(&path)?;
-    match said.as_str() {
+    let text = read_text(&path)?;
+    match text.as_str() {
         "monotonic" | "monotonic_raw" | "monotonic_coarse" => Ok(Clock::Monotonic),
         "boottime" => Ok(Clock::Boottime),
         "realtime" | "realtime_coarse" | "tai" => Ok(Clock::Realtime),
-        _ => Err(malformed(&path, &said, "monotonic, boottime, realtime or one of their kind")),
+        _ => Err(malformed(&path, &text, "monotonic, boottime, realtime or a variant of these")),
     }
 }
 
-/// `a, b, c; d, e, f; g, h, i`: of the quantity, else of the device, else none.
-fn mount(device: &Path, name: &str) -> Result<[[f64; 3]; 3], IioError> {
+/// Reads the mounting matrix, or returns the identity if there is none.
+///
+/// The format is `a, b, c; d, e, f; g, h, i`. The matrix of the quantity has priority over that of
+/// the device.
+fn mount_matrix(device: &Path, name: &str) -> Result<[[f64; 3]; 3], IioError> {
     let files = [format!("{name}_mount_matrix"), "in_mount_matrix".to_owned(), "mount_matrix".to_owned()];
     let Some(path) = files.map(|file| device.join(file)).into_iter().find(|path| path.exists()) else {
-        return Ok(UNTURNED);
+        return Ok(IDENTITY);
     };
-    let said = text(&path)?;
-    let rows = three(said.split(';')).and_then(|rows| {
-        let [a, b, c] = rows.map(|row| three(row.split(',').map(|number| number.trim().parse::<f64>().ok())));
-        let whole = |row: Option<[Option<f64>; 3]>| row.and_then(|[x, y, z]| Some([x?, y?, z?]));
-        Some([whole(a)?, whole(b)?, whole(c)?])
+    let text = read_text(&path)?;
+    let rows = exactly_three(text.split(';')).and_then(|rows| {
+        let [a, b, c] = rows.map(|row| exactly_three(row.split(',').map(|number| number.trim().parse::<f64>().ok())));
+        let all_valid = |row: Option<[Option<f64>; 3]>| row.and_then(|[x, y, z]| Some([x?, y?, z?]));
+        Some([all_valid(a)?, all_valid(b)?, all_valid(c)?])
     });
     let rows = rows.filter(is_rotation);
-    rows.ok_or_else(|| malformed(&path, &said, "a rotation: three rows of length 1, right-angled and right-handed"))
+    rows.ok_or_else(|| malformed(&path, &text, "a rotation: three rows of length 1, orthogonal and right-handed"))
 }
 
-fn three<T>(mut parts: impl Iterator<Item = T>) -> Option<[T; 3]> {
+fn exactly_three<T>(mut parts: impl Iterator<Item = T>) -> Option<[T; 3]> {
     let found = [parts.next()?, parts.next()?, parts.next()?];
     parts.next().is_none().then_some(found)
 }
@@ -217,27 +241,27 @@ fn is_rotation(&[a, b, c]: &[[f64; 3]; 3]) -> bool {
         && [dot(a, b), dot(b, c), dot(c, a)].into_iter().all(|found| is_near(found, 0.0))
 }
 
-/// Of the first file that is there.
+/// Reads the number in the first of the files that exists.
 fn first_number(device: &Path, names: &[String]) -> Result<Option<f64>, IioError> {
     let Some(path) = names.iter().map(|name| device.join(name)).find(|path| path.exists()) else { return Ok(None) };
-    let said = text(&path)?;
-    let number = said.parse().ok().filter(|number: &f64| number.is_finite());
-    number.map(Some).ok_or_else(|| malformed(&path, &said, "a number"))
+    let text = read_text(&path)?;
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite());
+    number.map(Some).ok_or_else(|| malformed(&path, &text, "a number"))
 }
 
-/// Without the blanks around.
-fn text(path: &Path) -> Result<String, IioError> {
+/// Reads a file and removes surrounding white space.
+fn read_text(path: &Path) -> Result<String, IioError> {
     let mut bytes = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(FILE_MAX_BYTES).read_to_end(&mut bytes));
+    let read = File::open(path).and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes));
     read.map_err(|cause| IioError::Read { path: path.to_owned(), cause })?;
     Ok(String::from_utf8_lossy(&bytes).trim().to_owned())
 }
 
-/// Into a file that is there: in a folder that is no device's, none is made.
-fn write(path: &Path, found: &str) -> Result<(), IioError> {
+/// Writes an existing file. Files are never created, so a wrong folder is not modified.
+fn write(path: &Path, value: &str) -> Result<(), IioError> {
     let file = OpenOptions::new().write(true).truncate(true).open(path);
-    let written = file.and_then(|mut file| file.write_all(found.as_bytes()));
-    written.map_err(|cause| IioError::Write { path: path.to_owned(), found: found.to_owned(), cause })
+    let written = file.and_then(|mut file| file.write_all(value.as_bytes()));
+    written.map_err(|cause| IioError::Write { path: path.to_owned(), value: value.to_owned(), cause })
 }
 
 fn malformed(path: &Path, found: &str, expected: &'static str) -> IioError {

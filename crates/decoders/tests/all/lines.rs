@@ -1,21 +1,21 @@
-//! Lines of numbers, in the words of `plumb import`.
+//! Lines of numbers, mapped with the syntax of `plumb import`.
 
 use decoders::{
-    Counts, DeviceTime, Framed, Measurement, Place, Value,
-    lines::{Lines, LinesError, Settings},
+    Counts, DeviceTime, Framed, Measurement, Position, Value,
+    lines::{Lines, LinesError, LineSettings},
 };
 use mapping::Mapping;
 use recording::{Layout, Reference, Row};
 
 use crate::streams::decoded;
 
-fn read(settings: &Settings, text: &str) -> (Vec<Measurement>, Counts) {
+fn read(settings: &LineSettings, text: &str) -> (Vec<Measurement>, Counts) {
     decoded(Box::new(Framed::new(Lines::new(settings).unwrap())), [text.as_bytes()])
 }
 
-fn said(maps: &[&str], units: &str, frame: &str) -> Settings {
+fn settings_of(maps: &[&str], units: &str, frame: &str) -> LineSettings {
     let mapping = Mapping::parse_live(maps, Some(units), Some(frame)).unwrap();
-    Settings { mapping, ..Settings::default() }
+    LineSettings { mapping, ..LineSettings::default() }
 }
 
 fn imu(time: Option<DeviceTime>, rate_rad_s: [f64; 3], force_m_s2: [f64; 3], field: Option<[f64; 3]>) -> Measurement {
@@ -23,7 +23,7 @@ fn imu(time: Option<DeviceTime>, rate_rad_s: [f64; 3], force_m_s2: [f64; 3], fie
 }
 
 #[test]
-fn a_recording_of_ours_comes_back_number_for_number() {
+fn recording_is_read_back_exactly() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a_imu.csv");
     let mut writer = recording::Writer::create(&path, Layout { field: true, reference: true }).unwrap();
@@ -38,7 +38,7 @@ fn a_recording_of_ours_comes_back_number_for_number() {
         .collect();
     rows.iter().for_each(|row| writer.write(row).unwrap());
     writer.finish().unwrap();
-    let (found, counts) = read(&Settings::default(), &std::fs::read_to_string(&path).unwrap());
+    let (found, counts) = read(&LineSettings::default(), &std::fs::read_to_string(&path).unwrap());
     let wanted: Vec<_> = rows
         .iter()
         .map(|row| {
@@ -47,14 +47,14 @@ fn a_recording_of_ours_comes_back_number_for_number() {
         })
         .collect();
     assert_eq!(found, wanted);
-    assert_eq!(counts, Counts { frames: 51, refused: 0, skipped_bytes: 0 });
+    assert_eq!(counts, Counts { frames: 51, rejected: 0, skipped_bytes: 0 });
 }
 
 #[test]
-fn columns_have_their_names_units_and_axes() {
+fn columns_are_converted_by_name_unit_and_axis() {
     let maps = ["t=ms,gx=p,gy=q,gz=r,ax=u,ay=v,az=w,mx=a,my=b,mz=c"];
     let text = "ms;p;q;r;u;v;w;battery;a;b;c\n1000,5;90;0;0;0;1;0;3,7;0,5;0;0\n";
-    let (found, _) = read(&said(&maps, "deg/s,g,gauss,ms", "flu"), text);
+    let (found, _) = read(&settings_of(&maps, "deg/s,g,gauss,ms", "flu"), text);
     // Forward, left, up becomes right, forward, up.
     let quarter = 90f64.to_radians();
     let time = Some(DeviceTime::SinceBoot { now_ns: 1_000_500_000 });
@@ -62,93 +62,91 @@ fn columns_have_their_names_units_and_axes() {
 }
 
 #[test]
-fn columns_without_names_are_those_of_the_settings() {
+fn columns_without_header_come_from_settings() {
     let columns = ["gx", "gy", "gz", "ax", "ay", "az"].map(str::to_owned).to_vec();
-    let settings = Settings { columns: Some(columns), ..Settings::default() };
+    let settings = LineSettings { columns: Some(columns), ..LineSettings::default() };
     let (found, counts) =
         read(&settings, "7 1 2 3 4 5\n0 0 0 0 0 9.8\n\n# remark\n0 0 0\n1 2 3 4 5 x\n1 2 3 4 5 6\r\n");
     let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
     assert_eq!(found, [imu(None, [0.0; 3], [0.0, 0.0, 9.8], None), imu(None, rate, force, None)]);
-    // The first line may have lost its beginning.
-    assert_eq!(counts, Counts { frames: 4, refused: 2, skipped_bytes: 12 + 6 + 12 });
+    // The first line may lack its beginning.
+    assert_eq!(counts, Counts { frames: 4, rejected: 2, skipped_bytes: 12 + 6 + 12 });
 }
 
 #[test]
-fn numbers_that_nobody_named_are_a_time_a_rate_a_force_and_perhaps_a_field() {
-    let whole = Settings { begins_whole: true, ..Settings::default() };
+fn unnamed_columns_get_default_names() {
+    let complete = LineSettings { starts_at_line_start: true, ..LineSettings::default() };
     let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
     let time = Some(DeviceTime::SinceBoot { now_ns: 500_000_000 });
-    let (found, counts) = read(&whole, "0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6,7,8,9\n");
+    let (found, counts) = read(&complete, "0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6\n0.5,1,2,3,4,5,6,7,8,9\n");
     assert_eq!(found, [imu(time, rate, force, None); 2]);
-    assert_eq!((counts.frames, counts.refused), (2, 1), "the columns stay what they are");
-    let (found, _) = read(&whole, "x,1,2,3,4,5,6\n0.5 1 2 3 4 5 6 7 8 9\n");
+    assert_eq!((counts.frames, counts.rejected), (2, 1), "the columns do not change");
+    let (found, _) = read(&complete, "x,1,2,3,4,5,6\n0.5 1 2 3 4 5 6 7 8 9\n");
     assert_eq!(found, [imu(time, rate, force, Some([7.0, 8.0, 9.0]))]);
-    let (found, counts) = read(&Settings::default(), "0.5,1,2,3,4,5,6\n");
-    assert_eq!((found.len(), counts.skipped_bytes), (0, 16), "a line that may have lost its beginning");
+    let (found, counts) = read(&LineSettings::default(), "0.5,1,2,3,4,5,6\n");
+    assert_eq!((found.len(), counts.skipped_bytes), (0, 16), "the line may lack its beginning");
 }
 
 #[test]
-fn a_counter_begins_again_where_it_is_said_to() {
+fn time_counter_has_configured_period() {
     let maps = ["t=us,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az"];
-    let settings = Settings { time_bits: Some(32), ..said(&maps, "us", "rfu") };
+    let settings = LineSettings { time_bits: Some(32), ..settings_of(&maps, "us", "rfu") };
     let (found, _) = read(&settings, "us,gx,gy,gz,ax,ay,az\n4294967295,0,0,0,0,0,9.8\n,0,0,0,0,0,9.8\n");
     let times: Vec<_> = found.iter().map(|found| found.time).collect();
     let period_ns = (1 << 32) * 1000;
     assert_eq!(times, [Some(DeviceTime::Counter { now_ns: 4_294_967_295_000, period_ns }), None]);
     let unix = "t,gx,gy,gz,ax,ay,az\n1700000000.5,0,0,0,0,0,9.8\n-1,0,0,0,0,0,9.8\n";
-    let times: Vec<_> = read(&Settings::default(), unix).0.iter().map(|found| found.time).collect();
+    let times: Vec<_> = read(&LineSettings::default(), unix).0.iter().map(|found| found.time).collect();
     let before = DeviceTime::SinceBoot { now_ns: (-1_000_000_000i64).cast_unsigned() };
     assert_eq!(times, [Some(DeviceTime::Unix { now_ns: 1_700_000_000_500_000_000 }), Some(before)]);
     let (found, counts) = read(&settings, "us,gx,gy,gz,ax,ay,az\n-1,0,0,0,0,0,9.8\n");
-    assert_eq!((found.len(), counts.refused), (0, 1), "no counter is negative");
+    assert_eq!((found.len(), counts.rejected), (0, 1), "a counter is never negative");
 }
 
 #[test]
-fn a_fix_beside_the_rows_is_handed_on_once() {
+fn repeated_fix_is_reported_once() {
     let maps = ["t=t,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az,ve=e,vn=n,vd=d,lat=lat"];
     let text = "t,gx,gy,gz,ax,ay,az,e,n,d,lat\n1,0,0,0,0,0,9.8,1,2,3,-37.5\n2,0,0,0,0,0,9.8,1,2,3,-37.5\n\
                 3,,,,,,,,,,\n4,,,,,,,4,5,6,\n";
-    let (found, counts) = read(&said(&maps, "", "rfu"), text);
+    let (found, counts) = read(&settings_of(&maps, "", "rfu"), text);
     let fixes: Vec<_> = found.iter().filter(|found| matches!(found.value, Value::Fix { .. })).collect();
-    let place = Place { latitude_rad: Some((-37.5f64).to_radians()), ..Place::default() };
-    let first = Value::Fix { velocity_m_s: [1.0, 2.0, -3.0], sd_m_s: None, place };
-    let second = Value::Fix { velocity_m_s: [4.0, 5.0, -6.0], sd_m_s: None, place: Place::default() };
+    let position = Position { latitude_rad: Some((-37.5f64).to_radians()), ..Position::default() };
+    let first = Value::Fix { velocity_m_s: [1.0, 2.0, -3.0], sd_m_s: None, position };
+    let second = Value::Fix { velocity_m_s: [4.0, 5.0, -6.0], sd_m_s: None, position: Position::default() };
     assert_eq!(fixes.iter().map(|fix| fix.value).collect::<Vec<_>>(), [first, second]);
-    assert_eq!((found.len(), counts.frames, counts.refused), (4, 5, 0));
+    assert_eq!((found.len(), counts.frames, counts.rejected), (4, 5, 0));
 }
 
 #[test]
-fn settings_that_are_none_are_refused() {
+fn invalid_settings_are_rejected() {
     let columns = |names: &[&str]| Some(names.iter().map(|name| (*name).to_owned()).collect());
-    let settings = Settings {
+    let settings = LineSettings {
         columns: columns(&["gx", "gy", "gyro_z", "ax", "ay", "az"]),
-        ..said(&["gx=gx,gy=gy,gz=gyroz,ax=ax,ay=ay,az=az"], "", "rfu")
+        ..settings_of(&["gx=gx,gy=gy,gz=gyroz,ax=ax,ay=ay,az=az"], "", "rfu")
     };
-    assert_eq!(
-        Lines::new(&settings).unwrap_err().to_string(),
-        "reading the columns: there is no \"gyroz\" for gz, did you mean \"gyro_z\"?"
-    );
+    let error = Lines::new(&settings).unwrap_err().to_string();
+    assert!(error.contains("column \"gyroz\" for gz") && error.contains("did you mean \"gyro_z\"?"), "{error}");
     for bits in [0, 64, 60] {
-        let settings = Settings { time_bits: Some(bits), ..Settings::default() };
-        assert_eq!(Lines::new(&settings).unwrap_err(), LinesError::Bits { bits });
+        let settings = LineSettings { time_bits: Some(bits), ..LineSettings::default() };
+        assert_eq!(Lines::new(&settings).unwrap_err(), LinesError::InvalidTimeBits { bits });
     }
 }
 
 #[test]
-fn a_line_without_an_end_is_passed_over_and_its_rest_is_no_line() {
+fn overlong_line_is_skipped_with_its_rest() {
     let header = "gx,gy,gz,ax,ay,az\n";
     let endless = "1,2,3,4,5,".repeat(500);
-    let (found, counts) = read(&Settings::default(), &format!("{header}{endless}6,1,1,1,1,1\n1,2,3,4,5,6\n"));
+    let (found, counts) = read(&LineSettings::default(), &format!("{header}{endless}6,1,1,1,1,1\n1,2,3,4,5,6\n"));
     assert_eq!(found, [imu(None, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None)]);
-    assert_eq!((counts.frames, counts.refused), (2, 0), "{counts:?}");
+    assert_eq!((counts.frames, counts.rejected), (2, 0), "{counts:?}");
     assert_eq!(counts.skipped_bytes, 5000 + 12);
 }
 
 #[test]
-fn a_line_before_any_names_is_refused_and_names_may_change() {
+fn line_before_header_is_rejected_and_header_may_change() {
     let text = "1,2\n1,2,3,4,5,6\nax,ay,az,gx,gy,gz\n4,5,6,1,2,3\ngx,gy,gz,ax,ay,az\n1,2,3,4,5,6\n";
-    let (found, counts) = read(&Settings::default(), text);
+    let (found, counts) = read(&LineSettings::default(), text);
     let row = imu(None, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None);
     assert_eq!(found, [row, row]);
-    assert_eq!((counts.frames, counts.refused), (4, 1));
+    assert_eq!((counts.frames, counts.rejected), (4, 1));
 }

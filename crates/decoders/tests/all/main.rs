@@ -1,9 +1,9 @@
-//! Decoders on bytes that others encoded, and on bytes that are damaged.
+//! Decoders on bytes of third-party encoders and on damaged bytes.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod autopilot;
 mod damage;
-mod foreign;
+mod third_party;
 mod iio;
 mod lines;
 #[path = "../../../../tests/common/python.rs"]

@@ -1,4 +1,4 @@
-//! What sensors on a serial line say: scales, axes, times, and what belongs together.
+//! Serial sensors: scales, axes, timestamps and grouping of frames.
 
 use decoders::{
     DeviceTime, Framed, Measurement, Value,
@@ -8,7 +8,7 @@ use decoders::{
 };
 use xsens_mti::prelude::{Acceleration, BusId, Frame, MagneticField, MessageId, PayloadLength, RateOfTurn};
 
-use crate::streams::{decoded, rvc_frame_of, three_f32, witmotion_frame, xsens_frame};
+use crate::streams::{decoded, rvc_frame_with, three_f32, witmotion_frame, xsens_frame};
 
 const GRAVITY_M_S2: f64 = 9.80665;
 
@@ -20,7 +20,7 @@ fn witmotion(ranges: Ranges, frames: &[Vec<u8>]) -> Vec<Measurement> {
     decoded(Box::new(Framed::new(WitMotion::new(ranges))), [&frames.concat()[..]]).0
 }
 
-/// 2048 of ±16 g is 1 g; 16384 of ±2000 °/s is 1000 °/s.
+/// 2048 at ±16 g is 1 g, and 16384 at ±2000 °/s is 1000 °/s.
 fn witmotion_numbers() -> [Vec<u8>; 3] {
     [
         witmotion_frame(0x51, [0, 0, 0, 0, 0x00, 0x08, 0, 0]),
@@ -30,7 +30,7 @@ fn witmotion_numbers() -> [Vec<u8>; 3] {
 }
 
 #[test]
-fn a_witmotion_has_its_ranges_and_its_time() {
+fn witmotion_applies_ranges_and_timestamp() {
     let [force, rate, field] = witmotion_numbers();
     // 2026-11-23 08:12:26.345.
     let time = witmotion_frame(0x50, [26, 11, 23, 8, 12, 26, 0x59, 0x01]);
@@ -54,39 +54,39 @@ fn a_witmotion_has_its_ranges_and_its_time() {
 }
 
 #[test]
-fn a_cycle_of_a_witmotion_whose_time_was_lost_has_none() {
+fn witmotion_cycle_without_time_frame_has_no_timestamp() {
     let [force, rate, field] = witmotion_numbers();
     let time = witmotion_frame(0x50, [26, 11, 23, 8, 12, 26, 0x59, 0x01]);
     let [with, without] = [vec![time, force.clone(), rate.clone(), field.clone()], vec![force, rate, field]];
     let found = witmotion(Ranges::default(), &[with, without].concat());
     assert_eq!(found.iter().map(|found| found.time.is_some()).collect::<Vec<_>>(), [true, true, false, false]);
-    let none = witmotion_frame(0x50, [26, 13, 23, 8, 12, 26, 0x59, 0x01]);
+    let invalid = witmotion_frame(0x50, [26, 13, 23, 8, 12, 26, 0x59, 0x01]);
     let [force, rate, _] = witmotion_numbers();
-    assert_eq!(witmotion(Ranges::default(), &[none, force, rate])[0].time, None, "no month of a calendar");
+    assert_eq!(witmotion(Ranges::default(), &[invalid, force, rate])[0].time, None, "month 13");
 }
 
 #[test]
-fn rate_and_force_of_a_witmotion_are_of_one_cycle() {
+fn witmotion_pairs_rate_and_force_of_one_cycle() {
     let [force, rate, field] = witmotion_numbers();
-    let imus = |frames: &[&[u8]]| {
+    let imu_count = |frames: &[&[u8]]| {
         let found = witmotion(
             Ranges { field_ut: None, ..Ranges::default() },
             &frames.iter().map(|f| f.to_vec()).collect::<Vec<_>>(),
         );
         found.len()
     };
-    assert_eq!(imus(&[&force, &rate]), 1);
-    assert_eq!(imus(&[&rate]), 0);
-    assert_eq!(imus(&[&force, &field, &rate]), 0, "the rate of a later cycle");
-    assert_eq!(imus(&[&force, &rate, &rate]), 1);
-    assert_eq!(imus(&[&force, &[0; 5], &rate]), 1, "less than a frame is missing");
+    assert_eq!(imu_count(&[&force, &rate]), 1);
+    assert_eq!(imu_count(&[&rate]), 0);
+    assert_eq!(imu_count(&[&force, &field, &rate]), 0, "the rate of a later cycle");
+    assert_eq!(imu_count(&[&force, &rate, &rate]), 1);
+    assert_eq!(imu_count(&[&force, &[0; 5], &rate]), 1, "less than a frame is missing");
     let mut damaged = [rate.clone(), force.clone()].concat();
     (damaged[3], damaged[14]) = (1, 1);
-    assert_eq!(imus(&[&force, &damaged, &rate]), 0, "a rate and a force are missing");
+    assert_eq!(imu_count(&[&force, &damaged, &rate]), 0, "a rate and a force are missing");
 }
 
 #[test]
-fn a_frame_that_another_encodes_is_an_xsens_message_and_says_the_same() {
+fn xsens_matches_third_party_encoder() {
     let (rate, force, field) = ([0.25f32, -1.5, 3.0], [0.1f32, -0.2, 9.81], [0.5f32, 0.25, -0.75]);
     let packet = |id: u16, bytes: Vec<u8>| [&id.to_be_bytes()[..], &[bytes.len() as u8], &bytes].concat();
     let data = [
@@ -109,55 +109,55 @@ fn a_frame_that_another_encodes_is_an_xsens_message_and_says_the_same() {
     frame.set_checksum(sum).unwrap();
 
     let (found, counts) = decoded(Box::new(Framed::new(Xsens::new(49.0))), [&bytes[..]]);
-    let theirs = (
+    let reference = (
         RateOfTurn::<f32>::from_be_slice(&three_f32(rate)).unwrap(),
         Acceleration::<f32>::from_be_slice(&three_f32(force)).unwrap(),
         MagneticField::<f32>::from_be_slice(&three_f32(field)).unwrap(),
     );
-    let [x, y, z] = [theirs.2.x, theirs.2.y, theirs.2.z].map(|part| f64::from(part) * 49.0);
+    let [x, y, z] = [reference.2.x, reference.2.y, reference.2.z].map(|part| f64::from(part) * 49.0);
     let value = Value::Imu {
-        rate_rad_s: [theirs.0.x, theirs.0.y, theirs.0.z].map(f64::from),
-        force_m_s2: [theirs.1.x, theirs.1.y, theirs.1.z].map(f64::from),
+        rate_rad_s: [reference.0.x, reference.0.y, reference.0.z].map(f64::from),
+        force_m_s2: [reference.1.x, reference.1.y, reference.1.z].map(f64::from),
         field_ut: Some([x, y, z]),
     };
     let time = DeviceTime::Counter { now_ns: 2_000_000_000, period_ns: (1 << 32) * 100_000 };
     assert_eq!(found, [Measurement { time: Some(time), value }]);
-    assert_eq!((counts.frames, counts.refused, counts.skipped_bytes), (1, 0, 0));
+    assert_eq!((counts.frames, counts.rejected, counts.skipped_bytes), (1, 0, 0));
 }
 
 #[test]
-fn an_xsens_writes_numbers_in_four_ways() {
+fn xsens_decodes_all_number_formats() {
     let (rate, force) = ([1.5, -0.25, 0.125], [-9.75, 0.5, 3.0]);
     let fixed_20 = |number: f64| ((number * f64::from(1 << 20)) as i32).to_be_bytes().to_vec();
     let fixed_32 = |number: f64| {
         let whole = (number * 4_294_967_296.0) as i64;
         [&(whole as u32).to_be_bytes()[..], &((whole >> 32) as i16).to_be_bytes()].concat()
     };
-    let ways: [&dyn Fn(f64) -> Vec<u8>; 4] =
+    let encoders: [&dyn Fn(f64) -> Vec<u8>; 4] =
         [&|number| (number as f32).to_be_bytes().to_vec(), &fixed_20, &fixed_32, &|number| {
             number.to_be_bytes().to_vec()
         }];
-    for (format, way) in ways.into_iter().enumerate() {
-        // High rate, and with the bits of other axes of the earth.
+    for (format, encode) in encoders.into_iter().enumerate() {
+        // High-rate packets, with the earth-frame bits set.
         let id = |base: u16| base | format as u16 | 4;
-        let packet = |three: [f64; 3]| three.map(way).concat();
+        let packet = |three: [f64; 3]| three.map(encode).concat();
         let frame = xsens_frame(&[(id(0x8040), packet(rate)), (id(0x4020), packet(force))]);
         let (found, _) = decoded(Box::new(Framed::new(Xsens::new(49.0))), [&frame[..]]);
         let value = Value::Imu { rate_rad_s: rate, force_m_s2: force, field_ut: None };
         assert_eq!(found, [Measurement { time: None, value }], "{format}");
     }
-    // Two numbers where three belong, and a packet longer than the message.
+    // Two numbers instead of three, and a packet longer than the message.
     for packets in [vec![(0x8020, vec![0; 8])], vec![(0x8020, vec![0; 12]), (0x1060, vec![0; 3])]] {
         let (found, counts) = decoded(Box::new(Framed::new(Xsens::new(49.0))), [&xsens_frame(&packets)[..]]);
-        assert_eq!((found.len(), counts.frames, counts.refused), (0, 0, 1));
+        assert_eq!((found.len(), counts.frames, counts.rejected), (0, 0, 1));
     }
     let long = xsens_frame(&[(0x8020, three_f32([0.0; 3])), (0x4020, three_f32([0.0; 3])), (0x7020, vec![0; 250])]);
     let (found, _) = decoded(Box::new(Framed::new(Xsens::new(49.0))), [&long[..]]);
-    assert_eq!(found.len(), 1, "with a length of two bytes");
+    assert_eq!(found.len(), 1, "two-byte length");
 }
 
 /// BNO08X datasheet, 1.3.5.2.
-const OF_THE_DATASHEET: [u8; 19] =
+const DATASHEET_FRAME: [u8; 19] =
     [0xaa, 0xaa, 0xde, 0x01, 0x00, 0x92, 0xff, 0x25, 0x08, 0x8d, 0xfe, 0xec, 0xff, 0xd1, 0x03, 0x00, 0x00, 0x00, 0xe7];
 
 fn rvc(frames: &[Vec<u8>]) -> Vec<Measurement> {
@@ -165,34 +165,34 @@ fn rvc(frames: &[Vec<u8>]) -> Vec<Measurement> {
 }
 
 #[test]
-fn the_frame_of_the_datasheet_has_its_force_and_its_axes() {
-    assert_eq!(rvc_frame_of(0xde, [1, -110, 2085], [-371, -20, 977]), OF_THE_DATASHEET);
-    // Its frame, and a frame before it that lies flat: the turn between the two is the attitude.
-    let found = rvc(&[rvc_frame_of(0xdd, [1, 0, 0], [0, 0, 1000]), OF_THE_DATASHEET.to_vec()]);
+fn rvc_datasheet_frame_gives_force_and_axes() {
+    assert_eq!(rvc_frame_with(0xde, [1, -110, 2085], [-371, -20, 977]), DATASHEET_FRAME);
+    // The rotation from a preceding level frame to the datasheet's frame is its attitude.
+    let found = rvc(&[rvc_frame_with(0xdd, [1, 0, 0], [0, 0, 1000]), DATASHEET_FRAME.to_vec()]);
     let [Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut: None } }] = found[..] else {
         panic!("{found:?}")
     };
     assert_eq!(time, Some(DeviceTime::Counter { now_ns: 2_220_000_000, period_ns: 2_560_000_000 }));
     assert_near(force_m_s2, [-371.0, -20.0, 977.0].map(|mg| mg / 1000.0 * GRAVITY_M_S2), 1e-12);
-    // The up of the flat frame, turned back by the turn, is where the force points.
+    // The level frame's up axis, rotated back, must point along the force.
     let angle = rate_rad_s.iter().map(|part| part * part).sum::<f64>().sqrt() * 0.01;
     let [x, y, z] = rate_rad_s.map(|part| part * 0.01 / angle);
     let (sine, cosine) = (-angle).sin_cos();
     let up = [y * sine + x * z * (1.0 - cosine), -x * sine + y * z * (1.0 - cosine), cosine + z * z * (1.0 - cosine)];
     let norm = force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-    // Roll before pitch would be 1.2e-3 off.
+    // With roll before pitch the error would be 1.2e-3.
     assert_near(up, force_m_s2.map(|part| part / norm), 1e-3);
 }
 
 #[test]
-fn the_rates_of_a_bno_add_up_to_its_turn_though_frames_are_lost() {
-    // About z at 50 °/s, through ±180°, with every seventh frame missing.
+fn rvc_rates_integrate_to_rotation_despite_lost_frames() {
+    // 50 °/s about z through ±180°, with every seventh frame missing.
     let angle = |n: u32| ((17_000 + n * 50) % 36_000) as i32;
     let frames: Vec<_> = (0..200u32)
         .filter(|n| n % 7 != 3)
         .map(|n| {
             let yaw = if angle(n) >= 18_000 { angle(n) - 36_000 } else { angle(n) };
-            rvc_frame_of(n as u8, [yaw as i16, 0, 0], [0, 0, 1000])
+            rvc_frame_with(n as u8, [yaw as i16, 0, 0], [0, 0, 1000])
         })
         .collect();
     let found = rvc(&frames);
@@ -204,8 +204,8 @@ fn the_rates_of_a_bno_add_up_to_its_turn_though_frames_are_lost() {
 }
 
 #[test]
-fn after_a_long_loss_a_bno_begins_anew_and_a_frame_twice_is_none() {
-    let frame = |number| rvc_frame_of(number, [0; 3], [0, 0, 1000]);
+fn rvc_restarts_after_long_loss_and_ignores_duplicates() {
+    let frame = |number| rvc_frame_with(number, [0; 3], [0, 0, 1000]);
     assert_eq!(rvc(&[frame(0), frame(10)]).len(), 1);
     assert_eq!(rvc(&[frame(0), frame(11), frame(12)]).len(), 1);
     assert_eq!(rvc(&[frame(5), frame(5)]).len(), 0);

@@ -1,10 +1,11 @@
-//! What devices send, in every format: decoders, and units of bytes, each whole by itself.
+//! Sample streams of every format: a decoder for each, and units of bytes that are valid on their
+//! own.
 
 use decoders::{
     Counts, Decoder, Framed, Measurement,
     iio::{Channel, Clock, Iio, Layout, Vector},
     lines::{self, Lines},
-    mavlink::{Mavlink, Settings},
+    mavlink::{Mavlink, MavlinkSettings},
     nmea::Nmea,
     rvc::Rvc,
     ubx::Ubx,
@@ -13,41 +14,41 @@ use decoders::{
 };
 use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, dialects::ardupilotmega as dialect};
 
-/// One format.
+/// Sample stream of one format.
 pub(crate) struct Stream {
     pub(crate) name: &'static str,
     pub(crate) decoder: fn() -> Box<dyn Decoder>,
-    /// Frames, or cycles of frames that belong together.
+    /// Frames, or cycles of related frames.
     pub(crate) units: Vec<Vec<u8>>,
-    /// Of the sum that a frame ends with: one of so many broken frames is sound by accident. 0 where there is none, and no mark by which a
-    /// unit is found again.
-    pub(crate) sum_bits: u32,
-    /// Behind a damaged unit the next one tells the same.
-    pub(crate) is_without_memory: bool,
+    /// Number of checksum bits, which gives the probability that a corrupted frame is accepted. 0
+    /// for formats without a checksum and a start marker.
+    pub(crate) checksum_bits: u32,
+    /// Whether the unit after a damaged one yields the same measurements as without the damage.
+    pub(crate) is_stateless: bool,
 }
 
-/// Every format, each with `count` units.
+/// Returns a stream of `count` units for each format.
 pub(crate) fn all(count: u32) -> Vec<Stream> {
-    let stream = |name, decoder, unit: fn(u32) -> Vec<u8>, sum_bits, is_without_memory| Stream {
+    let stream = |name, decoder, unit: fn(u32) -> Vec<u8>, checksum_bits, is_stateless| Stream {
         name,
         decoder,
         units: (0..count).map(unit).collect(),
-        sum_bits,
-        is_without_memory,
+        checksum_bits,
+        is_stateless,
     };
     vec![
         stream("witmotion", || Box::new(Framed::new(WitMotion::new(Ranges::default()))), witmotion_cycle, 8, true),
         stream("xsens", || Box::new(Framed::new(Xsens::new(FIELD_UT))), xsens_message, 8, true),
         stream("rvc", || Box::new(Framed::new(Rvc::default())), rvc_frame, 8, false),
         stream("lines", || Box::new(Framed::new(named_lines())), line, 0, false),
-        stream("mavlink", || Box::new(Framed::new(Mavlink::new(Settings::default()))), mavlink_frames, 16, true),
+        stream("mavlink", || Box::new(Framed::new(Mavlink::new(MavlinkSettings::default()))), mavlink_frames, 16, true),
         stream("ubx", || Box::new(Framed::new(Ubx)), nav_pvt, 16, true),
         stream("nmea", || Box::new(Framed::new(Nmea::default())), sentence, 8, true),
         stream("iio", || Box::new(Framed::new(Iio::new(layout()).unwrap())), record, 0, false),
     ]
 }
 
-/// What came of chunks of bytes.
+/// Decodes chunks and returns the measurements and totals.
 pub(crate) fn decoded<'a>(
     mut decoder: Box<dyn Decoder>,
     chunks: impl IntoIterator<Item = &'a [u8]>,
@@ -57,14 +58,14 @@ pub(crate) fn decoded<'a>(
     (found, decoder.counts())
 }
 
-/// Something that differs from `n` to `n` and from part to part.
-fn number(n: u32, part: u32) -> i16 {
-    let mixed = n.wrapping_mul(2_654_435_761).wrapping_add(part.wrapping_mul(40_503)) >> 12;
+/// Returns a pseudorandom number that depends on `n` and `index`.
+fn number(n: u32, index: u32) -> i16 {
+    let mixed = n.wrapping_mul(2_654_435_761).wrapping_add(index.wrapping_mul(40_503)) >> 12;
     (mixed % 16_001) as i16 - 8_000
 }
 
-fn three_i16(n: u32, part: u32) -> [u8; 6] {
-    let [a, b, c] = [0, 1, 2].map(|axis| number(n, part + axis).to_le_bytes());
+fn three_i16(n: u32, index: u32) -> [u8; 6] {
+    let [a, b, c] = [0, 1, 2].map(|axis| number(n, index + axis).to_le_bytes());
     [a[0], a[1], b[0], b[1], c[0], c[1]]
 }
 
@@ -75,7 +76,7 @@ pub(crate) fn witmotion_frame(kind: u8, numbers: [u8; 8]) -> Vec<u8> {
     frame
 }
 
-/// Time, force, rate, angles, field.
+/// Time, force, rate, angles and field frames.
 fn witmotion_cycle(n: u32) -> Vec<u8> {
     let with = |three: [u8; 6]| [three[0], three[1], three[2], three[3], three[4], three[5], 0x10, 0x0a];
     let [low, high] = ((n * 10 % 1000) as u16).to_le_bytes();
@@ -111,7 +112,7 @@ pub(crate) fn three_f32(three: [f32; 3]) -> Vec<u8> {
 }
 
 fn xsens_message(n: u32) -> Vec<u8> {
-    let three = |part: u32| three_f32([0, 1, 2].map(|axis| f32::from(number(n, part + axis)) / 1000.0));
+    let three = |index: u32| three_f32([0, 1, 2].map(|axis| f32::from(number(n, index + axis)) / 1000.0));
     let mut packets = vec![
         (0x1020, (n as u16).to_be_bytes().to_vec()),
         (0x1060, (n * 100).to_be_bytes().to_vec()),
@@ -124,7 +125,7 @@ fn xsens_message(n: u32) -> Vec<u8> {
     xsens_frame(&packets)
 }
 
-pub(crate) fn rvc_frame_of(number: u8, angles: [i16; 3], force: [i16; 3]) -> Vec<u8> {
+pub(crate) fn rvc_frame_with(number: u8, angles: [i16; 3], force: [i16; 3]) -> Vec<u8> {
     let mut frame = vec![0xaa, 0xaa, number];
     angles.iter().chain(&force).for_each(|part| frame.extend(part.to_le_bytes()));
     frame.extend([0; 3]);
@@ -133,16 +134,16 @@ pub(crate) fn rvc_frame_of(number: u8, angles: [i16; 3], force: [i16; 3]) -> Vec
 }
 
 fn rvc_frame(n: u32) -> Vec<u8> {
-    rvc_frame_of(n as u8, [0, 1, 2].map(|part| number(n, part)), [3, 4, 5].map(|part| number(n, part) / 8))
+    rvc_frame_with(n as u8, [0, 1, 2].map(|index| number(n, index)), [3, 4, 5].map(|index| number(n, index) / 8))
 }
 
 fn named_lines() -> Lines {
     let columns = ["t", "gx", "gy", "gz", "ax", "ay", "az", "mx", "my", "mz"].map(str::to_owned).to_vec();
-    Lines::new(&lines::Settings { columns: Some(columns), ..lines::Settings::default() }).unwrap()
+    Lines::new(&lines::LineSettings { columns: Some(columns), ..lines::LineSettings::default() }).unwrap()
 }
 
 fn line(n: u32) -> Vec<u8> {
-    let numbers: Vec<_> = (0..9).map(|part| format!("{}", f64::from(number(n, part)) / 1000.0)).collect();
+    let numbers: Vec<_> = (0..9).map(|index| format!("{}", f64::from(number(n, index)) / 1000.0)).collect();
     format!("{}.{:03},{}\r\n", n / 100, n % 100 * 10, numbers.join(",")).into_bytes()
 }
 
@@ -158,20 +159,20 @@ pub(crate) fn in_mavlink_1(message: &dialect::MavMessage, sequence: u8) -> Vec<u
     raw.raw_bytes().to_vec()
 }
 
-/// An IMU message, now and then with a fix, in either version.
+/// IMU message, in every fourth unit followed by a fix, alternating between MAVLink 1 and 2.
 fn mavlink_frames(n: u32) -> Vec<u8> {
-    let part = |part| f32::from(number(n, part)) / 1000.0;
+    let value = |index| f32::from(number(n, index)) / 1000.0;
     let imu = dialect::MavMessage::HIGHRES_IMU(dialect::HIGHRES_IMU_DATA {
         time_usec: 1_000_000 + u64::from(n) * 4000,
-        xacc: part(0),
-        yacc: part(1),
-        zacc: part(2),
-        xgyro: part(3),
-        ygyro: part(4),
-        zgyro: part(5),
-        xmag: part(6),
-        ymag: part(7),
-        zmag: part(8),
+        xacc: value(0),
+        yacc: value(1),
+        zacc: value(2),
+        xgyro: value(3),
+        ygyro: value(4),
+        zgyro: value(5),
+        xmag: value(6),
+        ymag: value(7),
+        zmag: value(8),
         fields_updated: dialect::HighresImuUpdatedFlags::from_bits_retain(if n.is_multiple_of(3) {
             0x3f
         } else {
@@ -187,8 +188,8 @@ fn mavlink_frames(n: u32) -> Vec<u8> {
         fix_type: dialect::GpsFixType::GPS_FIX_TYPE_3D_FIX,
         ..Default::default()
     });
-    let put = if n.is_multiple_of(2) { in_mavlink_2 } else { in_mavlink_1 };
-    if n.is_multiple_of(4) { [put(&imu, n as u8), put(&fix, n as u8)].concat() } else { put(&imu, n as u8) }
+    let encode = if n.is_multiple_of(2) { in_mavlink_2 } else { in_mavlink_1 };
+    if n.is_multiple_of(4) { [encode(&imu, n as u8), encode(&fix, n as u8)].concat() } else { encode(&imu, n as u8) }
 }
 
 pub(crate) fn ubx_frame(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
@@ -230,14 +231,14 @@ fn sentence(n: u32) -> Vec<u8> {
     ))
 }
 
-/// Rate and force of 16 bits, high byte first, a time stamp.
+/// Layout of a 16-bit big-endian rate and force and a timestamp.
 fn layout() -> Layout {
-    let channel = |at, bytes, bits| Channel { at, bytes, bits, shift: 0, is_signed: true, is_big_endian: bytes == 2 };
+    let channel = |at, bytes, bits| Channel { byte_offset: at, storage_bytes: bytes, bits, shift: 0, is_signed: true, is_big_endian: bytes == 2 };
     let vector = |at: usize, scale: f64| Vector {
         channels: [0, 2, 4].map(|axis| channel(at + axis, 2, 16)),
         offset: [0.0; 3],
         scale: [scale; 3],
-        mount: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        mount_matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     };
     Layout {
         record_bytes: 24,
@@ -250,6 +251,6 @@ fn layout() -> Layout {
 }
 
 fn record(n: u32) -> Vec<u8> {
-    let numbers = (0..6).flat_map(|part| number(n, part).to_be_bytes());
+    let numbers = (0..6).flat_map(|index| number(n, index).to_be_bytes());
     numbers.chain([0; 4]).chain((i64::from(n) * 5_000_000).to_le_bytes()).collect()
 }

@@ -1,4 +1,4 @@
-//! The clock fit against simulated devices, and feeds of a bus.
+//! Clock fit on simulated devices, and publishers on a bus.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod clock_fit;

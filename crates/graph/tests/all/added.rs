@@ -1,43 +1,43 @@
-//! A topic more is a line more: what follows from the table follows for it.
+//! Queries on a table with additional lines.
 use graph::{Buffer, Graph, Participant, Presence, Service};
 
-mod more {
+mod extended {
     graph::topics!(graph::define_topics {}
         Pressure = "pressure": PressureSample, flagged(PRESSURE), Path, ingest => [fuser];
         Wind = "wind": WindState, every_tick, Path, gateway => [course];
     );
 }
 
-use more::Topic;
+use extended::Topic;
 
 const GRAPH: Graph = Graph(Topic::ENTRIES);
 
 #[test]
-fn a_line_gives_the_topic_its_place_name_publisher_readers_presence_and_buffer() {
+fn added_line_defines_the_entry() {
     let entry = Topic::Pressure.entry();
-    assert_eq!((entry.place, entry.name, entry.payload), (graph::Topic::ALL.len(), "pressure", "PressureSample"));
+    assert_eq!((entry.index, entry.name, entry.payload), (graph::Topic::ALL.len(), "pressure", "PressureSample"));
     assert_eq!(entry.publisher, Participant::One(Service::Ingest));
-    assert_eq!(entry.readers, [Participant::One(Service::Fuser)]);
+    assert_eq!(entry.subscribers, [Participant::One(Service::Fuser)]);
     assert_eq!((entry.presence, entry.buffer), (Presence::Flagged("PRESSURE"), Buffer::Path));
-    assert_eq!(Topic::named("pressure"), Some(Topic::Pressure));
+    assert_eq!(Topic::from_name("pressure"), Some(Topic::Pressure));
 }
 
 #[test]
-fn its_readers_have_it_among_their_inputs_and_its_publisher_among_its_outputs() {
+fn added_topic_is_input_and_output_of_its_services() {
     let inputs: Vec<_> = GRAPH.inputs(Service::Fuser).map(|topic| topic.name).collect();
     assert_eq!(inputs, ["mag", "gnss", "gyro", "accel", "pressure"]);
     assert!(GRAPH.outputs(Service::Ingest).any(|topic| topic == Topic::Pressure.entry()));
-    assert_eq!(GRAPH.output(Service::Ingest), Some(Topic::Imu.entry()), "it has not every tick");
+    assert_eq!(GRAPH.output(Service::Ingest), Some(Topic::Imu.entry()), "`pressure` is not an every-tick topic");
 }
 
 #[test]
-fn it_is_carried_to_other_hosts_in_its_turn() {
+fn added_topics_are_carried_in_order() {
     let carried: Vec<_> = GRAPH.carried().map(|topic| topic.name).collect();
     assert_eq!(carried, ["mag", "gnss", "pressure", "imu", "gyro", "accel", "fused", "wind"]);
 }
 
 #[test]
-fn one_with_every_tick_is_waited_for() {
+fn added_dense_topic_makes_its_publisher_a_source() {
     let entry = Topic::Wind.entry();
     assert_eq!(GRAPH.output(Service::Gateway), Some(entry));
     let inputs: Vec<_> = GRAPH.inputs(Service::Course).map(|topic| topic.name).collect();
@@ -45,17 +45,17 @@ fn one_with_every_tick_is_waited_for() {
     assert_eq!(GRAPH.sources(Service::Course).collect::<Vec<_>>(), [Service::Fuser, Service::Gateway]);
 }
 
-/// What a crate does that hands out types: an arm for each line, and none for anything else.
+/// A caller's macro over the table, with a match arm for each line.
 macro_rules! payload_of {
-    ({ $wanted:expr } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
-        $publisher:ident => [$($reader:ident),*];)*
+    ({ $topic_value:expr } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
+        $publisher:ident => [$($subscriber:ident),*];)*
     ) => {
-        match $wanted { $(Topic::$topic => stringify!($payload)),* }
+        match $topic_value { $(Topic::$topic => stringify!($payload)),* }
     };
 }
 
 #[test]
-fn a_match_made_from_the_table_has_an_arm_for_it() {
+fn macro_over_the_table_covers_added_topics() {
     let payload = |topic: Topic| {
         graph::topics!(payload_of { topic }
             Pressure = "pressure": PressureSample, flagged(PRESSURE), Path, ingest => [fuser];

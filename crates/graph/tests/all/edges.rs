@@ -1,4 +1,4 @@
-//! What follows from the table of the system.
+//! Queries on the table of the system.
 use graph::{
     Presence, Service,
     Service::{Accel, Cockpit, Course, Drivers, Fuser, Gateway, Gyro, Ingest},
@@ -10,7 +10,7 @@ fn names(topics: impl Iterator<Item = Topic>) -> Vec<&'static str> {
 }
 
 #[test]
-fn every_service_has_the_inputs_and_the_output_of_its_line() {
+fn inputs_and_outputs_follow_the_table() {
     let inputs = Service::ALL.map(|service| names(service.inputs()));
     let expected: [&[&str]; 8] =
         [&[], &["imu"], &["imu"], &["mag", "gnss", "gyro", "accel"], &["gnss", "fused"], &[], &[], &[]];
@@ -21,8 +21,8 @@ fn every_service_has_the_inputs_and_the_output_of_its_line() {
 }
 
 #[test]
-fn who_restarts_says_again_what_those_who_read_it_need() {
-    let readers = Service::ALL.map(|service| service.readers().collect::<Vec<_>>());
+fn downstream_includes_gateway_for_carried_topics() {
+    let downstream = Service::ALL.map(|service| service.downstream().collect::<Vec<_>>());
     let expected: [&[Service]; 8] = [
         &[Gyro, Accel, Fuser, Course, Gateway],
         &[Fuser, Gateway],
@@ -33,28 +33,28 @@ fn who_restarts_says_again_what_those_who_read_it_need() {
         &[],
         &[],
     ];
-    assert_eq!(readers, expected);
+    assert_eq!(downstream, expected);
 }
 
 #[test]
-fn a_service_waits_for_those_whose_topic_has_every_tick() {
+fn sources_publish_every_tick() {
     let sources = Service::PATH.map(|service| service.sources().collect::<Vec<_>>());
     let expected: [&[Service]; 5] = [&[], &[Ingest], &[Ingest], &[Gyro, Accel], &[Fuser]];
     assert_eq!(sources, expected);
 }
 
 #[test]
-fn what_goes_with_some_ticks_is_carried_before_those_ticks() {
+fn sparse_topics_are_carried_before_dense_ones() {
     assert_eq!(names(Topic::carried()), ["mag", "gnss", "imu", "gyro", "accel", "fused"]);
 }
 
 #[test]
-fn names_places_and_flags_are_those_of_the_table() {
-    for (place, topic) in Topic::ALL.iter().enumerate() {
-        assert_eq!((topic.entry().place, Topic::named(topic.name())), (place, Some(*topic)));
+fn names_indices_and_flags_follow_the_table() {
+    for (index, topic) in Topic::ALL.iter().enumerate() {
+        assert_eq!((topic.entry().index, Topic::from_name(topic.name())), (index, Some(*topic)));
     }
-    assert_eq!(Topic::named("imus"), None);
+    assert_eq!(Topic::from_name("imus"), None);
     assert_eq!(Topic::Mag.entry().presence, Presence::Flagged("FIELD"));
-    assert_eq!(Service::ALL.map(|service| Service::named(service.name())), Service::ALL.map(Some));
-    assert_eq!([0, 5, 6, 7, 8].map(Service::at), [Some(Ingest), Some(Gateway), Some(Drivers), Some(Cockpit), None]);
+    assert_eq!(Service::ALL.map(|service| Service::from_name(service.name())), Service::ALL.map(Some));
+    assert_eq!([0, 5, 6, 7, 8].map(Service::from_index), [Some(Ingest), Some(Gateway), Some(Drivers), Some(Cockpit), None]);
 }

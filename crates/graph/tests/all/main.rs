@@ -1,3 +1,3 @@
-//! The graph as it is, and as it is with one line more.
+//! Tests of the system's graph and of an extended one.
 mod added;
 mod edges;

@@ -1,9 +1,9 @@
-//! Readings of recordings, and what is found in them.
+//! Readings of recordings, their diagnoses, and artificial input errors.
 
 use std::path::{Path, PathBuf};
 
 use ingest::{conditioner::Conditioner, source::Reading};
-use judge::{Finding, Judge, Mistake};
+use judge::{Diagnosis, InputCheck, InputIssue};
 use launch::{GyroSamples, Launch};
 use recording::Reader;
 
@@ -12,7 +12,7 @@ pub(crate) fn data() -> PathBuf {
         .map_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into(), PathBuf::from)
 }
 
-/// The open recordings, or none with a word.
+/// Returns the open recordings. If there are none, prints a note and returns an empty list.
 pub(crate) fn recordings() -> Vec<PathBuf> {
     let mut all: Vec<_> = ["broad", "flights"]
         .iter()
@@ -41,57 +41,56 @@ pub(crate) fn readings(path: &Path) -> Vec<Reading> {
     .collect()
 }
 
-/// Samples per second.
 pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
     let span_ns = readings[readings.len() - 1].t_ns - readings[0].t_ns;
     (readings.len() - 1) as f64 * 1e9 / span_ns as f64
 }
 
-/// What is found, each with the time of the samples at which it was, s.
-pub(crate) fn judged(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Finding)> {
+/// Returns the diagnoses, each with the time of the samples at which it was made, s.
+pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Diagnosis)> {
     let launch = Launch::default();
     let mut conditioner = Conditioner::new(&launch.ingest, rate_hz, GyroSamples::Means).unwrap();
-    let mut judge = Judge::default();
+    let mut check = InputCheck::default();
     let (mut found, mut first_ns, mut now_s) = (Vec::new(), None, 0.0);
     for reading in readings {
         let Some(sample) = conditioner.condition(&reading) else { continue };
         let t_ns = sample.imu.header.t_end_ns;
         now_s = (t_ns - *first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
-        found.extend(judge.take(&sample.imu, sample.mag.as_ref()).into_iter().map(|finding| (now_s, finding)));
+        found.extend(check.update(&sample.imu, sample.mag.as_ref()).into_iter().map(|diagnosis| (now_s, diagnosis)));
     }
-    found.extend(judge.finish().into_iter().map(|finding| (now_s, finding)));
+    found.extend(check.finish().into_iter().map(|diagnosis| (now_s, diagnosis)));
     found
 }
 
-/// A mistake that is made in each reading.
+/// Input error applied to each reading.
 pub(crate) type Change = fn(Reading) -> Reading;
 
-/// The mistake, its name, what is found, and what the first candidate says.
-pub(crate) const MISTAKES: [(&str, Change, Mistake, &str); 17] = [
+/// Name of the error, its effect, the expected issue, and a part of an expected cause.
+pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 17] = [
     (
         "rates in °/s",
         |r| Reading { rate_rad_s: r.rate_rad_s.map(f64::to_degrees), ..r },
-        Mistake::RateUnit,
+        InputIssue::RateUnit,
         "rates in °/s",
     ),
     (
         "rates converted twice",
         |r| Reading { rate_rad_s: r.rate_rad_s.map(f64::to_radians), ..r },
-        Mistake::RateUnit,
-        "taken for °/s",
+        InputIssue::RateUnit,
+        "read as °/s",
     ),
     (
         "forces in g",
-        |r| Reading { force_m_s2: each(r.force_m_s2, 1.0 / 9.80665), ..r },
-        Mistake::ForceUnit,
+        |r| Reading { force_m_s2: scaled(r.force_m_s2, 1.0 / 9.80665), ..r },
+        InputIssue::ForceUnit,
         "forces in g",
     ),
-    ("times in ms", |r| Reading { t_ns: r.t_ns * 1000, ..r }, Mistake::TimeUnit, "times in ms"),
-    ("times in µs", |r| Reading { t_ns: r.t_ns * 1_000_000, ..r }, Mistake::TimeUnit, "times in µs"),
-    ("fields in gauss", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 0.01)), ..r }, Mistake::FieldUnit, "gauss"),
-    ("fields in nT", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 1000.0)), ..r }, Mistake::FieldUnit, "nT"),
-    ("fields in mT", |r| Reading { field_ut: r.field_ut.map(|m| each(m, 0.001)), ..r }, Mistake::FieldUnit, "mT"),
-    ("a negated accelerometer", |r| Reading { force_m_s2: each(r.force_m_s2, -1.0), ..r }, Mistake::UpsideDown, ""),
+    ("times in ms", |r| Reading { t_ns: r.t_ns * 1000, ..r }, InputIssue::TimeUnit, "times in ms"),
+    ("times in µs", |r| Reading { t_ns: r.t_ns * 1_000_000, ..r }, InputIssue::TimeUnit, "times in µs"),
+    ("fields in gauss", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 0.01)), ..r }, InputIssue::FieldUnit, "gauss"),
+    ("fields in nT", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 1000.0)), ..r }, InputIssue::FieldUnit, "nT"),
+    ("fields in mT", |r| Reading { field_ut: r.field_ut.map(|m| scaled(m, 0.001)), ..r }, InputIssue::FieldUnit, "mT"),
+    ("a negated accelerometer", |r| Reading { force_m_s2: scaled(r.force_m_s2, -1.0), ..r }, InputIssue::UpsideDown, ""),
     (
         "axes forward, right, down",
         |r| Reading {
@@ -100,7 +99,7 @@ pub(crate) const MISTAKES: [(&str, Change, Mistake, &str); 17] = [
             field_ut: r.field_ut.map(frd),
             ..r
         },
-        Mistake::UpsideDown,
+        InputIssue::UpsideDown,
         "",
     ),
     (
@@ -111,7 +110,7 @@ pub(crate) const MISTAKES: [(&str, Change, Mistake, &str); 17] = [
             field_ut: r.field_ut.map(rolled),
             ..r
         },
-        Mistake::UpsideDown,
+        InputIssue::UpsideDown,
         "mounted upside down",
     ),
     (
@@ -122,37 +121,37 @@ pub(crate) const MISTAKES: [(&str, Change, Mistake, &str); 17] = [
             field_ut: r.field_ut.map(mirrored),
             ..r
         },
-        Mistake::Turning,
+        InputIssue::AxesMismatch,
         "left-handed",
     ),
-    ("a negated gyro", |r| Reading { rate_rad_s: each(r.rate_rad_s, -1.0), ..r }, Mistake::Turning, ""),
+    ("a negated gyro", |r| Reading { rate_rad_s: scaled(r.rate_rad_s, -1.0), ..r }, InputIssue::AxesMismatch, ""),
     (
         "an axis of the gyro negated",
         |r| Reading { rate_rad_s: mirrored(r.rate_rad_s), ..r },
-        Mistake::Turning,
-        "its x, −y, z",
+        InputIssue::AxesMismatch,
+        "the gyro's x, −y, z",
     ),
     (
         "axes of the gyro exchanged",
         |r| Reading { rate_rad_s: [r.rate_rad_s[1], r.rate_rad_s[0], r.rate_rad_s[2]], ..r },
-        Mistake::Turning,
-        "its y, x, z",
+        InputIssue::AxesMismatch,
+        "the gyro's y, x, z",
     ),
     (
         "an axis stuck",
         |r| Reading { rate_rad_s: [r.rate_rad_s[0], 0.01, r.rate_rad_s[2]], ..r },
-        Mistake::RateStuck,
+        InputIssue::RateStuck,
         "",
     ),
     (
         "an axis of the force stuck",
         |r| Reading { force_m_s2: [r.force_m_s2[0], r.force_m_s2[1], 9.8], ..r },
-        Mistake::ForceStuck,
+        InputIssue::ForceStuck,
         "",
     ),
 ];
 
-pub(crate) fn each(vector: [f64; 3], factor: f64) -> [f64; 3] {
+pub(crate) fn scaled(vector: [f64; 3], factor: f64) -> [f64; 3] {
     vector.map(|x| x * factor)
 }
 

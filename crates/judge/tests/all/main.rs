@@ -1,8 +1,9 @@
-//! What is said of recordings, logs and simulations, as they are and with mistakes, and of anything.
+//! Diagnoses of recordings, logs, simulations and arbitrary input, unchanged and with artificial
+//! errors.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod anything;
+mod after_rotations;
+mod arbitrary_input;
 mod common;
 mod logs;
 mod recordings;
-mod turned;

@@ -50,9 +50,9 @@ class _Topic:
         self._join()
 
     @property
-    def holds(self):
-        """Messages that the system holds until ingest takes them; of more at once the oldest are overwritten."""
-        return self._joined.holds if self._joined else 0
+    def capacity(self):
+        """Number of messages that the topic buffers for ingest. When it is full, the oldest one is overwritten."""
+        return self._joined.capacity if self._joined else 0
 
     def close(self):
         """Leaves the bus; nothing of this program stays there."""
@@ -100,7 +100,7 @@ class _Joined:
             self._word = (ctypes.c_char * 64).from_buffer(self._page, 64 * (place + 1))
             self._node = _node(iox, system)
             service = self._open_topic(iox, system, name, layout)
-            self.holds = service.static_config.subscriber_max_buffer_size
+            self.capacity = service.static_config.subscriber_max_buffer_size
             builder = service.publisher_builder().max_loaned_samples(1).initial_max_slice_len(bytes_of_message)
             self._publisher = builder.create()
         except BaseException:

@@ -96,11 +96,11 @@ class Estimate(NamedTuple):
         """Raises ValueError for what is no estimate."""
         self.attitude.check()
         if not all(abs(bias) <= 10.0 for bias in self.bias_rad_s) or not all(abs(part) <= 1e4 for part in self.hard_iron_ut):
-            raise ValueError("a gyro bias above 10 rad/s, or a hard iron beyond every magnet")
+            raise ValueError("a gyro bias above 10 rad/s, or a hard iron above 10,000 µT")
         if not all(abs(part) <= 0.1 for part in self.gyro_scale):
-            raise ValueError("a scale of the gyro that no gyro has")
+            raise ValueError("a gyro scale error above 0.1")
         if not math.hypot(self.leaky_velocity_m_s.real, self.leaky_velocity_m_s.imag) <= 100.0:
-            raise ValueError("a velocity that no loop gathers")
+            raise ValueError("a leaky velocity above 100 m/s")
         sds = (
             self.inclination_sd_rad, self.heading_sd_rad, self.bias_sd_rad_s, *self.gyro_scale_sd, self.hard_iron_sd_ut,
             self.leaky_velocity_sd_m_s,

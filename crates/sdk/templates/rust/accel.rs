@@ -5,11 +5,11 @@
 
 use attitude::{
     GRAVITY_M_S2, Vector3,
-    accel::{FORCE_MIN_M_S2, Inclination},
-    numbers::Numbers,
+    accel::{MIN_FORCE_M_S2, Inclination},
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
 
@@ -49,7 +49,7 @@ impl Stage for @Class@ {
         let known = force_m_s2.iter().all(|x| x.is_finite());
         let force_m_s2 = if known { *force_m_s2 } else { Vector3::zeros() };
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);
-        let seen = Point::of(force_m_s2).filter(|_| norm_m_s2 >= FORCE_MIN_M_S2);
+        let seen = Point::from_direction(force_m_s2).filter(|_| norm_m_s2 >= MIN_FORCE_M_S2);
         self.up = seen.unwrap_or(self.up);
         let off_g = (norm_m_s2 / GRAVITY_M_S2 - 1.0).abs();
         let trust = seen.map_or(0.0, |_| (1.0 - off_g / self.settings.distrusted_g).max(0.0));
@@ -60,8 +60,8 @@ impl Stage for @Class@ {
         self.up.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(Attitude::levelled(self.up))
+    fn validation_error(&self) -> Option<&'static str> {
+        attitude_validation_error(Attitude::from_up(self.up))
     }
 
     fn common(&self) -> Point {
@@ -69,7 +69,7 @@ impl Stage for @Class@ {
     }
 
     fn adopt(&mut self, common: &Point) -> Result<(), RestoreError> {
-        Attitude::levelled(*common).checked()?;
+        Attitude::from_up(*common).validate()?;
         self.up = *common;
         Ok(())
     }

@@ -7,8 +7,8 @@ use std::f64::consts::{PI, TAU};
 
 use attitude::{
     Quaternion,
-    course::{Bearing, CourseInput, LastReading, Reading, Reference},
-    numbers::Numbers,
+    course::{CourseEstimate, CourseInput, CourseReading, CourseReference, LastReading},
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{RestoreError, Stage},
 };
@@ -33,14 +33,14 @@ pub struct @Class@ {
 
 impl Default for @Class@ {
     fn default() -> Self {
-        let last = LastReading { quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0), bearing: None };
+        let last = LastReading { quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0), course: None };
         Self { settings: Settings::default(), last }
     }
 }
 
 impl Stage for @Class@ {
     type Input = CourseInput;
-    type Output = Reading;
+    type Output = CourseReading;
     type Common = LastReading;
 
     fn name(&self) -> &'static str {
@@ -55,19 +55,19 @@ impl Stage for @Class@ {
         self.settings.set(name, value)
     }
 
-    fn step(&mut self, input: &CourseInput) -> Reading {
+    fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
-        let made_true = input.reference == Reference::Magnetic && self.settings.declination_deg != 0.0;
+        let made_true = input.reference == CourseReference::Magnetic && self.settings.declination_deg != 0.0;
         let declination_rad = if made_true { self.settings.declination_deg.to_radians() } else { 0.0 };
-        let reference = if made_true { Reference::True } else { input.reference };
+        let reference = if made_true { CourseReference::True } else { input.reference };
         let course_rad = (declination_rad - angles.yaw_rad).rem_euclid(TAU) % TAU;
         let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
         let quaternion = input.attitude.quaternion();
         // The other sign is the same attitude, and a jump for whoever interpolates.
         let quaternion = if quaternion.dot(&self.last.quaternion) < 0.0 { -quaternion } else { quaternion };
-        let aligned = self.last.bearing.is_some_and(|before| before.reference != reference);
-        self.last = LastReading { quaternion, bearing: Some(Bearing { course_rad, reference, sd_rad }) };
-        Reading {
+        let aligned = self.last.course.is_some_and(|before| before.reference != reference);
+        self.last = LastReading { quaternion, course: Some(CourseEstimate { course_rad, reference, sd_rad }) };
+        CourseReading {
             angles,
             course_rad,
             reference,
@@ -83,8 +83,8 @@ impl Stage for @Class@ {
         self.last.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        self.last.checked().err().map(|_| "a reading that is none")
+    fn validation_error(&self) -> Option<&'static str> {
+        self.last.validate().err().map(|_| "an invalid last reading")
     }
 
     fn common(&self) -> LastReading {
@@ -92,7 +92,7 @@ impl Stage for @Class@ {
     }
 
     fn adopt(&mut self, common: &LastReading) -> Result<(), RestoreError> {
-        common.checked()?;
+        common.validate()?;
         self.last = *common;
         Ok(())
     }

@@ -5,9 +5,9 @@
 
 use attitude::{
     fuser::{Corrections, Estimate, Fused, FuserInput, FuserStage, innovation_rad},
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
-    stage::{RestoreError, Stage, attitude_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
 
@@ -55,12 +55,12 @@ impl Stage for @Class@ {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let FuserInput { motion, inclination, .. } = input.finite(&mut room);
+        let mut storage = None;
+        let FuserInput { motion, inclination, .. } = input.sanitized(&mut storage);
         let motion = motion.unwrap_or_default();
         let mut fused = Fused { rate_rad_s: motion.rate_rad_s, ..Fused::default() };
         (fused.inclination_sd_rad, fused.heading_sd_rad) = (INCLINATION_SD_RAD, HEADING_SD_RAD);
-        self.attitude = self.attitude.turned(motion.turn).attitude;
+        self.attitude = self.attitude.rotated(motion.rotation).attitude;
         if let Some(inclination) = inclination {
             let seen = inclination.up.direction();
             let vertical = 1.0 + seen.dot(&self.attitude.up.direction());
@@ -72,7 +72,7 @@ impl Stage for @Class@ {
                 fused.innovation_rad = innovation_rad(inclination, self.attitude);
                 let share = -(-motion.dt_s / self.settings.time_constant_s).exp_m1();
                 let lean = self.attitude.horizontal(seen) / vertical;
-                self.attitude = self.attitude.leaned(lean * share).attitude;
+                self.attitude = self.attitude.tilted(lean * share).attitude;
                 fused.corrections = Corrections { tilt: true, ..fused.corrections };
             }
         }
@@ -85,8 +85,8 @@ impl Stage for @Class@ {
         started.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        attitude_flaw(self.attitude)
+    fn validation_error(&self) -> Option<&'static str> {
+        attitude_validation_error(self.attitude)
     }
 
     fn common(&self) -> Estimate {
@@ -95,7 +95,7 @@ impl Stage for @Class@ {
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
+        common.validate()?;
         (self.attitude, self.started) = (common.attitude, true);
         Ok(())
     }

@@ -6,14 +6,14 @@
 use attitude::{
     Vector3,
     gyro::{GyroStage, Motion, RateKind, RateSample},
-    numbers::Numbers,
-    stage::{RestoreError, Stage, attitude_flaw},
+    scalars::Scalars,
+    stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
-    turn::Turn,
+    rotation::Rotation,
 };
 
 /// Faster than any gyro's range; what is beyond it is taken for this.
-const RATE_MAX_RAD_S: f64 = 1000.0;
+const MAX_RATE_RAD_S: f64 = 1000.0;
 
 /// Turns by the mean rate of the interval: exact while the rate is constant.
 #[derive(Debug, Clone, Default)]
@@ -41,13 +41,13 @@ impl Stage for @Class@ {
         let dt_s = if sample.dt_s.is_finite() { sample.dt_s.max(0.0) } else { 0.0 };
         let known = sample.rate_rad_s.iter().all(|x| x.is_finite());
         let rate_rad_s = if known { sample.rate_rad_s } else { self.before_rad_s.unwrap_or_default() };
-        let after_rad_s = rate_rad_s.map(|x| x.clamp(-RATE_MAX_RAD_S, RATE_MAX_RAD_S));
+        let after_rad_s = rate_rad_s.map(|x| x.clamp(-MAX_RATE_RAD_S, MAX_RATE_RAD_S));
         // The mean of an interval of which both ends are known is half their sum.
         let before_rad_s = self.before_rad_s.replace(after_rad_s).filter(|_| sample.kind == RateKind::Instant);
         let mean_rad_s = (before_rad_s.unwrap_or(after_rad_s) + after_rad_s) * 0.5;
-        let turn = Turn::of_rotation_vector(mean_rad_s * dt_s);
-        self.attitude = self.attitude.turned(turn).attitude;
-        Motion { attitude: self.attitude, turn, rate_rad_s: mean_rad_s, dt_s }
+        let rotation = Rotation::from_rotation_vector(mean_rad_s * dt_s);
+        self.attitude = self.attitude.rotated(rotation).attitude;
+        Motion { attitude: self.attitude, rotation, rate_rad_s: mean_rad_s, dt_s }
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
@@ -56,9 +56,9 @@ impl Stage for @Class@ {
         before_rad_s.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        let beyond = self.before_rad_s.is_some_and(|rate| rate.amax() > RATE_MAX_RAD_S);
-        attitude_flaw(self.attitude).or(beyond.then_some("a rate that no gyro gives"))
+    fn validation_error(&self) -> Option<&'static str> {
+        let beyond = self.before_rad_s.is_some_and(|rate| rate.amax() > MAX_RATE_RAD_S);
+        attitude_validation_error(self.attitude).or(beyond.then_some("a rate that no gyro gives"))
     }
 
     fn common(&self) -> Attitude {
@@ -66,7 +66,7 @@ impl Stage for @Class@ {
     }
 
     fn adopt(&mut self, common: &Attitude) -> Result<(), RestoreError> {
-        common.checked()?;
+        common.validate()?;
         self.attitude = *common;
         Ok(())
     }

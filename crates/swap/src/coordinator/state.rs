@@ -1,4 +1,4 @@
-//! Where a swap is, and what is remembered of it.
+//! State of a swap.
 
 use core::fmt;
 
@@ -6,98 +6,100 @@ use serde::{Deserialize, Serialize};
 
 use crate::{OwnershipStatus, event::Request};
 
-/// Where the swap of a slot is.
+/// State of the swap of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum State {
-    /// No swap is under way.
+pub enum SwapState {
+    /// No swap is in progress.
     Idle,
     /// The candidate starts.
     Starting,
-    /// The candidate works through the history of its input.
+    /// The candidate processes the history of its input.
     CatchingUp,
-    /// The candidate computes beside the active stage.
+    /// The candidate computes in parallel with the active stage.
     Shadowing,
-    /// The owner has ended: the new stage begins in its place, which is confirmed once it has published what nobody had.
+    /// The owner has exited and the new stage starts in its place. The takeover is confirmed by the
+    /// first new tick it publishes.
     TakingOver,
-    /// The change of hands is decided.
+    /// The hand-over is decided.
     Armed {
-        /// The first tick of the candidate.
+        /// First tick of the candidate.
         from_tick: u64,
     },
-    /// The candidate has the slot; the old stage is silent and still there.
+    /// The candidate owns the slot. The previous stage still runs without publishing.
     Committed {
-        /// The old stage's incarnation.
-        old: u32,
+        /// Incarnation of the previous stage.
+        previous: u32,
     },
-    /// The old stage is being ended.
+    /// The previous stage is being stopped.
     Retiring {
-        /// Its incarnation.
-        old: u32,
+        /// Incarnation of the previous stage.
+        previous: u32,
     },
-    /// The swap has failed: the candidate is being ended, the active stage takes its slot back.
+    /// The swap has failed: the candidate is being stopped and the active stage resumes ownership.
     Aborting,
 }
 
-impl fmt::Display for State {
+impl fmt::Display for SwapState {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Idle => write!(f, "idle"),
             Self::Starting => write!(f, "starting the candidate"),
-            Self::CatchingUp => write!(f, "the candidate catches up"),
-            Self::Shadowing => write!(f, "the candidate computes in the shadow"),
-            Self::TakingOver => write!(f, "the new stage begins in the place of the one that has ended"),
-            Self::Armed { from_tick } => write!(f, "changing hands at tick {from_tick}"),
-            Self::Committed { old } => {
-                write!(f, "committed; the old stage (incarnation {old}) stays for readers that restart")
+            Self::CatchingUp => write!(f, "candidate catching up"),
+            Self::Shadowing => write!(f, "candidate running as a shadow"),
+            Self::TakingOver => write!(f, "starting the new stage in place of the exited one"),
+            Self::Armed { from_tick } => write!(f, "handing over at tick {from_tick}"),
+            Self::Committed { previous } => {
+                write!(f, "committed; the previous stage (incarnation {previous}) stays for restarting subscribers")
             }
-            Self::Retiring { old } => write!(f, "retiring the old stage (incarnation {old})"),
-            Self::Aborting => write!(f, "giving the slot back"),
+            Self::Retiring { previous } => write!(f, "retiring the previous stage (incarnation {previous})"),
+            Self::Aborting => write!(f, "returning the slot to the active stage"),
         }
     }
 }
 
-/// A swap under way.
+/// A swap in progress.
 #[derive(Debug, Clone)]
 pub(super) struct Swap {
     pub(super) request: Request,
-    pub(super) state: State,
-    pub(super) began_ms: u64,
-    pub(super) since_ms: u64,
-    /// When the end of a service was asked for.
-    pub(super) asked_ms: u64,
-    /// The candidate's start has not been answered.
-    pub(super) spawning: bool,
+    pub(super) state: SwapState,
+    pub(super) started_ms: u64,
+    pub(super) state_since_ms: u64,
+    /// Time of the last stop request to the candidate.
+    pub(super) stop_requested_ms: u64,
+    /// Whether the result of the candidate's start is pending.
+    pub(super) spawn_pending: bool,
     pub(super) candidate: Option<u32>,
     pub(super) status: Option<OwnershipStatus>,
-    /// The tick at which the slot was to change hands.
+    /// Tick of the hand-over.
     pub(super) from_tick: Option<u64>,
-    /// The owner has ended: before this tick everything had been published.
-    pub(super) replaces: Option<u64>,
+    /// End of the published ticks when the owner exited; `None` while the owner runs.
+    pub(super) takeover_tick: Option<u64>,
 }
 
 impl Swap {
     pub(super) fn new(request: Request, now_ms: u64) -> Self {
         Self {
             request,
-            state: State::Starting,
-            began_ms: now_ms,
-            since_ms: now_ms,
-            asked_ms: now_ms,
-            spawning: true,
+            state: SwapState::Starting,
+            started_ms: now_ms,
+            state_since_ms: now_ms,
+            stop_requested_ms: now_ms,
+            spawn_pending: true,
             candidate: None,
             status: None,
             from_tick: None,
-            replaces: None,
+            takeover_tick: None,
         }
     }
 
-    pub(super) fn enter(&mut self, state: State, now_ms: u64) {
-        (self.state, self.since_ms) = (state, now_ms);
+    pub(super) fn enter(&mut self, state: SwapState, now_ms: u64) {
+        (self.state, self.state_since_ms) = (state, now_ms);
     }
 
-    /// The slot may still go, or have to be given back, to the active stage.
+    /// Returns `true` before the commitment, while the active stage may still keep or resume the
+    /// slot.
     pub(super) fn is_open(&self) -> bool {
-        !matches!(self.state, State::Committed { .. } | State::Retiring { .. })
+        !matches!(self.state, SwapState::Committed { .. } | SwapState::Retiring { .. })
     }
 }

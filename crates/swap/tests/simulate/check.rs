@@ -1,129 +1,130 @@
-//! What must hold in every world, and what has to have been seen in all of them together.
+//! Checks of every world, and of the coverage of all worlds together.
 
 use std::{collections::BTreeMap, fmt};
 
-use swap::{Outcome, Reason, Report};
+use swap::{FailureReason, Report, SwapOutcome};
 
-use crate::{faults::PATIENCE_MS, world::World};
+use crate::{faults::REQUEST_TIMEOUT_MS, world::World};
 
 impl World {
-    /// Everything has settled.
+    /// Checks a world after it has settled.
     pub(crate) fn check(&self) -> Result<(), String> {
-        self.readers_got_each_tick_from_its_owner()?;
-        self.requests_were_answered()?;
-        self.one_process_is_left()
+        self.check_received_ticks()?;
+        self.check_reports()?;
+        self.check_remaining_process()
     }
 
-    fn readers_got_each_tick_from_its_owner(&self) -> Result<(), String> {
-        for (number, reader) in self.readers.iter().enumerate() {
-            if reader.got.len() as u64 != self.next_input {
-                return Err(format!("reader {number} got {} of {} ticks", reader.got.len(), self.next_input));
+    fn check_received_ticks(&self) -> Result<(), String> {
+        for (number, subscriber) in self.subscribers.iter().enumerate() {
+            if subscriber.received.len() as u64 != self.next_input {
+                return Err(format!("subscriber {number} received {} of {} ticks", subscriber.received.len(), self.next_input));
             }
-            for packet in &reader.got {
+            for packet in &subscriber.received {
                 if self.stages.get(&packet.epoch) != Some(&packet.stage) {
                     return Err(format!(
-                        "reader {number}: {packet:?} is not from its epoch's stage: {:?}",
+                        "subscriber {number}: {packet:?} is not from its epoch's stage: {:?}",
                         self.stages
                     ));
                 }
             }
-            // Where one began in the place of another that had ended, readers may have had more or less of that one.
-            let handed_over =
-                |report: &&Report| report.outcome == Outcome::Committed && !self.replaced.contains(&report.epoch);
-            for report in self.answers.iter().filter(handed_over) {
+            // A stage that replaced an exited one may start earlier or later than what subscribers
+            // received.
+            let is_handover =
+                |report: &&Report| report.outcome == SwapOutcome::Committed && !self.replaced.contains(&report.epoch);
+            for report in self.reports.iter().filter(is_handover) {
                 let commit_tick = report.commit_tick.ok_or("a commitment without a tick")?;
-                let again = self.made_again.contains(&commit_tick);
-                let wrong = reader.got.iter().find(|packet| match packet.tick >= commit_tick {
+                let is_republished = self.republished.contains(&commit_tick);
+                let wrong = subscriber.received.iter().find(|packet| match packet.tick >= commit_tick {
                     true => packet.epoch < report.epoch,
-                    false => packet.epoch >= report.epoch && !again,
+                    false => packet.epoch >= report.epoch && !is_republished,
                 });
                 if let Some(packet) = wrong {
-                    return Err(format!("reader {number}: {packet:?} against {report:?}"));
+                    return Err(format!("subscriber {number}: {packet:?} against {report:?}"));
                 }
             }
         }
         Ok(())
     }
 
-    fn requests_were_answered(&self) -> Result<(), String> {
-        let limits = self.nature.limits;
-        let alone_ms = limits.ready_ms + PATIENCE_MS + limits.shadow_ms;
+    fn check_reports(&self) -> Result<(), String> {
+        let limits = self.scenario.limits;
+        let takeover_ms = limits.ready_timeout_ms + REQUEST_TIMEOUT_MS + limits.shadow_ms;
         let longest_ms =
-            limits.ready_ms + 2 * limits.caught_up_ms + limits.shadow_ms + limits.commit_ms + alone_ms + 100;
-        for (id, (_, shadow_only)) in &self.asked {
-            let answers: Vec<_> = self.answers.iter().filter(|report| report.id == *id).collect();
-            let [report] = answers[..] else {
-                return Err(format!("request {id} was answered {} times", answers.len()));
+            limits.ready_timeout_ms + 2 * limits.catch_up_timeout_ms + limits.shadow_ms + limits.commit_timeout_ms + takeover_ms + 100;
+        for (id, (_, shadow_only)) in &self.requests {
+            let reports: Vec<_> = self.reports.iter().filter(|report| report.id == *id).collect();
+            let [report] = reports[..] else {
+                return Err(format!("request {id} was reported {} times", reports.len()));
             };
             if !shadow_only && report.took_ms > longest_ms {
-                return Err(format!("request {id} was answered after {} ms", report.took_ms));
+                return Err(format!("request {id} was reported after {} ms", report.took_ms));
             }
         }
         Ok(())
     }
 
-    fn one_process_is_left(&self) -> Result<(), String> {
+    fn check_remaining_process(&self) -> Result<(), String> {
         let alive: Vec<_> = self.processes.iter().filter(|process| process.alive).collect();
-        let last = self.answers.iter().rev().find(|report| report.outcome == Outcome::Committed);
+        let last = self.reports.iter().rev().find(|report| report.outcome == SwapOutcome::Committed);
         let stage = last.map_or(0, |report| report.stage.parse().unwrap());
         match alive[..] {
-            [process] if process.stage != stage => Err(format!("stage {} has the slot, not {stage}", process.stage)),
-            [process] if !process.gate.publishes() => Err("the owner does not publish".into()),
-            [process] if Some(process.incarnation) != self.coordinator.active() => Err("the owner is another".into()),
+            [process] if process.stage != stage => Err(format!("stage {} owns the slot instead of stage {stage}", process.stage)),
+            [process] if !process.gate.owns_next_tick() => Err("the owner does not publish".into()),
+            [process] if Some(process.incarnation) != self.coordinator.active() => Err("the coordinator has another owner".into()),
             [_] => Ok(()),
-            _ => Err(format!("{} processes are left", alive.len())),
+            _ => Err(format!("{} processes are alive instead of one", alive.len())),
         }
     }
 }
 
-/// What happened in all worlds.
+/// Statistics over all worlds.
 #[derive(Debug, Default)]
-pub(crate) struct Tally {
-    ended: BTreeMap<String, u64>,
+pub(crate) struct Statistics {
+    results: BTreeMap<String, u64>,
     ticks: u64,
     restarts: u64,
     replaced: u64,
     repeated: u64,
-    held_max: usize,
+    max_held: usize,
 }
 
-impl Tally {
+impl Statistics {
     pub(crate) fn add(&mut self, world: &World) {
-        for report in &world.answers {
-            let why = report.reason.as_ref().map_or("committed", name);
-            *self.ended.entry(why.into()).or_default() += 1;
-            let alone = world.replaced.contains(&report.epoch) && report.outcome == Outcome::Committed;
-            self.replaced += u64::from(alone);
+        for report in &world.reports {
+            let result = report.reason.as_ref().map_or("committed", name);
+            *self.results.entry(result.into()).or_default() += 1;
+            let is_takeover = world.replaced.contains(&report.epoch) && report.outcome == SwapOutcome::Committed;
+            self.replaced += u64::from(is_takeover);
         }
         self.restarts += world.restarts;
-        for reader in &world.readers {
-            self.ticks += reader.got.len() as u64;
-            self.repeated += reader.reorder_buffer.sequence().repeated;
-            self.held_max = self.held_max.max(reader.held_max);
+        for subscriber in &world.subscribers {
+            self.ticks += subscriber.received.len() as u64;
+            self.repeated += subscriber.reorder_buffer.sequence().repeated;
+            self.max_held = self.max_held.max(subscriber.max_held);
         }
     }
 
-    /// This and what was met in other worlds.
-    pub(crate) fn with(mut self, other: Self) -> Self {
-        for (why, times) in other.ended {
-            *self.ended.entry(why).or_default() += times;
+    /// Returns the sum of two statistics.
+    pub(crate) fn merged(mut self, other: Self) -> Self {
+        for (result, count) in other.results {
+            *self.results.entry(result).or_default() += count;
         }
         Self {
             ticks: self.ticks + other.ticks,
             restarts: self.restarts + other.restarts,
             replaced: self.replaced + other.replaced,
             repeated: self.repeated + other.repeated,
-            held_max: self.held_max.max(other.held_max),
+            max_held: self.max_held.max(other.max_held),
             ..self
         }
     }
 
-    /// A simulation that never meets a case proves nothing about it.
-    pub(crate) fn everything_was_seen(&self) {
+    /// Checks that each case occurred: a case that is never simulated is not tested.
+    pub(crate) fn assert_all_cases_covered(&self) {
         for case in CASES {
-            assert!(self.ended.get(case).is_some_and(|times| *times >= 10), "`{case}` was hardly met: {self}");
+            assert!(self.results.get(case).is_some_and(|count| *count >= 10), "case `{case}` occurred fewer than 10 times: {self}");
         }
-        assert!(self.held_max > 0 && self.repeated > 0 && self.replaced > 0, "{self}");
+        assert!(self.max_held > 0 && self.repeated > 0 && self.replaced > 0, "{self}");
     }
 }
 
@@ -135,42 +136,42 @@ const CASES: [&str; 15] = [
     "not ready",
     "not caught up",
     "active behind",
-    "flawed",
-    "candidate died",
+    "invalid output",
+    "candidate exited",
     "candidate missed",
     "active missed",
-    "active died",
+    "active exited",
     "no tick",
     "not confirmed",
     "cancelled",
 ];
 
-fn name(reason: &Reason) -> &'static str {
+fn name(reason: &FailureReason) -> &'static str {
     match reason {
-        Reason::Busy { .. } => "busy",
-        Reason::ActiveDown => "active down",
-        Reason::SpawnFailed { .. } => "spawn failed",
-        Reason::NotReady { .. } => "not ready",
-        Reason::NotCaughtUp { .. } => "not caught up",
-        Reason::ActiveBehind { .. } => "active behind",
-        Reason::Flawed => "flawed",
-        Reason::CandidateDied => "candidate died",
-        Reason::CandidateMissed => "candidate missed",
-        Reason::ActiveMissed => "active missed",
-        Reason::ActiveDied => "active died",
-        Reason::NoTick => "no tick",
-        Reason::NotConfirmed { .. } => "not confirmed",
-        Reason::Cancelled => "cancelled",
+        FailureReason::Busy { .. } => "busy",
+        FailureReason::ActiveDown => "active down",
+        FailureReason::SpawnFailed { .. } => "spawn failed",
+        FailureReason::NotReady { .. } => "not ready",
+        FailureReason::NotCaughtUp { .. } => "not caught up",
+        FailureReason::ActiveBehind { .. } => "active behind",
+        FailureReason::InvalidOutput => "invalid output",
+        FailureReason::CandidateExited => "candidate exited",
+        FailureReason::CandidateMissed => "candidate missed",
+        FailureReason::ActiveMissed => "active missed",
+        FailureReason::ActiveExited => "active exited",
+        FailureReason::NoTick => "no tick",
+        FailureReason::NotConfirmed { .. } => "not confirmed",
+        FailureReason::Cancelled => "cancelled",
     }
 }
 
-impl fmt::Display for Tally {
+impl fmt::Display for Statistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { ticks, restarts, replaced, repeated, held_max, .. } = self;
+        let Self { ticks, restarts, replaced, repeated, max_held, .. } = self;
         writeln!(
             f,
-            "{ticks} ticks read, {restarts} restarts, {replaced} replaced; left out: {repeated} repeated; held at most {held_max}"
+            "{ticks} ticks received, {restarts} restarts, {replaced} takeovers, {repeated} repeated messages, at most {max_held} messages held"
         )?;
-        self.ended.iter().try_for_each(|(why, times)| writeln!(f, "{times:8} {why}"))
+        self.results.iter().try_for_each(|(result, count)| writeln!(f, "{count:8} {result}"))
     }
 }

@@ -1,65 +1,67 @@
-//! A system whose stages are swapped, many times over: one seed is one world of delays, deaths, hangs, late decisions and bad candidates.
+//! Simulation of stage swaps. Each seed is one world with delays, exits, hangs, late decisions and
+//! bad candidates.
 //!
-//! `SWAP_SEED=n cargo test --release -p swap --test simulate -- --nocapture` tells the history of one; `SWAP_SEEDS=n` lives through n.
+//! `SWAP_SEED=n cargo test --release -p swap --test simulate -- --nocapture` prints the trace of
+//! one seed. `SWAP_SEEDS=n` runs n seeds.
 #![allow(clippy::unwrap_used)]
 
-mod chance;
 mod check;
 mod faults;
-mod nature;
 mod process;
-mod reader;
+mod rng;
+mod scenario;
+mod subscriber;
 mod supervisor;
 mod world;
 
 use std::{panic, thread};
 
-use check::Tally;
+use check::Statistics;
 use world::World;
 
 const SEEDS: u64 = 100_000;
 
 #[test]
-fn every_reader_gets_every_tick_once_and_in_order_whatever_happens_to_the_swap() {
+fn every_subscriber_gets_every_tick_once_in_order() {
     if let Some(seed) = number("SWAP_SEED") {
         World::new(seed, true).run().unwrap_or_else(|failure| panic!("seed {seed}: {failure}"));
         return;
     }
     let seeds = number("SWAP_SEEDS").unwrap_or(SEEDS);
     let threads = thread::available_parallelism().unwrap().get() as u64;
-    let lived = thread::scope(|scope| {
+    let results = thread::scope(|scope| {
         let all: Vec<_> =
-            (0..threads).map(|first| scope.spawn(move || live((first..seeds).step_by(threads as usize)))).collect();
+            (0..threads).map(|first| scope.spawn(move || run_worlds((first..seeds).step_by(threads as usize)))).collect();
         all.into_iter().map(|each| each.join().unwrap()).collect::<Vec<_>>()
     });
-    let (tally, mut failures) =
-        lived.into_iter().fold((Tally::default(), Vec::new()), |(tally, failures), (more, failed)| {
-            (tally.with(more), [failures, failed].concat())
+    let (statistics, mut failures) =
+        results.into_iter().fold((Statistics::default(), Vec::new()), |(statistics, failures), (more, failed)| {
+            (statistics.merged(more), [failures, failed].concat())
         });
-    println!("{seeds} worlds\n{tally}");
+    println!("{seeds} worlds\n{statistics}");
     failures.sort();
     let first: Vec<_> = failures.iter().take(20).map(|(seed, failure)| format!("seed {seed}: {failure}")).collect();
     assert!(failures.is_empty(), "{} of {seeds} worlds:\n{}", failures.len(), first.join("\n"));
     if seeds >= SEEDS {
-        tally.everything_was_seen();
+        statistics.assert_all_cases_covered();
     }
 }
 
-/// Lives through worlds: what was met, and what failed.
-fn live(seeds: impl Iterator<Item = u64>) -> (Tally, Vec<(u64, String)>) {
-    let mut tally = Tally::default();
+/// Runs the worlds of `seeds`; returns their statistics and failures.
+fn run_worlds(seeds: impl Iterator<Item = u64>) -> (Statistics, Vec<(u64, String)>) {
+    let mut statistics = Statistics::default();
     let mut failures = Vec::new();
     for seed in seeds {
         match panic::catch_unwind(|| World::new(seed, false).run()) {
-            Ok(Ok(world)) => tally.add(&world),
+            Ok(Ok(world)) => statistics.add(&world),
             Ok(Err(failure)) => failures.push((seed, failure)),
             Err(_) => failures.push((seed, "panic".into())),
         }
     }
-    (tally, failures)
+    (statistics, failures)
 }
 
-/// A number from the environment.
+/// Returns a number from the environment.
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
 }

@@ -1,106 +1,106 @@
-//! What the supervisor does for the coordinator: starts, ends, restarts, keeps checkpoints, and takes its time.
+//! Supervisor: carries out the coordinator's actions with random delays and stores checkpoints.
 
-use swap::{Action, Event, Outcome, OutputGate};
+use swap::{Action, Event, OutputGate, SwapOutcome};
 
 use crate::{
-    chance::{Chance, DELAY_MS},
-    process::{Manner, Process},
+    process::{Behaviour, Process},
+    rng::{MAX_DELAY_MS, SimRng},
     world::{INPUT_HISTORY_TICKS, World},
 };
 
-/// Something that the supervisor is about to do.
+/// Scheduled task of the supervisor.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Task {
     Spawn { stage: u32, epoch: u32 },
     SpawnOwner { stage: u32, epoch: u32, from_tick: u64 },
     Kill { incarnation: u32 },
     Restart { epoch: u32, from_tick: u64 },
-    TellDeath { incarnation: u32 },
+    ReportExit { incarnation: u32 },
 }
 
-impl Manner {
-    pub(crate) fn good(ready_ms: u64, period_ms: u64, chance: &mut Chance) -> Self {
+impl Behaviour {
+    pub(crate) fn healthy(ready_ms: u64, period_ms: u64, rng: &mut SimRng) -> Self {
         Self {
             ready_ms,
-            ticks_per_10_ms: 10 / period_ms * chance.between(2, 6) + 10,
-            flawed_from: None,
-            health_interval_ms: chance.between(1, 10),
-            checkpoint_interval_ticks: chance.between(5, 40),
+            ticks_per_10_ms: 10 / period_ms * rng.in_range(2, 6) + 10,
+            invalid_from: None,
+            health_interval_ms: rng.in_range(1, 10),
+            checkpoint_interval_ticks: rng.in_range(5, 40),
         }
     }
 }
 
 impl World {
-    /// Tells the coordinator and does what it asks.
+    /// Passes an event to the coordinator and carries out its actions.
     pub(crate) fn apply(&mut self, event: Event) {
         let state = self.coordinator.state();
-        let told = match &event {
-            Event::Health { .. } | Event::Time => None,
-            Event::NewestInput { .. } | Event::ReadersKeep { .. } | Event::Published { .. } => None,
+        let description = match &event {
+            Event::Health { .. } | Event::TimePassed => None,
+            Event::NewestInput { .. } | Event::SubscribersCheckpointed { .. } | Event::Published { .. } => None,
             event => Some(format!("{event:?}")),
         };
         let actions = self.coordinator.handle(self.now_ms, event);
-        if told.is_some() || state != self.coordinator.state() || !actions.is_empty() {
-            self.narrate(|world| {
-                format!("{} -> {:?} {actions:?}", told.unwrap_or_default(), world.coordinator.state())
+        if description.is_some() || state != self.coordinator.state() || !actions.is_empty() {
+            self.trace(|world| {
+                format!("{} -> {:?} {actions:?}", description.unwrap_or_default(), world.coordinator.state())
             });
         }
         actions.into_iter().for_each(|action| self.act(action));
     }
 
     fn act(&mut self, action: Action) {
-        let soon = |world: &mut Self, longest_ms| world.now_ms + world.chance.between(0, longest_ms);
+        let due_within = |world: &mut Self, longest_ms| world.now_ms + world.rng.in_range(0, longest_ms);
         match action {
             Action::SpawnCandidate { stage, epoch } => {
-                let due_ms = soon(self, 20);
+                let due_ms = due_within(self, 20);
                 self.tasks.push((due_ms, Task::Spawn { stage: stage.parse().unwrap(), epoch }));
             }
             Action::SpawnOwner { stage, epoch, from_tick } => {
                 self.tasks.retain(|(_, task)| !matches!(task, Task::Spawn { .. } | Task::Restart { .. }));
                 let alive = self.processes.iter().filter(|process| process.alive).map(|process| process.incarnation);
-                alive.collect::<Vec<_>>().into_iter().for_each(|incarnation| self.bury(incarnation));
-                let (due_ms, stage) = (soon(self, 20), stage.parse().unwrap());
+                alive.collect::<Vec<_>>().into_iter().for_each(|incarnation| self.record_exit(incarnation));
+                let (due_ms, stage) = (due_within(self, 20), stage.parse().unwrap());
                 self.stages.insert(epoch, stage);
                 self.replaced.insert(epoch);
                 self.tasks.push((due_ms, Task::SpawnOwner { stage, epoch, from_tick }));
             }
-            Action::PublishControl(control) => {
-                self.stages.insert(control.epoch, self.processes[control.owner as usize - 1].stage);
-                self.controls.push(control);
-                let times = self.chance.between(1, 2);
+            Action::PublishDecision(decision) => {
+                self.stages.insert(decision.epoch, self.processes[decision.owner as usize - 1].stage);
+                self.decisions.push(decision);
+                let times = self.rng.in_range(1, 2);
                 for process in &mut self.processes {
-                    (0..times).for_each(|_| process.controls.send(self.now_ms, &mut self.chance, control));
+                    (0..times).for_each(|_| process.decisions.send(self.now_ms, &mut self.rng, decision));
                 }
             }
-            Action::EndCandidate { incarnation } | Action::RetireOld { incarnation } => {
-                // Now and then it is forgotten, and has to be asked for again.
-                if !self.chance.happens(50) {
-                    let due_ms = soon(self, 20);
+            Action::StopCandidate { incarnation } | Action::RetirePrevious { incarnation } => {
+                // Some requests are dropped, so that the coordinator has to repeat them.
+                if !self.rng.chance(50) {
+                    let due_ms = due_within(self, 20);
                     self.tasks.push((due_ms, Task::Kill { incarnation }));
                 }
             }
             Action::RestartActive { epoch, from_tick } => {
                 let owner = &self.processes[self.owner as usize - 1];
-                let hung = owner.hung_until_ms + 2 * self.nature.limits.restore_ms > self.now_ms;
-                // The stage before is gone, and a reader could need what it had published.
-                let again = self
+                let hung = owner.hung_until_ms + 2 * self.scenario.limits.restore_timeout_ms > self.now_ms;
+                // The previous stage has exited, and a subscriber may need what it had published.
+                let lost_handover = self
                     .handovers
                     .last()
-                    .filter(|(old, commit_tick)| from_tick < *commit_tick && !self.processes[*old as usize - 1].alive);
-                self.made_again.extend(again.map(|(_, commit_tick)| *commit_tick));
-                let need = !owner.alive || hung || owner.gate.status().missed || again.is_some();
-                assert!(need, "restarted without need");
+                    .filter(|(previous, commit_tick)| from_tick < *commit_tick && !self.processes[*previous as usize - 1].alive);
+                self.republished.extend(lost_handover.map(|(_, commit_tick)| *commit_tick));
+                let is_necessary = !owner.alive || hung || owner.gate.status().missed || lost_handover.is_some();
+                assert!(is_necessary, "unnecessary restart");
                 self.stages.insert(epoch, owner.stage);
-                // It is started once, as it was asked for last.
+                // Only the last requested restart is carried out.
                 self.tasks.retain(|(_, task)| !matches!(task, Task::Restart { .. }));
-                let due_ms = soon(self, 60);
+                let due_ms = due_within(self, 60);
                 self.tasks.push((due_ms, Task::Restart { epoch, from_tick }));
             }
-            Action::Answer(report) => {
-                if report.outcome == Outcome::Committed {
+            Action::Report(report) => {
+                if report.outcome == SwapOutcome::Committed {
                     let commit_tick = report.commit_tick.unwrap();
-                    let alone = self.replaced.contains(&report.epoch);
-                    if !alone {
+                    let is_takeover = self.replaced.contains(&report.epoch);
+                    if !is_takeover {
                         self.handovers.push((self.owner, commit_tick));
                     }
                     let mut kept = self.checkpoints[&self.owner].clone();
@@ -108,99 +108,103 @@ impl World {
                     let own = self.checkpoints.entry(self.owner).or_default();
                     kept.retain(|tick| own.first().is_none_or(|first| tick < first));
                     own.splice(..0, kept);
-                    let began = self.processes[self.owner as usize - 1].gate.status().published_from;
-                    let known = if alone { began <= Some(commit_tick) } else { began == Some(commit_tick) };
-                    assert!(began.is_some() && known, "committed before the new owner has published");
+                    let published_from = self.processes[self.owner as usize - 1].gate.status().published_from;
+                    let is_consistent =
+                        if is_takeover { published_from <= Some(commit_tick) } else { published_from == Some(commit_tick) };
+                    assert!(published_from.is_some() && is_consistent, "committed before the new owner published");
                 }
-                self.answers.push(report);
+                self.reports.push(report);
             }
         }
     }
 
-    /// Does what is due.
-    pub(crate) fn work(&mut self) {
+    /// Runs the tasks that are due.
+    pub(crate) fn run_due_tasks(&mut self) {
         let now_ms = self.now_ms;
-        // One by one: what is done may call off what is due.
-        while let Some(place) = self.tasks.iter().position(|(due_ms, _)| *due_ms <= now_ms) {
-            match self.tasks.remove(place).1 {
+        // One at a time, because a task can cancel others.
+        while let Some(index) = self.tasks.iter().position(|(due_ms, _)| *due_ms <= now_ms) {
+            match self.tasks.remove(index).1 {
                 Task::Spawn { stage, epoch } => self.spawn(stage, epoch, None),
                 Task::SpawnOwner { stage, epoch, from_tick } => self.spawn(stage, epoch, Some(from_tick)),
                 Task::Kill { incarnation } => {
                     let process = &mut self.processes[incarnation as usize - 1];
                     process.retired = process.alive;
-                    self.bury(incarnation);
+                    self.record_exit(incarnation);
                 }
                 Task::Restart { epoch, from_tick } => self.restart(epoch, from_tick),
-                Task::TellDeath { incarnation } => self.apply(Event::Died { incarnation }),
+                Task::ReportExit { incarnation } => self.apply(Event::Exited { incarnation }),
             }
         }
     }
 
-    /// A process is no more; the supervisor hears of it a little later, once.
-    pub(crate) fn bury(&mut self, incarnation: u32) {
+    /// Records the exit of a process; the supervisor is notified once, after a delay.
+    pub(crate) fn record_exit(&mut self, incarnation: u32) {
         let Some(process) = self.processes.iter_mut().find(|process| process.incarnation == incarnation) else {
             return;
         };
-        if std::mem::replace(&mut process.buried, true) {
+        if std::mem::replace(&mut process.exit_recorded, true) {
             return;
         }
         process.alive = false;
-        let (next_tick, due_ms) = (process.next_tick, self.now_ms + self.chance.between(0, DELAY_MS));
-        self.tasks.push((due_ms, Task::TellDeath { incarnation }));
-        self.narrate(|_| format!("{incarnation} ends at {next_tick}"));
+        let (next_tick, due_ms) = (process.next_tick, self.now_ms + self.rng.in_range(0, MAX_DELAY_MS));
+        self.tasks.push((due_ms, Task::ReportExit { incarnation }));
+        self.trace(|_| format!("{incarnation} exits at {next_tick}"));
     }
 
-    /// Keeps a checkpoint if the coordinator admits it.
-    pub(crate) fn keep(&mut self, incarnation: u32, next_tick: u64) {
-        if self.coordinator.admits(incarnation, next_tick) {
+    /// Stores a checkpoint if the coordinator admits it.
+    pub(crate) fn store_checkpoint(&mut self, incarnation: u32, next_tick: u64) {
+        if self.coordinator.admits_checkpoint(incarnation, next_tick) {
             self.checkpoints.entry(incarnation).or_default().push(next_tick);
         }
     }
 
-    /// Starts a candidate, or whoever begins with `from_tick` in the place of an owner that has ended.
+    /// Starts a candidate, or with `from_tick` a stage in place of an exited owner.
     fn spawn(&mut self, stage: u32, epoch: u32, from_tick: Option<u64>) {
-        if self.chance.happens(self.nature.bad_candidates_per_mille / 8) {
+        if self.rng.chance(self.scenario.bad_candidates_per_mille / 8) {
             return self.apply(Event::SpawnFailed { cause: "no such file".into() });
         }
-        let ready_ms = self.now_ms + self.chance.between(0, 30);
-        let mut manner = Manner::good(ready_ms, self.nature.period_ms, &mut self.chance);
-        if self.chance.happens(self.nature.bad_candidates_per_mille) {
-            match self.chance.between(0, 3) {
-                0 => manner.ready_ms = u64::MAX,
-                1 => manner.flawed_from = Some(self.next_input + self.chance.between(0, 50)),
-                2 => manner.ticks_per_10_ms = self.chance.between(1, 3),
-                _ => manner.ready_ms += 50,
+        let ready_ms = self.now_ms + self.rng.in_range(0, 30);
+        let mut behaviour = Behaviour::healthy(ready_ms, self.scenario.period_ms, &mut self.rng);
+        if self.rng.chance(self.scenario.bad_candidates_per_mille) {
+            match self.rng.in_range(0, 3) {
+                0 => behaviour.ready_ms = u64::MAX,
+                1 => behaviour.invalid_from = Some(self.next_input + self.rng.in_range(0, 50)),
+                2 => behaviour.ticks_per_10_ms = self.rng.in_range(1, 3),
+                _ => behaviour.ready_ms += 50,
             }
         }
-        let begins = match from_tick {
-            Some(from_tick) => self.goes_on_at(from_tick),
+        let first_tick = match from_tick {
+            Some(from_tick) => self.resume_tick(from_tick),
             None => self.checkpoints[&self.owner].last().copied().unwrap_or(0),
         };
-        let incarnation = self.start(stage, begins, manner, |incarnation, keep| match from_tick {
+        let incarnation = self.start(stage, first_tick, behaviour, |incarnation, keep| match from_tick {
             Some(from_tick) => OutputGate::owner(incarnation, epoch, from_tick, keep),
             None => OutputGate::candidate(incarnation, epoch, keep),
         });
-        self.checkpoints.insert(incarnation, vec![begins]);
+        self.checkpoints.insert(incarnation, vec![first_tick]);
         self.apply(Event::Spawned { incarnation });
     }
 
-    /// The newest checkpoint of the slot's owner that is no newer than those of its readers, as far as what it publishes begins before it.
-    fn goes_on_at(&self, from_tick: u64) -> u64 {
-        let readers = self.readers.iter().map(|reader| reader.checkpoint.next_tick).min();
-        let limit = readers.filter(|_| self.nature.readers_restart).unwrap_or(u64::MAX).max(from_tick);
+    /// Returns the tick of the newest checkpoint of the slot's owner from which it can resume.
+    ///
+    /// The checkpoint is no newer than those of the subscribers, unless the published ticks start
+    /// later.
+    fn resume_tick(&self, from_tick: u64) -> u64 {
+        let oldest = self.subscribers.iter().map(|subscriber| subscriber.checkpoint.next_tick).min();
+        let limit = oldest.filter(|_| self.scenario.subscribers_restart).unwrap_or(u64::MAX).max(from_tick);
         let kept = &self.checkpoints[&self.owner];
         kept.iter().copied().filter(|tick| *tick <= limit).max().unwrap_or(kept[0])
     }
 
-    /// Restarts the slot's owner.
+    /// Restarts the owner of the slot.
     fn restart(&mut self, epoch: u32, from_tick: u64) {
         self.restarts += 1;
-        self.bury(self.owner);
-        let (kept, begins) = (self.checkpoints[&self.owner].clone(), self.goes_on_at(from_tick));
+        self.record_exit(self.owner);
+        let (kept, first_tick) = (self.checkpoints[&self.owner].clone(), self.resume_tick(from_tick));
         let stage = self.stages[&epoch];
-        let manner = Manner::good(self.now_ms, self.nature.period_ms, &mut self.chance);
+        let behaviour = Behaviour::healthy(self.now_ms, self.scenario.period_ms, &mut self.rng);
         self.owner = self
-            .start(stage, begins, manner, |incarnation, keep| OutputGate::owner(incarnation, epoch, from_tick, keep));
+            .start(stage, first_tick, behaviour, |incarnation, keep| OutputGate::owner(incarnation, epoch, from_tick, keep));
         self.checkpoints.insert(self.owner, kept);
         self.apply(Event::Restarted { incarnation: self.owner });
     }
@@ -208,21 +212,21 @@ impl World {
     fn start(
         &mut self,
         stage: u32,
-        begins: u64,
-        manner: Manner,
+        first_tick: u64,
+        behaviour: Behaviour,
         gate: impl FnOnce(u32, usize) -> OutputGate<crate::process::Packet>,
     ) -> u32 {
-        assert!(begins + INPUT_HISTORY_TICKS >= self.next_input, "the history of the input is too short");
+        assert!(first_tick + INPUT_HISTORY_TICKS >= self.next_input, "the input history is too short");
         let incarnation = self.processes.len() as u32 + 1;
-        let gate = gate(incarnation, self.nature.kept_ticks);
-        let outlets = std::iter::repeat_n(self.nature.outlet_ms, self.readers.len());
-        let mut process = Process::new(incarnation, stage, gate, manner, begins, outlets, &mut self.chance);
-        // Who joins late hears the decisions that were taken before.
-        for control in &self.controls {
-            process.controls.send(self.now_ms, &mut self.chance, *control);
+        let gate = gate(incarnation, self.scenario.history_ticks);
+        let links = std::iter::repeat_n(self.scenario.max_link_delay_ms, self.subscribers.len());
+        let mut process = Process::new(incarnation, stage, gate, behaviour, first_tick, links, &mut self.rng);
+        // A late process receives the earlier decisions, too.
+        for decision in &self.decisions {
+            process.decisions.send(self.now_ms, &mut self.rng, *decision);
         }
         self.processes.push(process);
-        self.narrate(|world| format!("{incarnation} starts at {begins}, of stage {stage}; input {}", world.next_input));
+        self.trace(|world| format!("{incarnation} starts at {first_tick}, of stage {stage}; input {}", world.next_input));
         incarnation
     }
 }

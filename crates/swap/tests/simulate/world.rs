@@ -1,113 +1,114 @@
-//! One world: a source, the processes of a slot, two readers, a supervisor, and what befalls them until a certain time.
+//! World of one seed: a source, the processes of a slot, two subscribers and a supervisor, with
+//! faults up to a certain time.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use swap::{Control, Coordinator, Event, OutputGate, Report, State};
+use swap::{Coordinator, Event, OutputGate, OwnershipDecision, Report, SwapState};
 
 use crate::{
-    chance::{Chance, DELAY_MS, Link},
-    nature::Nature,
-    process::{Manner, Process, Word},
-    reader::Reader,
+    process::{Behaviour, Process, ServiceMessage},
+    rng::{Link, MAX_DELAY_MS, SimRng},
+    scenario::Scenario,
+    subscriber::Subscriber,
     supervisor::Task,
 };
 
-/// Restarts and late starts find this much of their input.
+/// Input ticks that a restarted or late process can still read.
 pub(crate) const INPUT_HISTORY_TICKS: u64 = 1500;
-pub(crate) const READERS: usize = 2;
-/// After the last fault everything has to be in order within this time, ms.
-const SETTLED_MS: u64 = 4000;
-/// What the slowest stage needs for the input that it is behind, ms.
-const DRAINED_MS: u64 = 15_000;
+pub(crate) const SUBSCRIBERS: usize = 2;
+/// Time after the last fault in which everything must settle, ms.
+const SETTLE_TIMEOUT_MS: u64 = 4000;
+/// Time in which the slowest stage must work off its input, ms.
+const DRAIN_TIMEOUT_MS: u64 = 15_000;
 
 #[derive(Debug)]
 pub(crate) struct World {
-    pub(crate) chance: Chance,
-    pub(crate) nature: Nature,
+    pub(crate) rng: SimRng,
+    pub(crate) scenario: Scenario,
     pub(crate) now_ms: u64,
     pub(crate) next_input: u64,
     pub(crate) processes: Vec<Process>,
-    pub(crate) readers: Vec<Reader>,
+    pub(crate) subscribers: Vec<Subscriber>,
     pub(crate) coordinator: Coordinator,
-    /// The slot's owner as the supervisor knows it.
+    /// Owner of the slot, as known by the supervisor.
     pub(crate) owner: u32,
     pub(crate) tasks: Vec<(u64, Task)>,
-    /// Checkpoints kept, by incarnation.
+    /// Stored checkpoints by incarnation.
     pub(crate) checkpoints: BTreeMap<u32, Vec<u64>>,
-    pub(crate) controls: Vec<Control>,
-    /// The stage named by each decision.
+    pub(crate) decisions: Vec<OwnershipDecision>,
+    /// Stage named by each decision.
     pub(crate) stages: BTreeMap<u32, u32>,
-    pub(crate) asked: BTreeMap<u64, (u64, bool)>,
-    pub(crate) answers: Vec<Report>,
-    /// Who had the slot before a commitment, and its tick.
+    pub(crate) requests: BTreeMap<u64, (u64, bool)>,
+    pub(crate) reports: Vec<Report>,
+    /// Previous owner and tick of each hand-over.
     pub(crate) handovers: Vec<(u32, u64)>,
-    /// Commitments before whose tick the new stage had to publish, too.
-    pub(crate) made_again: BTreeSet<u64>,
-    /// Decisions under which somebody began in the place of an owner that had ended.
+    /// Hand-over ticks before which the new stage had to publish again.
+    pub(crate) republished: BTreeSet<u64>,
+    /// Epochs under which a stage replaced an exited owner.
     pub(crate) replaced: BTreeSet<u32>,
     pub(crate) restarts: u64,
     pub(crate) verbose: bool,
     newest_input: Link<u64>,
-    readers_keep: Link<u64>,
+    subscribers_checkpoint: Link<u64>,
     pub(crate) stalled_until_ms: u64,
 }
 
 impl World {
     pub(crate) fn new(seed: u64, verbose: bool) -> Self {
-        let mut chance = Chance(seed);
-        let nature = Nature::new(&mut chance);
-        let gate = OutputGate::owner(1, 1, 0, nature.kept_ticks);
-        let manner = Manner::good(0, nature.period_ms, &mut chance);
-        let outlets = std::iter::repeat_n(nature.outlet_ms, READERS);
-        let checkpoint_interval_ticks = chance.between(5, 30);
+        let mut rng = SimRng(seed);
+        let scenario = Scenario::new(&mut rng);
+        let gate = OutputGate::owner(1, 1, 0, scenario.history_ticks);
+        let behaviour = Behaviour::healthy(0, scenario.period_ms, &mut rng);
+        let links = std::iter::repeat_n(scenario.max_link_delay_ms, SUBSCRIBERS);
+        let checkpoint_interval_ticks = rng.in_range(5, 30);
         Self {
-            processes: vec![Process::new(1, 0, gate, manner, 0, outlets, &mut chance)],
-            readers: (0..READERS).map(|_| Reader::new(nature.lateness_ticks, checkpoint_interval_ticks)).collect(),
-            coordinator: Coordinator::new(1, 1, nature.limits),
-            nature,
+            processes: vec![Process::new(1, 0, gate, behaviour, 0, links, &mut rng)],
+            subscribers: (0..SUBSCRIBERS).map(|_| Subscriber::new(scenario.lateness_ticks, checkpoint_interval_ticks)).collect(),
+            coordinator: Coordinator::new(1, 1, scenario.limits),
+            scenario,
             now_ms: 0,
             next_input: 0,
             owner: 1,
             tasks: Vec::new(),
             checkpoints: BTreeMap::from([(1, vec![0])]),
-            controls: Vec::new(),
+            decisions: Vec::new(),
             stages: BTreeMap::from([(1, 0)]),
-            asked: BTreeMap::new(),
-            answers: Vec::new(),
+            requests: BTreeMap::new(),
+            reports: Vec::new(),
             handovers: Vec::new(),
-            made_again: BTreeSet::new(),
+            republished: BTreeSet::new(),
             replaced: BTreeSet::new(),
             restarts: 0,
             verbose,
-            newest_input: Link::new(DELAY_MS, &mut chance),
-            readers_keep: Link::new(DELAY_MS, &mut chance),
+            newest_input: Link::new(MAX_DELAY_MS, &mut rng),
+            subscribers_checkpoint: Link::new(MAX_DELAY_MS, &mut rng),
             stalled_until_ms: 0,
-            chance,
+            rng,
         }
     }
 
-    /// Lives until everything has settled; gives the world back for its figures.
+    /// Runs until everything has settled; returns the world for its statistics.
     pub(crate) fn run(mut self) -> Result<Self, String> {
-        self.narrate(|world| format!("{:?}", world.nature));
-        let settled_by_ms = self.nature.faults_until_ms + SETTLED_MS;
+        self.trace(|world| format!("{:?}", world.scenario));
+        let settled_by_ms = self.scenario.faults_until_ms + SETTLE_TIMEOUT_MS;
         loop {
-            if self.nature.supervisor_dies_ms.is_some_and(|dies_ms| dies_ms <= self.now_ms) {
+            if self.scenario.supervisor_exits_ms.is_some_and(|exits_ms| exits_ms <= self.now_ms) {
                 return Ok(self);
             }
             self.step(true)?;
-            if self.now_ms > self.nature.faults_until_ms && self.is_settled() {
+            if self.now_ms > self.scenario.faults_until_ms && self.is_settled() {
                 break;
             }
-            if self.now_ms == self.nature.faults_until_ms {
+            if self.now_ms == self.scenario.faults_until_ms {
                 self.apply(Event::Cancel);
             }
             if self.now_ms > settled_by_ms {
-                return Err(format!("nothing settles: {:?}", self.coordinator));
+                return Err(format!("not settled in time: {:?}", self.coordinator));
             }
         }
-        let drained_by_ms = self.now_ms + DRAINED_MS;
+        let drained_by_ms = self.now_ms + DRAIN_TIMEOUT_MS;
         while self.now_ms < drained_by_ms
-            && self.readers.iter().any(|reader| reader.got.len() as u64 != self.next_input)
+            && self.subscribers.iter().any(|subscriber| subscriber.received.len() as u64 != self.next_input)
         {
             self.step(false)?;
         }
@@ -116,100 +117,100 @@ impl World {
     }
 
     fn is_settled(&self) -> bool {
-        self.coordinator.state() == State::Idle
+        self.coordinator.state() == SwapState::Idle
             && self.coordinator.active().is_some()
             && self.tasks.is_empty()
             && self.processes.iter().all(|process| !process.alive || process.hung_until_ms <= self.now_ms)
     }
 
-    /// One millisecond.
+    /// Simulates one millisecond.
     fn step(&mut self, source_runs: bool) -> Result<(), String> {
         self.now_ms += 1;
-        if source_runs && self.now_ms.is_multiple_of(self.nature.period_ms) {
-            self.newest_input.send(self.now_ms, &mut self.chance, self.next_input);
+        if source_runs && self.now_ms.is_multiple_of(self.scenario.period_ms) {
+            self.newest_input.send(self.now_ms, &mut self.rng, self.next_input);
             self.next_input += 1;
         }
-        let troubled = self.now_ms <= self.nature.faults_until_ms;
-        if troubled {
-            self.ask();
-            self.befall();
+        let has_faults = self.now_ms <= self.scenario.faults_until_ms;
+        if has_faults {
+            self.issue_requests();
+            self.inject_faults();
         }
-        self.live(troubled);
-        self.read()?;
+        self.step_processes(has_faults);
+        self.deliver()?;
         if self.now_ms >= self.stalled_until_ms {
             self.supervise();
         }
         Ok(())
     }
 
-    /// The processes work, and some die; more of them while hands change.
-    fn live(&mut self, troubled: bool) {
-        let newest = self.next_input.checked_sub(1 + self.chance.between(0, 3));
-        let busy = !matches!(self.coordinator.state(), State::Idle | State::Starting | State::CatchingUp);
-        let per_mille = if troubled { self.nature.deaths_per_mille * if busy { 4 } else { 1 } } else { 0 };
-        let mut dead = Vec::new();
+    /// Steps the processes and ends some of them, more during a hand-over.
+    fn step_processes(&mut self, has_faults: bool) {
+        let newest = self.next_input.checked_sub(1 + self.rng.in_range(0, 3));
+        let in_handover = !matches!(self.coordinator.state(), SwapState::Idle | SwapState::Starting | SwapState::CatchingUp);
+        let per_mille = if has_faults { self.scenario.exits_per_mille * if in_handover { 4 } else { 1 } } else { 0 };
+        let mut exited = Vec::new();
         for process in &mut self.processes {
-            let dies = process.alive && self.chance.happens(per_mille);
-            process.step(self.now_ms, newest, dies, &mut self.chance);
-            if dies {
-                dead.push(process.incarnation);
+            let exits = process.alive && self.rng.chance(per_mille);
+            process.step(self.now_ms, newest, exits, &mut self.rng);
+            if exits {
+                exited.push(process.incarnation);
             }
         }
-        dead.into_iter().for_each(|incarnation| self.bury(incarnation));
+        exited.into_iter().for_each(|incarnation| self.record_exit(incarnation));
     }
 
-    /// Messages arrive at the readers, from the processes in any order.
-    fn read(&mut self) -> Result<(), String> {
-        let first = self.chance.between(0, self.processes.len() as u64 - 1) as usize;
+    /// Delivers messages to the subscribers, in random order of the processes.
+    fn deliver(&mut self) -> Result<(), String> {
+        let first = self.rng.in_range(0, self.processes.len() as u64 - 1) as usize;
         let (behind, ahead) = self.processes.split_at_mut(first);
         for process in ahead.iter_mut().chain(behind) {
-            for (number, (outlet, reader)) in process.outlets.iter_mut().zip(&mut self.readers).enumerate() {
-                while let Some(packet) = outlet.arrived(self.now_ms) {
-                    reader.take(packet).map_err(|wrong| format!("{} ms, reader {number}: {wrong}", self.now_ms))?;
+            for (number, (link, subscriber)) in process.links.iter_mut().zip(&mut self.subscribers).enumerate() {
+                while let Some(packet) = link.arrived(self.now_ms) {
+                    subscriber.receive(packet).map_err(|failure| format!("{} ms, subscriber {number}: {failure}", self.now_ms))?;
                 }
             }
         }
         Ok(())
     }
 
-    /// The supervisor does what is due and hears what has arrived.
+    /// Runs the due tasks of the supervisor and handles the messages that have arrived.
     fn supervise(&mut self) {
         let next_tick = self.processes.iter().map(|process| process.published_tick).max().unwrap_or(0);
         self.apply(Event::Published { next_tick });
-        self.work();
+        self.run_due_tasks();
         let now_ms = self.now_ms;
-        let mut heard = Vec::new();
+        let mut messages = Vec::new();
         for process in &mut self.processes {
-            while let Some(word) = process.words.arrived(now_ms) {
-                heard.push((process.incarnation, word));
+            while let Some(message) = process.health.arrived(now_ms) {
+                messages.push((process.incarnation, message));
             }
-            while let Some(word) = process.checkpoints.arrived(now_ms) {
-                heard.push((process.incarnation, word));
+            while let Some(message) = process.checkpoints.arrived(now_ms) {
+                messages.push((process.incarnation, message));
             }
         }
-        for (incarnation, word) in heard {
-            match word {
-                Word::Ready => self.apply(Event::Ready { incarnation }),
-                Word::Health { status, flawed } => self.apply(Event::Health { incarnation, status, flawed }),
-                Word::Checkpoint { next_tick } => self.keep(incarnation, next_tick),
+        for (incarnation, message) in messages {
+            match message {
+                ServiceMessage::Ready => self.apply(Event::Ready { incarnation }),
+                ServiceMessage::Health { status, invalid_output } => self.apply(Event::Health { incarnation, status, invalid_output }),
+                ServiceMessage::Checkpoint { next_tick } => self.store_checkpoint(incarnation, next_tick),
             }
         }
         while let Some(tick) = self.newest_input.arrived(now_ms) {
             self.apply(Event::NewestInput { tick });
         }
-        if let Some(next_tick) = self.readers.iter().map(|reader| reader.checkpoint.next_tick).min() {
-            self.readers_keep.send(now_ms, &mut self.chance, next_tick);
+        if let Some(next_tick) = self.subscribers.iter().map(|subscriber| subscriber.checkpoint.next_tick).min() {
+            self.subscribers_checkpoint.send(now_ms, &mut self.rng, next_tick);
         }
-        while let Some(next_tick) = self.readers_keep.arrived(now_ms) {
-            self.apply(Event::ReadersKeep { next_tick });
+        while let Some(next_tick) = self.subscribers_checkpoint.arrived(now_ms) {
+            self.apply(Event::SubscribersCheckpointed { next_tick });
         }
-        if self.chance.happens(400) {
-            self.apply(Event::Time);
+        if self.rng.chance(400) {
+            self.apply(Event::TimePassed);
         }
     }
 
-    /// A line of the history, when one seed runs alone.
-    pub(crate) fn narrate(&self, line: impl FnOnce(&Self) -> String) {
+    /// Prints a line of the trace if a single seed runs.
+    pub(crate) fn trace(&self, line: impl FnOnce(&Self) -> String) {
         if self.verbose {
             println!("{:5} {}", self.now_ms, line(self));
         }

@@ -1,4 +1,4 @@
-//! Every integration test of `wire`, in one executable.
+//! Integration tests of `wire`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod common;

@@ -1,7 +1,7 @@
-//! The schema says all that the layouts say, and says what it has said before.
+//! The schema covers all layouts and stays compatible with released versions.
 use std::collections::BTreeMap;
 
-use crate::common::{Dice, Drawn, for_every_message};
+use crate::common::{RandomMessage, TestRng, for_every_message};
 use messages::Layout;
 use prost::Message as _;
 use prost_types::{DescriptorProto, FileDescriptorSet, field_descriptor_proto::Type};
@@ -16,32 +16,32 @@ fn names(message: &DescriptorProto) -> Vec<String> {
     message.field.iter().map(|field| field.name().to_owned()).collect()
 }
 
-fn described<M: Drawn>() -> (&'static str, Layout) {
+fn name_and_layout<M: RandomMessage>() -> (&'static str, Layout) {
     (M::NAME, M::layout())
 }
 
 #[test]
-fn every_field_of_every_layout_has_a_field_of_its_name_and_unit() {
+fn every_layout_field_is_in_schema() {
     let descriptors = descriptors();
     let header = names(&descriptors["Header"]);
-    for (name, layout) in for_every_message!(described()) {
+    for (name, layout) in for_every_message!(name_and_layout()) {
         let own = names(&descriptors[name]);
         let has_header = own.iter().any(|field| field == "header");
         for field in layout.fields.iter().filter(|field| field.name != "reserved") {
-            let there = own.iter().any(|own| own == field.name)
+            let is_present = own.iter().any(|own| own == field.name)
                 || (has_header && header.iter().any(|header| header == field.name));
-            assert!(there, "{name} of the schema lacks {}", field.name);
+            assert!(is_present, "message {name} lacks the field {}", field.name);
         }
         let fields = own.len() + if has_header { header.len() - 1 } else { 0 };
         let reserved = layout.fields.iter().filter(|field| field.name == "reserved").count();
-        assert_eq!(fields, layout.fields.len() - reserved, "{name} of the schema has a field that no layout has");
+        assert_eq!(fields, layout.fields.len() - reserved, "message {name} has a field that its layout lacks");
     }
 }
 
 #[test]
-fn every_topic_has_a_message_and_every_message_a_batch() {
+fn every_topic_has_message_and_batch() {
     let descriptors = descriptors();
-    let all = for_every_message!(described());
+    let all = for_every_message!(name_and_layout());
     assert_eq!(all.len(), graph::Topic::ALL.len());
     for (name, _) in all {
         let batch = &descriptors[&format!("{name}Batch")];
@@ -50,12 +50,12 @@ fn every_topic_has_a_message_and_every_message_a_batch() {
     }
 }
 
-/// `Message.field number type` of each field, and `Enum.NAME number` of each value.
+/// Formats each field as `Message.field number type` and each enum value as `Enum.NAME number`.
 fn released() -> Vec<String> {
     let set = FileDescriptorSet::decode(wire::schema::DESCRIPTORS).unwrap();
     let mut lines = Vec::new();
     for file in &set.file {
-        file.message_type.iter().for_each(|message| of_message("", message, &mut lines));
+        file.message_type.iter().for_each(|message| add_message("", message, &mut lines));
         for kind in &file.enum_type {
             lines.extend(kind.value.iter().map(|value| format!("{}.{} {}", kind.name(), value.name(), value.number())));
         }
@@ -63,7 +63,7 @@ fn released() -> Vec<String> {
     lines
 }
 
-fn of_message(outer: &str, message: &DescriptorProto, lines: &mut Vec<String>) {
+fn add_message(outer: &str, message: &DescriptorProto, lines: &mut Vec<String>) {
     let name = format!("{outer}{}", message.name());
     for field in &message.field {
         let kind = match field.r#type() {
@@ -79,27 +79,27 @@ fn of_message(outer: &str, message: &DescriptorProto, lines: &mut Vec<String>) {
         };
         lines.extend(kind.value.iter().map(value));
     }
-    message.nested_type.iter().for_each(|nested| of_message(&format!("{name}."), nested, lines));
+    message.nested_type.iter().for_each(|nested| add_message(&format!("{name}."), nested, lines));
 }
 
 #[test]
-fn no_released_field_has_changed_its_name_number_or_type() {
+fn released_fields_are_unchanged() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/golden/released.txt");
     let (now, golden) = (released(), std::fs::read_to_string(path).unwrap());
-    let gone: Vec<_> = golden.lines().filter(|line| !now.iter().any(|now| now == line)).collect();
-    assert!(gone.is_empty(), "released, and no longer so; give the new field a new number instead: {gone:#?}");
+    let missing: Vec<_> = golden.lines().filter(|line| !now.iter().any(|now| now == line)).collect();
+    assert!(missing.is_empty(), "released fields are missing; give new fields new numbers instead: {missing:#?}");
     let added: Vec<_> = now.iter().filter(|line| !golden.lines().any(|old| old == *line)).collect();
-    assert!(added.is_empty(), "not yet released; add to {path}: {added:#?}");
+    assert!(added.is_empty(), "fields are not released yet; add them to {path}: {added:#?}");
 }
 
 #[test]
-fn the_bytes_are_those_of_the_golden_file() {
-    fn line<M: Drawn>() -> String {
-        let bytes = M::drawn(&mut Dice::new(7)).encoded();
+fn encoded_bytes_match_golden_file() {
+    fn line<M: RandomMessage>() -> String {
+        let bytes = M::random(&mut TestRng::new(7)).to_bytes();
         let hex: String = bytes.iter().take(400).map(|byte| format!("{byte:02x}")).collect();
         format!("{} {} {hex}\n", M::NAME, bytes.len())
     }
     let now: String = for_every_message!(line()).concat();
     let golden = include_str!("../../golden/messages.txt");
-    assert_eq!(now, golden, "what is written has changed: whoever reads it has not");
+    assert_eq!(now, golden, "the encoding has changed, so that earlier versions cannot decode it");
 }

@@ -17,7 +17,7 @@ use super::{
 /// Who has taken nothing for so long is dropped.
 const SEND_LIMIT: Duration = Duration::from_secs(5);
 /// Requests that are refused before a client is dropped.
-const REFUSED_MAX: u32 = 100;
+const MAX_REFUSED: u32 = 100;
 
 /// What a client wants, for as long as it is there.
 struct Wants<'l> {
@@ -69,7 +69,7 @@ pub(crate) async fn serve(mut socket: WebSocket, system: &str, live: &Live) {
                 Ok(()) => true,
                 Err(why) => {
                     refused += 1;
-                    refused < REFUSED_MAX && send(&mut socket, Message::text(protocol::refusal(&why))).await
+                    refused < MAX_REFUSED && send(&mut socket, Message::text(protocol::refusal(&why))).await
                 }
             },
             Step::Missed => true,

@@ -9,12 +9,12 @@ use axum::body::Bytes;
 use graph::Topic;
 use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use tokio::sync::broadcast;
-use wire::channel::{Channel, Clocks, Encoder, channels, for_viewers};
+use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
 
 use crate::{board::TOPICS, foxglove::pace::Pace, source::SourceState};
 
 /// Messages that a client may be behind before it misses some: half a second of every channel.
-const BEHIND_MAX: usize = 512;
+const MAX_BEHIND: usize = 512;
 /// A message whose publication is so much before the last one's is of a system that has begun anew.
 const BACKWARDS_NS: u64 = 1_000_000_000;
 
@@ -44,7 +44,7 @@ impl Default for Live {
     fn default() -> Self {
         let channels = channels(&TOPICS);
         let wanted = channels.iter().map(|_| AtomicUsize::new(0)).collect();
-        Self { channels, told: broadcast::Sender::new(BEHIND_MAX), wanted, session: AtomicU64::new(now_ns()) }
+        Self { channels, told: broadcast::Sender::new(MAX_BEHIND), wanted, session: AtomicU64::new(now_ns()) }
     }
 }
 
@@ -141,7 +141,7 @@ impl Feed {
         for place in intake.channels.iter().copied().filter(|place| live.is_wanted(*place)) {
             let Channel { name, is_for_viewers, .. } = &live.channels[place];
             let data = match is_for_viewers {
-                true => for_viewers(name, bytes, stamps.log_ns).map(Bytes::from),
+                true => encode_for_viewers(name, bytes, stamps.log_ns).map(Bytes::from),
                 false => Some(data.clone()),
             };
             if let Some(data) = data {
@@ -249,7 +249,7 @@ mod tests {
             let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
             feed.take(Topic::Event, bytemuck::bytes_of(&event), 7);
         }
-        assert!(matches!(told.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - BEHIND_MAX as u64));
-        assert_eq!(names(&live, &mut told).len(), BEHIND_MAX, "and has the newest");
+        assert!(matches!(told.try_recv(), Err(TryRecvError::Lagged(missed)) if missed == 1000 - MAX_BEHIND as u64));
+        assert_eq!(names(&live, &mut told).len(), MAX_BEHIND, "and has the newest");
     }
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use graph::Topic;
 
 /// Messages of a topic in a second at most.
-const MESSAGES_MAX: usize = 60;
+const MAX_MESSAGES: usize = 60;
 const SECOND_NS: u64 = 1_000_000_000;
 
 /// So many messages in any span of time.
@@ -23,8 +23,8 @@ impl Pace {
         let (span_ns, count_max) = match topic {
             Topic::Event => return None,
             // Several say it in turn, and none of them is to be left out again and again.
-            Topic::Health | Topic::Difference => (SECOND_NS, MESSAGES_MAX),
-            _ => (SECOND_NS.div_ceil(MESSAGES_MAX as u64), 1),
+            Topic::Health | Topic::Difference => (SECOND_NS, MAX_MESSAGES),
+            _ => (SECOND_NS.div_ceil(MAX_MESSAGES as u64), 1),
         };
         Some(Self { span_ns, count_max, told_ns: VecDeque::new() })
     }

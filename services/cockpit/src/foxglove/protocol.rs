@@ -27,7 +27,7 @@ pub(crate) fn server_info(system: &str, session: u64) -> String {
 /// Which channels there are; a channel's id is its place.
 pub(crate) fn advertise(channels: &[Channel]) -> String {
     let channels = channels.iter().zip(0_u32..).map(|(channel, id)| {
-        let schema = STANDARD.encode(wire::schema::descriptors_of(&channel.schema).unwrap_or_default());
+        let schema = STANDARD.encode(wire::schema::descriptors_for(&channel.schema).unwrap_or_default());
         json!({
             "id": id,
             "topic": channel.name,
@@ -167,7 +167,7 @@ mod tests {
         let names: Vec<_> = all.iter().map(|one| one["topic"].as_str().unwrap()).collect();
         assert_eq!(names, ["/attitude", "/tf", "/pose"]);
         let schema = STANDARD.decode(all[1]["schema"].as_str().unwrap()).unwrap();
-        assert_eq!(Some(schema), wire::schema::descriptors_of("foxglove.FrameTransform"));
+        assert_eq!(Some(schema), wire::schema::descriptors_for("foxglove.FrameTransform"));
         let info: Value = serde_json::from_str(&server_info("boat", 5)).unwrap();
         assert_eq!((&info["name"], &info["sessionId"]), (&"plumbline boat".into(), &"5".into()));
         assert_eq!(info["capabilities"], serde_json::json!([]));

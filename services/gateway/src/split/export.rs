@@ -1,4 +1,4 @@
-//! The exporting end: from the bus into the cache, and from there to whoever listens or asks.
+//! Exporting end: from the bus into the cache, and from there to subscribers and queries.
 
 use std::{
     sync::{Arc, Condvar, Mutex, PoisonError},
@@ -8,44 +8,44 @@ use std::{
 
 use bus::Subscriber;
 use graph::{Presence, Topic};
-use launch::CACHE_TICKS_MAX;
-use link::{Link, LinkError, Question};
+use launch::MAX_CACHE_TICKS;
+use link::{Link, LinkError, IncomingQuery};
 use messages::Ticked;
 use runtime::{RuntimeError, ServiceContext, service_config::FIRST_EPOCH};
 use swap::ReorderBuffer;
 use wire::keys;
 
 use super::{
-    Notes,
+    ProgressCheckpoints,
     cache::Cache,
-    frame::{Frame, Head},
+    frame::{Frame, FrameHeader},
     merge::Merge,
-    record::{place, places},
-    run_of,
+    record::{index_of, topics_in},
+    run_id,
 };
 use crate::{Shared, locked, worker_pool::WorkerPool};
 
-/// Frames in answer to one question: some seconds of ticks. Who wants more asks again.
-const FRAMES_MAX: usize = 64;
-/// Longest wait for something to send.
-const TURN_LIMIT: Duration = Duration::from_millis(50);
+/// Maximum number of frames in one reply: a few seconds of ticks. A client queries again for more.
+const MAX_FRAMES_PER_REPLY: usize = 64;
+/// Longest wait for new records.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// The bus's side.
+/// Bus side of an export.
 pub(crate) struct Export {
     sources: Vec<Box<dyn Source>>,
     merge: Merge,
-    notes: Notes,
+    progress: ProgressCheckpoints,
     run: u64,
     pub(crate) next_tick: u64,
-    pub(crate) kept: Arc<Kept>,
+    pub(crate) state: Arc<ExportState>,
 }
 
-/// What both sides know.
+/// State shared by the bus side and the network side.
 #[derive(Debug)]
-pub(crate) struct Kept {
+pub(crate) struct ExportState {
     cache: Mutex<Cache>,
     grown: Condvar,
-    head: Head,
+    header: FrameHeader,
     key: String,
 }
 
@@ -53,104 +53,106 @@ impl Export {
     pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
         let config = &context.config;
         let gateway = &config.launch.gateway;
-        let mask = gateway.export.iter().filter_map(|topic| place(topic)).fold(0, |mask, place| mask | 1 << place);
-        // Those with every tick first: what goes with a tick was published before it.
-        let dense = places(mask).filter(|(_, topic)| topic.is_dense);
-        let order = dense.chain(places(mask).filter(|(_, topic)| !topic.is_dense));
+        let mask = gateway.export.iter().filter_map(|topic| index_of(topic)).fold(0, |mask, index| mask | 1 << index);
+        // Dense topics are polled first. A sparse message is published before the dense ones of its
+        // tick, so that it is found when the sparse topics are polled.
+        let dense = topics_in(mask).filter(|(_, topic)| topic.is_dense);
+        let order = dense.chain(topics_in(mask).filter(|(_, topic)| !topic.is_dense));
         let sources: Vec<_> =
-            order.filter_map(|(place, topic)| source(context, place, topic.topic)).collect::<Result<_, _>>()?;
+            order.filter_map(|(index, topic)| source(context, index, topic.topic)).collect::<Result<_, _>>()?;
         let merge = match config.resume {
-            None => Merge::starting(mask, config.lateness_ticks()),
+            None => Merge::new(mask, config.lateness_ticks()),
             Some(_) => {
-                let expected_until = sources.iter().map(|source| source.next_tick(context)).max().unwrap_or(0);
-                Merge::joining(mask, config.lateness_ticks(), expected_until)
+                let backlog_end = sources.iter().map(|source| source.next_tick(context)).max().unwrap_or(0);
+                Merge::with_unknown_start(mask, config.lateness_ticks(), backlog_end)
             }
         };
-        let run = run_of(config.supervisor_pid);
-        let topics = places(mask).map(|(_, topic)| (topic.name.to_owned(), topic.fingerprint)).collect();
+        let run = run_id(config.supervisor_pid);
+        let topics = topics_in(mask).map(|(_, topic)| (topic.name.to_owned(), topic.fingerprint)).collect();
         let vehicle = gateway.vehicle.as_ref().unwrap_or(&config.launch.name);
-        let kept = Kept {
-            cache: Mutex::new(Cache::new(((gateway.cache_s * config.rate_hz) as usize).min(CACHE_TICKS_MAX))),
+        let state = ExportState {
+            cache: Mutex::new(Cache::new(((gateway.cache_s * config.rate_hz) as usize).min(MAX_CACHE_TICKS))),
             grown: Condvar::new(),
-            head: Head { run, rate_hz: config.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
+            header: FrameHeader { run, rate_hz: config.rate_hz, topics, oldest_tick: 0, next_tick: 0, first_tick: 0 },
             key: keys::key(vehicle, keys::CARRY),
         };
-        Ok(Self { sources, merge, notes: Notes::open(context)?, run, next_tick: 0, kept: Arc::new(kept) })
+        Ok(Self { sources, merge, progress: ProgressCheckpoints::open(context)?, run, next_tick: 0, state: Arc::new(state) })
     }
 
     pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
         for source in &mut self.sources {
-            source.look(&mut self.merge)?;
+            source.poll(&mut self.merge)?;
         }
         let before = self.next_tick;
-        let mut cache = locked(&self.kept.cache);
-        while let Some(record) = self.merge.take() {
+        let mut cache = locked(&self.state.cache);
+        while let Some(record) = self.merge.next_record() {
             self.next_tick = record.tick + 1;
             cache.push(record);
         }
         drop(cache);
         if self.next_tick != before {
-            self.kept.grown.notify_one();
+            self.state.grown.notify_one();
         }
-        self.notes.publish(context, self.next_tick, self.run)
+        self.progress.publish(context, self.next_tick, self.run)
     }
 
-    /// Sleeps until there is something of the topic that the next tick waits for, no longer than `limit`.
+    /// Waits for a message of the topic that the next record needs, at most for `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
-        let lacking = self.merge.lacks().and_then(|place| self.sources.iter().find(|source| source.place() == place));
-        match lacking {
+        let awaited = self.merge.awaited_topic().and_then(|index| self.sources.iter().find(|source| source.index() == index));
+        match awaited {
             Some(source) => source.wait(limit),
             None => thread::sleep(limit),
         }
     }
 }
 
-impl Kept {
-    /// Sends what the cache gets and answers who asks, until the gateway ends.
-    pub(crate) fn carry(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
-        let outlet = link.carrier(&self.key)?;
-        let workers = WorkerPool::new(&shared.turned_away);
-        let kept = self.clone();
-        let answering = link.answering(&self.key, move |question| {
-            let kept = kept.clone();
-            workers.see_to(question, move |question| kept.answer(question));
+impl ExportState {
+    /// Starts the thread that sends new records and replies to queries until the gateway stops.
+    pub(crate) fn spawn(self: &Arc<Self>, link: &Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
+        let outlet = link.raw_publisher(&self.key)?;
+        let workers = WorkerPool::new(&shared.rejected_queries);
+        let state = self.clone();
+        let queryable = link.handle_queries(&self.key, move |query| {
+            let state = state.clone();
+            workers.spawn(query, move |query| state.answer(query));
         })?;
-        let kept = self.clone();
+        let state = self.clone();
         Ok(thread::spawn(move || {
-            let _answering = answering;
+            let _queryable = queryable;
             let mut sent_tick = 0;
             loop {
-                let ends = shared.ends();
-                let Some((bytes, next_tick)) = kept.next_frame(sent_tick) else {
-                    if ends {
+                let is_stopping = shared.is_stopping();
+                let Some((bytes, next_tick)) = state.next_frame(sent_tick) else {
+                    if is_stopping {
                         break;
                     }
                     continue;
                 };
-                // What is not taken is asked for.
+                // A frame that could not be sent is requested by the importer.
                 let _ = outlet.send(&bytes);
                 sent_tick = next_tick;
             }
         }))
     }
 
-    /// The next records, once there are any.
+    /// Waits for new records and encodes them; `None` if there are none in time.
     fn next_frame(&self, sent_tick: u64) -> Option<(Vec<u8>, u64)> {
-        let nothing = |cache: &mut Cache| cache.next_tick().is_none_or(|next_tick| next_tick <= sent_tick);
-        let grown = self.grown.wait_timeout_while(locked(&self.cache), TURN_LIMIT, nothing);
+        let is_idle = |cache: &mut Cache| cache.next_tick().is_none_or(|next_tick| next_tick <= sent_tick);
+        let grown = self.grown.wait_timeout_while(locked(&self.cache), POLL_INTERVAL, is_idle);
         let (mut cache, _) = grown.unwrap_or_else(PoisonError::into_inner);
-        (!nothing(&mut cache)).then(|| self.frame(&cache, sent_tick, u64::MAX)).flatten()
+        (!is_idle(&mut cache)).then(|| self.frame(&cache, sent_tick, u64::MAX)).flatten()
     }
 
-    /// The records asked for that are kept; without any, how far the cache reaches.
-    fn answer(&self, question: &Question) {
-        let (Some(from), Some(to)) = (question.number("from"), question.number("to")) else {
-            return question.refuse("ask with ?from=TICK;to=TICK");
+    /// Replies with the requested records that are cached. If there are none, one empty frame
+    /// reports the range of the cache.
+    fn answer(&self, query: &IncomingQuery) {
+        let (Some(from), Some(to)) = (query.parameter_u64("from"), query.parameter_u64("to")) else {
+            return query.reject("missing tick range: query with ?from=TICK;to=TICK");
         };
         let mut tick = from;
-        for _ in 0..FRAMES_MAX {
+        for _ in 0..MAX_FRAMES_PER_REPLY {
             let Some((bytes, next_tick)) = self.frame(&locked(&self.cache), tick, to) else { return };
-            question.hand_over(&self.key, bytes);
+            query.reply_raw(&self.key, bytes);
             if next_tick >= to || next_tick <= tick {
                 return;
             }
@@ -158,50 +160,51 @@ impl Kept {
         }
     }
 
-    /// The kept records from one tick to before another, as many as a frame takes.
+    /// Encodes the cached records of a range of ticks, as many as fit into a frame.
     fn frame(&self, cache: &Cache, from_tick: u64, to_tick: u64) -> Option<(Vec<u8>, u64)> {
         let (oldest_tick, next_tick) = (cache.oldest_tick()?, cache.next_tick()?);
         let first_tick = from_tick.clamp(oldest_tick, next_tick);
-        let head = Head { oldest_tick, next_tick, first_tick, ..self.head.clone() };
-        Some(Frame::encode(&head, cache.from(first_tick).take_while(|record| record.tick < to_tick)))
+        let header = FrameHeader { oldest_tick, next_tick, first_tick, ..self.header.clone() };
+        Some(Frame::encode(&header, cache.iter_from(first_tick).take_while(|record| record.tick < to_tick)))
     }
 }
 
-/// A topic of the bus.
+/// Exported topic of the bus.
 trait Source {
-    fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
-    fn place(&self) -> usize;
+    fn poll(&mut self, merge: &mut Merge) -> Result<(), RuntimeError>;
+    fn index(&self) -> usize;
     fn wait(&self, limit: Duration);
     fn next_tick(&self, context: &ServiceContext) -> u64;
 }
 
-fn source(context: &ServiceContext, place: usize, topic: Topic) -> Option<Result<Box<dyn Source>, RuntimeError>> {
+fn source(context: &ServiceContext, index: usize, topic: Topic) -> Option<Result<Box<dyn Source>, RuntimeError>> {
     messages::dispatch!(topic,
         ticked M => Some(match topic.entry().presence {
-            Presence::EveryTick => in_order::<M>(context, place),
-            Presence::Flagged(_) | Presence::NoTick => aside::<M>(context, place),
+            Presence::EveryTick => dense::<M>(context, index),
+            Presence::Flagged(_) | Presence::NoTick => sparse::<M>(context, index),
         }),
         other M => None
     )
 }
 
-/// A topic with every tick: each once, in order, whoever fills the slot.
-fn in_order<M: Ticked>(context: &ServiceContext, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
+/// Creates a source of a dense topic: each tick once and in order, across changes of the slot's
+/// owner.
+fn dense<M: Ticked>(context: &ServiceContext, index: usize) -> Result<Box<dyn Source>, RuntimeError> {
     let lateness_ticks = context.config.lateness_ticks() / 2;
     let reorder_buffer: ReorderBuffer<M> = match context.config.resume {
-        None => ReorderBuffer::starting(0, FIRST_EPOCH, lateness_ticks),
-        Some(_) => ReorderBuffer::joining(FIRST_EPOCH, lateness_ticks),
+        None => ReorderBuffer::new(0, FIRST_EPOCH, lateness_ticks),
+        Some(_) => ReorderBuffer::with_unknown_start(FIRST_EPOCH, lateness_ticks),
     };
-    Tap::<M>::open(context, place, Some(reorder_buffer))
+    Tap::<M>::open(context, index, Some(reorder_buffer))
 }
 
-/// A topic with some ticks, from one publisher.
-fn aside<M: Ticked>(context: &ServiceContext, place: usize) -> Result<Box<dyn Source>, RuntimeError> {
-    Tap::<M>::open(context, place, None)
+/// Creates a source of a sparse topic, which has a single publisher.
+fn sparse<M: Ticked>(context: &ServiceContext, index: usize) -> Result<Box<dyn Source>, RuntimeError> {
+    Tap::<M>::open(context, index, None)
 }
 
 struct Tap<M: Ticked> {
-    place: usize,
+    index: usize,
     subscriber: Subscriber<M>,
     buffer: usize,
     reorder_buffer: Option<ReorderBuffer<M>>,
@@ -210,21 +213,21 @@ struct Tap<M: Ticked> {
 impl<M: Ticked> Tap<M> {
     fn open(
         context: &ServiceContext,
-        place: usize,
+        index: usize,
         reorder_buffer: Option<ReorderBuffer<M>>,
     ) -> Result<Box<dyn Source>, RuntimeError> {
         let buffer = context.config.buffer_ticks();
-        // In a later incarnation the cache is filled again from what the topics hold.
-        Ok(Box::new(Self { place, subscriber: context.subscriber()?, buffer, reorder_buffer }))
+        // A restarted gateway refills its cache from the backlog of the topics.
+        Ok(Box::new(Self { index, subscriber: context.subscriber()?, buffer, reorder_buffer }))
     }
 }
 
 impl<M: Ticked> Source for Tap<M> {
-    fn look(&mut self, merge: &mut Merge) -> Result<(), RuntimeError> {
-        let Self { place, subscriber, buffer, reorder_buffer } = self;
+    fn poll(&mut self, merge: &mut Merge) -> Result<(), RuntimeError> {
+        let Self { index, subscriber, buffer, reorder_buffer } = self;
         let mut offer = |message: M| {
             let header = message.header();
-            merge.offer(*place, header.tick, header.flags, bytemuck::bytes_of(&message));
+            merge.offer(*index, header.tick, header.flags, bytemuck::bytes_of(&message));
         };
         Ok(subscriber.drain(*buffer, |message| match reorder_buffer {
             Some(reorder_buffer) => reorder_buffer.offer(message, &mut |message, _| offer(message)),
@@ -232,12 +235,12 @@ impl<M: Ticked> Source for Tap<M> {
         })?)
     }
 
-    fn place(&self) -> usize {
-        self.place
+    fn index(&self) -> usize {
+        self.index
     }
 
     fn wait(&self, limit: Duration) {
-        // Woken or not, the caller looks.
+        // The caller polls in either case.
         self.subscriber.wait(limit);
     }
 

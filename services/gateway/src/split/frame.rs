@@ -1,82 +1,83 @@
-//! Records on the wire: a head that says what they are, and runs of records, bit for bit.
+//! Network format of records: a header followed by contiguous records, bit for bit.
 //!
-//! The two ends are the same program, so the layouts are compared and not translated. What comes from elsewhere is checked before
-//! anything is made of it.
+//! Both ends run the same program, so layouts are compared and not translated. Frames from the
+//! network are validated before use.
 
-use launch::CACHE_TICKS_MAX;
+use launch::MAX_CACHE_TICKS;
 use serde::{Deserialize, Serialize};
 
-use super::record::{Record, header, place, places};
+use super::record::{Record, index_of, message_header, topics_in};
 
-/// A frame at most, bytes.
-pub const FRAME_BYTES_MAX: usize = 1 << 20;
-/// Records of a frame stay below this, bytes; one more may begin.
-pub const RECORDS_BYTES: usize = 64 * 1024;
+/// Maximum size of a frame, bytes.
+pub const MAX_FRAME_BYTES: usize = 1 << 20;
+/// Size of the records at which a frame is closed, bytes. The last record may exceed it.
+pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
-/// What a frame says of itself.
+/// Header of a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Head {
-    /// The run of the exporting system: its ticks are counted from its start.
+pub struct FrameHeader {
+    /// Identifier of the exporting system's run. Ticks count from the start of the run.
     pub run: u64,
-    /// Ticks per second, Hz.
+    /// Tick rate, Hz.
     pub rate_hz: f64,
-    /// The exported topics in their order, each with the fingerprint of its layout.
+    /// Exported topics in order, with the fingerprints of their layouts.
     pub topics: Vec<(String, u64)>,
-    /// The oldest tick that the exporter still keeps.
+    /// Oldest tick that the exporter caches.
     pub oldest_tick: u64,
-    /// The tick after the newest that it has.
+    /// Tick after the newest that the exporter caches.
     pub next_tick: u64,
-    /// The tick of the first record.
+    /// Tick of the first record.
     pub first_tick: u64,
 }
 
-/// Contiguous records.
+/// Header and contiguous records.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// What it says of itself.
-    pub head: Head,
-    /// From [`Head::first_tick`] on.
+    /// Header.
+    pub header: FrameHeader,
+    /// Records from [`FrameHeader::first_tick`] on.
     pub records: Vec<Record>,
 }
 
-/// Why bytes are no frame.
+/// Reason for rejecting bytes as a frame.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// They are none.
-    #[error("reading what was carried: {what}")]
+    /// The bytes are not a valid frame.
+    #[error("cannot decode carried frame: {what}")]
     Malformed {
-        /// What is wrong.
+        /// Description of the fault.
         what: &'static str,
     },
-    /// The other program has another layout.
+    /// A topic has another layout on the other host.
     #[error(
-        "reading what was carried: the topic `{topic}` has the layout {there:016x} there and {here:016x} here; run one version of plumb on both hosts"
+        "cannot decode carried frame: topic `{topic}` has layout {remote:016x} on the other host, {local:016x} on this one; run the same version of plumb on both hosts"
     )]
     Layout {
-        /// The topic.
+        /// Name of the topic.
         topic: String,
-        /// The fingerprint here.
-        here: u64,
-        /// The fingerprint there.
-        there: u64,
+        /// Fingerprint on this host; 0 if the topic is unknown.
+        local: u64,
+        /// Fingerprint on the other host.
+        remote: u64,
     },
 }
 
-impl Head {
-    /// The exported topics as bits.
+impl FrameHeader {
+    /// Returns the exported topics as a mask.
     pub fn mask(&self) -> u8 {
-        self.topics.iter().filter_map(|(topic, _)| place(topic)).fold(0, |mask, place| mask | 1 << place)
+        self.topics.iter().filter_map(|(topic, _)| index_of(topic)).fold(0, |mask, index| mask | 1 << index)
     }
 }
 
 impl Frame {
-    /// The bytes of as many records as a frame takes, and the tick after the last of them.
-    pub fn encode<'r>(head: &Head, records: impl Iterator<Item = &'r Record>) -> (Vec<u8>, u64) {
-        // Names and numbers always serialise.
-        let text = serde_json::to_vec(head).unwrap_or_default();
+    /// Encodes as many records as fit into a frame. Returns the bytes and the tick after the last
+    /// record.
+    pub fn encode<'r>(header: &FrameHeader, records: impl Iterator<Item = &'r Record>) -> (Vec<u8>, u64) {
+        // The header has only strings and numbers, whose serialisation cannot fail.
+        let text = serde_json::to_vec(header).unwrap_or_default();
         let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
         bytes.extend_from_slice(&text);
-        let (end, mut next_tick) = (bytes.len() + RECORDS_BYTES, head.first_tick);
+        let (end, mut next_tick) = (bytes.len() + RECORDS_TARGET_BYTES, header.first_tick);
         for record in records {
             bytes.push(record.mask);
             bytes.extend_from_slice(&record.bytes);
@@ -88,61 +89,65 @@ impl Frame {
         (bytes, next_tick)
     }
 
-    /// The frame that the bytes are.
+    /// Decodes and validates a frame.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the bytes are not a valid frame or a layout differs.
     pub fn decode(bytes: &[u8]) -> Result<Self, FrameError> {
         let malformed = |what| FrameError::Malformed { what };
-        if bytes.len() > FRAME_BYTES_MAX {
-            return Err(malformed("it is too long"));
+        if bytes.len() > MAX_FRAME_BYTES {
+            return Err(malformed("it exceeds the maximum size"));
         }
-        let (length, rest) = bytes.split_first_chunk().ok_or_else(|| malformed("it has no head"))?;
+        let (length, rest) = bytes.split_first_chunk().ok_or_else(|| malformed("the header is missing"))?;
         let length = u32::from_le_bytes(*length) as usize;
-        let (text, mut rest) = rest.split_at_checked(length).ok_or_else(|| malformed("its head is cut off"))?;
-        let head: Head = serde_json::from_slice(text).map_err(|_| malformed("its head is none"))?;
-        check_layouts(&head)?;
-        let mask = head.mask();
-        let (mut records, mut tick) = (Vec::new(), head.first_tick);
-        while let Some((its_mask, after)) = rest.split_first() {
-            if its_mask & !mask != 0 {
-                return Err(malformed("a tick has a topic that the head does not name"));
+        let (text, mut rest) = rest.split_at_checked(length).ok_or_else(|| malformed("the header is truncated"))?;
+        let header: FrameHeader = serde_json::from_slice(text).map_err(|_| malformed("the header is not valid JSON"))?;
+        check_layouts(&header)?;
+        let mask = header.mask();
+        let (mut records, mut tick) = (Vec::new(), header.first_tick);
+        while let Some((record_mask, after)) = rest.split_first() {
+            if record_mask & !mask != 0 {
+                return Err(malformed("a record has a topic that the header does not list"));
             }
-            let length = places(*its_mask).map(|(_, topic)| topic.size).sum();
-            let (messages, after) = after.split_at_checked(length).ok_or_else(|| malformed("a tick is cut off"))?;
-            let record = Record { tick, mask: *its_mask, bytes: messages.to_vec() };
+            let length = topics_in(*record_mask).map(|(_, topic)| topic.size).sum();
+            let (messages, after) = after.split_at_checked(length).ok_or_else(|| malformed("a record is truncated"))?;
+            let record = Record { tick, mask: *record_mask, bytes: messages.to_vec() };
             check_record(&record)?;
             records.push(record);
-            tick = tick.checked_add(1).ok_or_else(|| malformed("its ticks have no end"))?;
+            tick = tick.checked_add(1).ok_or_else(|| malformed("the tick number overflows"))?;
             rest = after;
         }
-        let kept_ticks = head.next_tick.checked_sub(head.oldest_tick);
-        let within = head.oldest_tick <= head.first_tick && tick <= head.next_tick;
-        if !within || kept_ticks.is_none_or(|kept_ticks| kept_ticks > CACHE_TICKS_MAX as u64) {
-            return Err(malformed("its ticks are not among those that it says are kept"));
+        let cached_ticks = header.next_tick.checked_sub(header.oldest_tick);
+        let is_within_cache = header.oldest_tick <= header.first_tick && tick <= header.next_tick;
+        if !is_within_cache || cached_ticks.is_none_or(|ticks| ticks > MAX_CACHE_TICKS as u64) {
+            return Err(malformed("the records are outside the range of cached ticks in the header"));
         }
-        Ok(Self { head, records })
+        Ok(Self { header, records })
     }
 }
 
-fn check_layouts(head: &Head) -> Result<(), FrameError> {
-    for (topic, there) in &head.topics {
-        let known = places(u8::MAX).find(|(_, known)| known.name == topic);
-        let here = known.map_or(0, |(_, known)| known.fingerprint);
-        if here != *there {
-            return Err(FrameError::Layout { topic: topic.clone(), here, there: *there });
+fn check_layouts(header: &FrameHeader) -> Result<(), FrameError> {
+    for (topic, remote) in &header.topics {
+        let known = topics_in(u8::MAX).find(|(_, known)| known.name == topic);
+        let local = known.map_or(0, |(_, known)| known.fingerprint);
+        if local != *remote {
+            return Err(FrameError::Layout { topic: topic.clone(), local, remote: *remote });
         }
     }
     Ok(())
 }
 
-/// Every message is of the record's tick, over an interval that is one.
+/// Checks that every message has the tick of the record and a non-negative interval.
 fn check_record(record: &Record) -> Result<(), FrameError> {
-    let is_one = |(_, message)| {
-        header(message).is_some_and(|header| {
+    let is_valid = |(_, message)| {
+        message_header(message).is_some_and(|header| {
             let length = header.t_end_ns.checked_sub(header.t_start_ns);
             header.tick == record.tick && length.is_some_and(|length_ns| length_ns >= 0)
         })
     };
-    if record.messages().all(is_one) {
+    if record.messages().all(is_valid) {
         return Ok(());
     }
-    Err(FrameError::Malformed { what: "a message is of another tick, or ends before it begins" })
+    Err(FrameError::Malformed { what: "a message has another tick or a negative interval" })
 }

@@ -1,4 +1,4 @@
-//! The importing end: from the network, in the order of ticks, to the bus.
+//! Importing end: from the network to the bus, in tick order.
 
 use std::{
     ops::Range,
@@ -11,66 +11,67 @@ use bus::{BusError, Publisher, Subscriber};
 use control::ControlRequest;
 use graph::Topic;
 use launch::Service;
-use link::{Link, LinkError, Stream};
+use link::{Link, LinkError, MessageStream};
 use messages::{Credit, Ticked};
 use runtime::{
     RuntimeError, ServiceContext,
-    service_config::{BUFFER_BESIDE, Resume},
+    service_config::{CONTROL_BUFFER, Resume},
 };
-use wire::{Refusal, keys};
+use wire::{DecodeError, keys};
 
 use super::{
-    Notes,
-    arrivals::{Arrivals, Turn},
+    ProgressCheckpoints,
     frame::Frame,
-    losses::Losses,
-    record::{CARRIED_TOPICS, Record, place},
+    losses::LossLog,
+    reassembly::{Delivery, Reassembly},
+    record::{CARRIED_TOPICS, Record, index_of},
 };
 use crate::{Shared, locked, notify_supervisor};
 
 /// Longest wait for a frame.
-const TURN_LIMIT: Duration = Duration::from_millis(50);
-/// Without a frame for so long one asks whether there are any.
-const SILENCE: Duration = Duration::from_millis(500);
-/// From one question to the next.
-const ASK_INTERVAL: Duration = Duration::from_millis(100);
-/// For how long an answer is waited for.
-const ANSWER_LIMIT: Duration = Duration::from_secs(2);
-/// Frames taken before one looks whether something is missing.
-const FRAMES_MAX: usize = 256;
-/// Slots here that stand still hold up the others for so long.
-const HOLD_LIMIT: Duration = Duration::from_secs(5);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Time without a frame after which newer ticks are requested.
+const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
+/// Minimum interval between requests.
+const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
+/// Time to wait for a reply.
+const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
+/// Maximum number of frames processed before missing ticks are requested.
+const MAX_FRAMES_PER_POLL: usize = 256;
+/// Time without credit after which ticks are published anyway. A stalled slot must not block the
+/// others for longer.
+const CREDIT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Between two lines for people about what was lost.
-const TELL_INTERVAL: Duration = Duration::from_secs(1);
+/// Minimum interval between reports of lost ticks.
+const LOSS_REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The bus's side.
+/// Bus side of an import.
 pub(crate) struct Import {
-    outlets: Vec<Option<Box<dyn Outlet>>>,
+    publishers: Vec<Option<Box<dyn TopicPublisher>>>,
     credit: Subscriber<Credit>,
-    /// How far the slots here can take ticks; `None` until each has opened its topics.
+    /// Tick up to which the local slots grant credit; `None` until each has opened its topics.
     granted_tick: Option<u64>,
     window_ticks: u64,
-    /// The system is to end: ticks from this one on are not published.
+    /// End of publication, exclusive, once the system is to end.
     end_tick: Option<u64>,
-    /// A window from here on needs no leave: nothing before it is to come.
+    /// Start of a window that needs no credit, since no earlier tick is pending.
     floor_tick: u64,
-    /// Since when nothing could be published for want of leave.
-    held_since: Instant,
-    notes: Notes,
+    /// Start of the time during which nothing could be published for lack of credit.
+    blocked_since: Instant,
+    progress: ProgressCheckpoints,
     pub(crate) next_tick: u64,
     pub(crate) lost: u64,
-    losses: Losses,
-    told: Instant,
+    losses: LossLog,
+    losses_reported: Instant,
     shared: Arc<Shared>,
-    pub(crate) intake: Arc<Intake>,
+    pub(crate) state: Arc<ImportState>,
 }
 
-/// What both sides know.
+/// State shared by the bus side and the network side.
 #[derive(Debug)]
-pub(crate) struct Intake {
-    arrivals: Mutex<Arrivals>,
-    come: Condvar,
+pub(crate) struct ImportState {
+    reassembly: Mutex<Reassembly>,
+    arrived: Condvar,
     key: String,
 }
 
@@ -81,192 +82,195 @@ impl Import {
         import: &launch::Import,
     ) -> Result<Self, RuntimeError> {
         let config = &context.config;
-        let earlier = match &config.resume {
+        let checkpoint = match &config.resume {
             Some(Resume::Checkpoint(record)) => record.checkpoint(),
             _ => None,
         };
-        let (next_tick, run) = earlier.map_or((0, None), |earlier| (earlier.next_tick, Some(earlier.words[0])));
-        let mask = import.topics.iter().filter_map(|topic| place(topic)).fold(0, |mask, place| mask | 1 << place);
-        let end_tick = config.ticks_max.unwrap_or(u64::MAX);
-        let arrivals = Arrivals::new(mask, config.rate_hz, run, next_tick, end_tick);
-        let outlets = CARRIED_TOPICS.iter().enumerate();
-        let outlets =
-            outlets.map(|(place, topic)| (mask & (1 << place) != 0).then(|| outlet(context, topic.topic)).flatten());
+        let (next_tick, run) = checkpoint.map_or((0, None), |checkpoint| (checkpoint.next_tick, Some(checkpoint.words[0])));
+        let mask = import.topics.iter().filter_map(|topic| index_of(topic)).fold(0, |mask, index| mask | 1 << index);
+        let end_tick = config.max_ticks.unwrap_or(u64::MAX);
+        let reassembly = Reassembly::new(mask, config.rate_hz, run, next_tick, end_tick);
+        let publishers = CARRIED_TOPICS.iter().enumerate();
+        let publishers =
+            publishers.map(|(index, topic)| (mask & (1 << index) != 0).then(|| publisher(context, topic.topic)).flatten());
         Ok(Self {
-            outlets: outlets.map(Option::transpose).collect::<Result<_, _>>()?,
-            credit: context.bus.late_subscriber(BUFFER_BESIDE)?,
+            publishers: publishers.map(Option::transpose).collect::<Result<_, _>>()?,
+            credit: context.bus.late_subscriber(CONTROL_BUFFER)?,
             granted_tick: None,
             end_tick: None,
             window_ticks: config.window_ticks(),
             floor_tick: next_tick,
-            held_since: Instant::now(),
-            notes: Notes::open(context)?,
+            blocked_since: Instant::now(),
+            progress: ProgressCheckpoints::open(context)?,
             next_tick,
             lost: 0,
-            losses: Losses::default(),
-            told: Instant::now(),
+            losses: LossLog::default(),
+            losses_reported: Instant::now(),
             shared,
-            intake: Arc::new(Intake {
-                arrivals: Mutex::new(arrivals),
-                come: Condvar::new(),
+            state: Arc::new(ImportState {
+                reassembly: Mutex::new(reassembly),
+                arrived: Condvar::new(),
                 key: keys::key(&import.vehicle, keys::CARRY),
             }),
         })
     }
 
-    /// Publishes what has its turn, no further than the slots here can take it.
+    /// Publishes available ticks as far as the local slots grant credit.
     pub(crate) fn poll(&mut self, context: &ServiceContext) -> Result<(), RuntimeError> {
-        for outlet in self.outlets.iter().flatten() {
-            outlet.deliver_history()?;
+        for publisher in self.publishers.iter().flatten() {
+            publisher.deliver_history()?;
         }
-        let Self { credit, granted_tick, end_tick, outlets, .. } = self;
-        credit.drain(BUFFER_BESIDE, |credit| {
+        let Self { credit, granted_tick, end_tick, publishers, .. } = self;
+        credit.drain(CONTROL_BUFFER, |credit| {
             *granted_tick = (*granted_tick).max(Some(credit.ticks));
-            let published = || outlets.iter().flatten().map(|outlet| outlet.next_tick()).max().unwrap_or(0);
+            let published = || publishers.iter().flatten().map(|publisher| publisher.next_tick()).max().unwrap_or(0);
             *end_tick = end_tick.or_else(|| (credit.ends != 0).then(published));
         })?;
         let before = self.next_tick;
-        while self.next_tick < self.limit_tick() {
-            let Some(turn) = locked(&self.intake.arrivals).take() else { break };
-            match turn {
-                Turn::Record(record) => self.publish(&record)?,
-                Turn::Lost(span) => self.lose(span),
+        while self.next_tick < self.publish_end() {
+            let Some(delivery) = locked(&self.state.reassembly).next_delivery() else { break };
+            match delivery {
+                Delivery::Record(record) => self.publish(&record)?,
+                Delivery::Lost(span) => self.record_loss(span),
             }
         }
-        if self.next_tick < self.limit_tick() || self.next_tick != before {
-            self.held_since = Instant::now();
-        } else if self.held_since.elapsed() > HOLD_LIMIT {
+        if self.next_tick < self.publish_end() || self.next_tick != before {
+            self.blocked_since = Instant::now();
+        } else if self.blocked_since.elapsed() > CREDIT_TIMEOUT {
             self.floor_tick = self.next_tick;
         }
         if self.next_tick != before {
-            self.outlets.iter().flatten().for_each(|outlet| outlet.wake());
+            self.publishers.iter().flatten().for_each(|publisher| publisher.wake());
         }
-        if self.told.elapsed() > TELL_INTERVAL
-            && let Some(what) = self.losses.take_line(self.lost)
+        if self.losses_reported.elapsed() > LOSS_REPORT_INTERVAL
+            && let Some(line) = self.losses.take_summary(self.lost)
         {
-            self.told = Instant::now();
+            self.losses_reported = Instant::now();
             notify_supervisor(
                 self.shared.clone(),
-                ControlRequest::Tell { service: Service::Gateway.name().into(), what },
+                ControlRequest::Announce { service: Service::Gateway.name().into(), line },
             );
         }
-        let run = locked(&self.intake.arrivals).run();
-        run.map_or(Ok(()), |run| self.notes.publish(context, self.next_tick, run))
+        let run = locked(&self.state.reassembly).run();
+        run.map_or(Ok(()), |run| self.progress.publish(context, self.next_tick, run))
     }
 
     fn publish(&mut self, record: &Record) -> Result<(), BusError> {
-        for (place, message) in record.messages() {
-            if let Some(Some(outlet)) = self.outlets.get(place) {
-                outlet.publish(message)?;
+        for (index, message) in record.messages() {
+            if let Some(Some(publisher)) = self.publishers.get(index) {
+                publisher.publish(message)?;
             }
         }
         self.next_tick = record.tick + 1;
         Ok(())
     }
 
-    fn lose(&mut self, span: Range<u64>) {
+    fn record_loss(&mut self, span: Range<u64>) {
         self.lost += span.end - span.start;
         (self.next_tick, self.floor_tick) = (span.end, span.end);
         self.losses.add(span);
     }
 
-    /// After a cut more comes at once than a topic holds: the slots here give leave, unless they stand still.
-    fn limit_tick(&self) -> u64 {
+    /// Returns the tick before which ticks may be published.
+    ///
+    /// After a link outage more ticks are available than a topic buffers. The credit of the local
+    /// slots limits publication, unless they have stalled.
+    fn publish_end(&self) -> u64 {
         let granted = |granted_tick: u64| granted_tick.max(self.floor_tick.saturating_add(self.window_ticks));
         self.granted_tick.map_or(0, granted).min(self.end_tick.unwrap_or(u64::MAX))
     }
 
-    /// Nothing more is published.
+    /// Returns `true` if nothing more will be published.
     pub(crate) fn is_finished(&self) -> bool {
-        self.end_tick.is_some_and(|end_tick| self.next_tick >= end_tick) || self.intake.is_whole()
+        self.end_tick.is_some_and(|end_tick| self.next_tick >= end_tick) || self.state.is_complete()
     }
 }
 
-impl Intake {
-    /// Nothing more is wanted.
-    pub(crate) fn is_whole(&self) -> bool {
-        locked(&self.arrivals).is_whole()
+impl ImportState {
+    /// Returns `true` if all ticks have been delivered.
+    pub(crate) fn is_complete(&self) -> bool {
+        locked(&self.reassembly).is_complete()
     }
 
-    /// Sleeps until something has its turn, no longer than `limit`.
+    /// Waits until a tick can be published or is lost, at most for `limit`.
     pub(crate) fn wait(&self, limit: Duration) {
-        // Whether something came or not, the caller looks.
-        let come = self.come.wait_timeout_while(locked(&self.arrivals), limit, |arrivals| !arrivals.is_ready());
-        drop(come.unwrap_or_else(PoisonError::into_inner));
+        // The caller polls in either case.
+        let arrived = self.arrived.wait_timeout_while(locked(&self.reassembly), limit, |reassembly| !reassembly.is_ready());
+        drop(arrived.unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Takes frames and asks for what is missing, until the gateway ends.
-    pub(crate) fn carry(self: &Arc<Self>, link: Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
-        let (stream, intake) = (link.stream(&self.key)?, self.clone());
+    /// Starts the thread that receives frames and requests missing ticks until the gateway stops.
+    pub(crate) fn spawn(self: &Arc<Self>, link: Link, shared: Arc<Shared>) -> Result<JoinHandle<()>, LinkError> {
+        let (stream, state) = (link.subscribe(&self.key)?, self.clone());
         Ok(thread::spawn(move || {
-            intake.receive(&stream, &link, &shared);
+            state.receive(&stream, &link, &shared);
             link.close();
         }))
     }
 
-    fn receive(&self, stream: &Stream, link: &Link, shared: &Arc<Shared>) {
-        let (mut heard, mut asked) = (Instant::now(), Instant::now());
-        let mut complaint = None;
-        while !shared.ends() {
-            let mut limit = TURN_LIMIT;
-            for _ in 0..FRAMES_MAX {
+    fn receive(&self, stream: &MessageStream, link: &Link, shared: &Arc<Shared>) {
+        let (mut last_received, mut last_request) = (Instant::now(), Instant::now());
+        let mut last_error = None;
+        while !shared.is_stopping() {
+            let mut limit = POLL_INTERVAL;
+            for _ in 0..MAX_FRAMES_PER_POLL {
                 let Some(arrival) = stream.next(limit) else { break };
-                (heard, limit) = (Instant::now(), Duration::ZERO);
-                self.take(&arrival.bytes, shared, &mut complaint);
+                (last_received, limit) = (Instant::now(), Duration::ZERO);
+                self.handle_frame(&arrival.bytes, shared, &mut last_error);
             }
             let (missing, next_tick) = {
-                let arrivals = locked(&self.arrivals);
-                (arrivals.missing(), arrivals.next_tick())
+                let reassembly = locked(&self.reassembly);
+                (reassembly.missing(), reassembly.next_tick())
             };
-            let silent = (heard.elapsed() > SILENCE).then_some(next_tick..u64::MAX);
-            let Some(span) = missing.or(silent).filter(|_| asked.elapsed() > ASK_INTERVAL) else { continue };
-            asked = Instant::now();
-            let question = format!("{}?from={};to={}", self.key, span.start, span.end);
-            // No answer is as good as an error: it is asked again.
-            for (_, bytes) in link.ask(&question, Vec::new(), ANSWER_LIMIT).unwrap_or_default() {
-                heard = Instant::now();
-                self.take(&bytes, shared, &mut complaint);
+            let all_newer = (last_received.elapsed() > SILENCE_TIMEOUT).then_some(next_tick..u64::MAX);
+            let Some(span) = missing.or(all_newer).filter(|_| last_request.elapsed() > REQUEST_INTERVAL) else { continue };
+            last_request = Instant::now();
+            let selector = format!("{}?from={};to={}", self.key, span.start, span.end);
+            // A failed request is repeated after the interval.
+            for (_, bytes) in link.query(&selector, Vec::new(), REPLY_TIMEOUT).unwrap_or_default() {
+                last_received = Instant::now();
+                self.handle_frame(&bytes, shared, &mut last_error);
             }
         }
     }
 
-    /// Takes a frame; what is wrong with it is counted, and said when it is something new.
-    fn take(&self, bytes: &[u8], shared: &Arc<Shared>, complaint: &mut Option<String>) {
-        let refused = match Frame::decode(bytes) {
-            Ok(frame) => locked(&self.arrivals).offer(frame).err().map(|error| error.to_string()),
+    /// Processes a frame. Errors are counted, and announced if they differ from the previous one.
+    fn handle_frame(&self, bytes: &[u8], shared: &Arc<Shared>, last_error: &mut Option<String>) {
+        let rejected = match Frame::decode(bytes) {
+            Ok(frame) => locked(&self.reassembly).offer(frame).err().map(|error| error.to_string()),
             Err(error) => Some(error.to_string()),
         };
-        self.come.notify_one();
-        let Some(what) = refused else { return };
-        locked(&shared.refusals).count(&Refusal::Malformed { message: "frame", cause: what.clone() });
-        if complaint.as_ref() != Some(&what) {
+        self.arrived.notify_one();
+        let Some(error) = rejected else { return };
+        locked(&shared.decode_errors).count(&DecodeError::Malformed { message: "frame", cause: error.clone() });
+        if last_error.as_ref() != Some(&error) {
             notify_supervisor(
                 shared.clone(),
-                ControlRequest::Tell { service: Service::Gateway.name().into(), what: what.clone() },
+                ControlRequest::Announce { service: Service::Gateway.name().into(), line: error.clone() },
             );
-            *complaint = Some(what);
+            *last_error = Some(error);
         }
     }
 }
 
-/// A topic of the bus.
-trait Outlet {
+/// Imported topic of the bus.
+trait TopicPublisher {
     fn publish(&self, message: &[u8]) -> Result<(), BusError>;
     fn next_tick(&self) -> u64;
     fn deliver_history(&self) -> Result<(), BusError>;
     fn wake(&self);
 }
 
-fn outlet(context: &ServiceContext, topic: Topic) -> Option<Result<Box<dyn Outlet>, RuntimeError>> {
+fn publisher(context: &ServiceContext, topic: Topic) -> Option<Result<Box<dyn TopicPublisher>, RuntimeError>> {
     messages::dispatch!(topic,
-        ticked M => Some(context.publisher::<M>().map(|publisher| Box::new(publisher) as Box<dyn Outlet>)),
+        ticked M => Some(context.publisher::<M>().map(|publisher| Box::new(publisher) as Box<dyn TopicPublisher>)),
         other M => None
     )
 }
 
-impl<M: Ticked> Outlet for Publisher<M> {
+impl<M: Ticked> TopicPublisher for Publisher<M> {
     fn publish(&self, message: &[u8]) -> Result<(), BusError> {
-        // Its length was that of the topic when the frame was read.
+        // The size of the message was checked when the frame was decoded.
         let Ok(message) = bytemuck::try_pod_read_unaligned::<M>(message) else { return Ok(()) };
         self.set_next_tick_after(message.header().tick);
         self.send(&message)

@@ -1,18 +1,18 @@
-//! What is lost for good, in words.
+//! Summaries of lost ticks, for display.
 
 use std::ops::Range;
 
-/// Spans named in a line; of more the number of ticks is said.
-const SPANS_MAX: usize = 8;
+/// Maximum number of spans listed in a summary. The others are only counted.
+const MAX_LISTED_SPANS: usize = 8;
 
-/// Spans that have not been said.
+/// Lost spans that have not been reported yet.
 #[derive(Debug, Default)]
-pub struct Losses {
+pub struct LossLog {
     spans: Vec<Range<u64>>,
 }
 
-impl Losses {
-    /// Adds a span.
+impl LossLog {
+    /// Adds a lost span.
     pub fn add(&mut self, span: Range<u64>) {
         match self.spans.last_mut() {
             Some(last) if last.end == span.start => last.end = span.end,
@@ -20,19 +20,21 @@ impl Losses {
         }
     }
 
-    /// A line about what has not been said, if there is anything; `lost` ticks are lost in all.
-    pub fn take_line(&mut self, lost: u64) -> Option<String> {
+    /// Returns a summary of the unreported spans and clears them; `None` if there are none.
+    ///
+    /// `lost` is the total number of lost ticks.
+    pub fn take_summary(&mut self, lost: u64) -> Option<String> {
         if self.spans.is_empty() {
             return None;
         }
         let spans = std::mem::take(&mut self.spans);
-        let named = spans.iter().take(SPANS_MAX);
+        let listed = spans.iter().take(MAX_LISTED_SPANS);
         let mut text: Vec<_> =
-            named.map(|span| format!("{} to {} ({})", span.start, span.end - 1, span.end - span.start)).collect();
-        let others: u64 = spans.iter().skip(SPANS_MAX).map(|span| span.end - span.start).sum();
+            listed.map(|span| format!("{} to {} ({})", span.start, span.end - 1, span.end - span.start)).collect();
+        let others: u64 = spans.iter().skip(MAX_LISTED_SPANS).map(|span| span.end - span.start).sum();
         if others > 0 {
-            text.push(format!("{others} others"));
+            text.push(format!("{others} more"));
         }
-        Some(format!("lost, no longer kept by the other host: ticks {}; {lost} in all", text.join(", ")))
+        Some(format!("ticks lost, no longer cached by the other host: {}; {lost} in total", text.join(", ")))
     }
 }

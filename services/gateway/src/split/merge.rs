@@ -1,110 +1,117 @@
-//! Several topics become one stream of records: every tick once, in order, with all that there is of it.
+//! Join of several topics into one stream of records: each tick once and in order.
 //!
-//! Input: messages of each topic in the order of ticks, the topics in any order. Output: contiguous records. Time: none; how long to wait
-//! is counted in ticks. Failure: what stays away is left out of its record.
+//! Input: messages of each topic in tick order; topics may interleave in any way.
+//!
+//! Output: contiguous records.
+//!
+//! Time: waiting is measured in ticks.
+//!
+//! Failure: a missing message is omitted from its record.
 
 use messages::Flags;
 use runtime::{
-    Join, Lane, Lanes,
-    join::{Look, Placed},
+    Join, JoinInput, JoinInputs,
+    join::{InputStatus, TickStamped},
 };
 
-use super::record::{Record, places};
+use super::record::{Record, topics_in};
 
-/// The join.
+/// Join of the topics in a mask.
 #[derive(Debug)]
 pub struct Merge {
-    join: Join<Topics>,
-    /// The stream has a first tick.
-    has_begun: bool,
-    /// From here on the other topics are not waited for to begin.
-    given_up_at: u64,
+    join: Join<TopicInputs>,
+    /// Whether the first tick of the stream is known.
+    has_started: bool,
+    /// Tick at which the stream starts without the topics that are still missing.
+    start_deadline: u64,
 }
 
-/// The topics of a mask, each with its place.
+/// Join inputs of the topics in a mask, with their indices.
 #[derive(Debug)]
-struct Topics(Vec<(usize, Lane<Part>)>);
+struct TopicInputs(Vec<(usize, JoinInput<TopicMessage>)>);
 
 #[derive(Debug)]
-struct Part {
+struct TopicMessage {
     tick: u64,
     flags: Flags,
     bytes: Vec<u8>,
 }
 
 impl Merge {
-    /// Joins the topics of `mask` from tick 0 on.
-    pub fn starting(mask: u8, lateness_ticks: u64) -> Self {
-        Self { has_begun: true, ..Self::joining(mask, lateness_ticks, 0) }
+    /// Creates a join of the topics in `mask` that starts at tick 0.
+    pub fn new(mask: u8, lateness_ticks: u64) -> Self {
+        Self { has_started: true, ..Self::with_unknown_start(mask, lateness_ticks, 0) }
     }
 
-    /// Joins them from the first tick on that all topics still hold; before `expected_until` everything was published once and is not
-    /// given up so soon.
-    pub fn joining(mask: u8, lateness_ticks: u64, expected_until: u64) -> Self {
-        let topics = places(mask).map(|(place, topic)| (place, Lane::new(topic.flag)));
-        let mut join = Join::without_gaps(Topics(topics.collect()), lateness_ticks);
-        join.expect_until(expected_until, lateness_ticks);
-        Self { join, has_begun: false, given_up_at: expected_until.saturating_add(lateness_ticks) }
+    /// Creates a join that starts at the first tick that all dense topics still hold.
+    ///
+    /// Ticks before `backlog_end` were published already and are still being delivered, so that
+    /// they are given up later.
+    pub fn with_unknown_start(mask: u8, lateness_ticks: u64, backlog_end: u64) -> Self {
+        let topics = topics_in(mask).map(|(index, topic)| (index, JoinInput::new(topic.flag)));
+        let mut join = Join::with_empty_ticks(TopicInputs(topics.collect()), lateness_ticks);
+        join.expect_backlog(backlog_end, lateness_ticks);
+        Self { join, has_started: false, start_deadline: backlog_end.saturating_add(lateness_ticks) }
     }
 
-    /// Takes a message; one that comes again is left out.
-    pub fn offer(&mut self, place: usize, tick: u64, flags: Flags, bytes: &[u8]) {
-        self.join.offer(|topics| topics.lane(place), Part { tick, flags, bytes: bytes.to_vec() });
+    /// Adds a message of the topic at `index`. Repeated messages are ignored.
+    pub fn offer(&mut self, index: usize, tick: u64, flags: Flags, bytes: &[u8]) {
+        self.join.offer(|topics| topics.input(index), TopicMessage { tick, flags, bytes: bytes.to_vec() });
     }
 
-    /// The next tick, once it is certain what there is of it.
-    pub fn take(&mut self) -> Option<Record> {
-        if !self.has_begun {
-            self.join.begin_with(self.first_tick()?);
-            self.has_begun = true;
+    /// Returns the next record once every topic has delivered its tick or been given up.
+    pub fn next_record(&mut self) -> Option<Record> {
+        if !self.has_started {
+            self.join.start_at(self.first_tick()?);
+            self.has_started = true;
         }
-        self.join.take().map(|joined| joined.parts)
+        self.join.next().map(|joined| joined.messages)
     }
 
-    /// The topic that the next tick waits for: its place.
-    pub fn lacks(&self) -> Option<usize> {
-        self.join.lanes().0.get(self.join.lacks()).map(|(place, _)| *place)
+    /// Returns the index of the topic that the next record is waiting for.
+    pub fn awaited_topic(&self) -> Option<usize> {
+        self.join.inputs().0.get(self.join.awaited_input()).map(|(index, _)| *index)
     }
 
-    /// Where the stream begins: known when every topic with every tick has been heard, or is not waited for any more.
+    /// Returns the first tick, once every dense topic has delivered a message or been given up.
     fn first_tick(&self) -> Option<u64> {
-        let (mut first, mut all_heard, mut given_up) = (None, true, false);
-        self.join.lanes().each(&mut |lane| {
-            if lane.is_dense() {
-                first = first.max(lane.front_tick());
-                all_heard &= lane.front_tick().is_some();
-                given_up |= lane.next_tick() > self.given_up_at;
+        let (mut first, mut all_received, mut timed_out) = (None, true, false);
+        self.join.inputs().each(&mut |input| {
+            if input.is_dense() {
+                first = first.max(input.front_tick());
+                all_received &= input.front_tick().is_some();
+                timed_out |= input.next_tick() > self.start_deadline;
             }
         });
-        first.filter(|_| all_heard || given_up)
+        first.filter(|_| all_received || timed_out)
     }
 }
 
-impl Topics {
-    fn lane(&mut self, place: usize) -> Option<&mut Lane<Part>> {
-        self.0.iter_mut().find(|(its, _)| *its == place).map(|(_, lane)| lane)
+impl TopicInputs {
+    fn input(&mut self, index: usize) -> Option<&mut JoinInput<TopicMessage>> {
+        self.0.iter_mut().find(|(input_index, _)| *input_index == index).map(|(_, input)| input)
     }
 }
 
-impl Lanes for Topics {
+impl JoinInputs for TopicInputs {
     type Tick = Record;
 
-    fn each(&self, look: &mut impl FnMut(Look)) {
-        self.0.iter().for_each(|(_, lane)| look(lane.look()));
+    fn each(&self, visit: &mut impl FnMut(InputStatus)) {
+        self.0.iter().for_each(|(_, input)| visit(input.status()));
     }
 
     fn take(&mut self, tick: u64) -> Record {
-        let mut record = Record::empty(tick);
-        for (place, lane) in &mut self.0 {
-            if let Some(part) = lane.take(tick) {
-                record.push(*place, &part.bytes);
+        let mut record = Record::new(tick);
+        for (index, input) in &mut self.0 {
+            if let Some(message) = input.take(tick) {
+                record.push(*index, &message.bytes);
             }
         }
         record
     }
 }
 
-impl Placed for Part {
+impl TickStamped for TopicMessage {
     fn tick(&self) -> u64 {
         self.tick
     }
@@ -113,7 +120,7 @@ impl Placed for Part {
         self.flags
     }
 
-    fn sender(&self) -> u32 {
+    fn publisher(&self) -> u32 {
         0
     }
 }

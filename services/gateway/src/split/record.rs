@@ -1,89 +1,90 @@
-//! One tick of the carried topics, as bytes.
+//! Messages of one tick on the carried topics, as bytes.
 
 use std::sync::LazyLock;
 
 use graph::Presence;
 use messages::{Flags, Header, Ticked};
 
-/// A topic that can be carried.
+/// Topic that can be carried to another host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Topic {
-    /// Which one it is.
+pub struct CarriedTopic {
+    /// Topic.
     pub topic: graph::Topic,
-    /// Its name.
+    /// Name of the topic.
     pub name: &'static str,
-    /// Length of a message, bytes.
+    /// Size of a message, bytes.
     pub size: usize,
-    /// Of the layout of its messages.
+    /// Fingerprint of the message layout.
     pub fingerprint: u64,
-    /// It has a message of each tick.
+    /// Whether every tick has a message.
     pub is_dense: bool,
-    /// The flag of the ticks that it has a message of, if it has not one of each.
+    /// Flag of the ticks that have a message; no flag for a dense topic.
     pub flag: Flags,
 }
 
-/// The topics, in the order of [`graph::Topic::carried`]; their places there are the bits of [`Record::mask`].
-pub static CARRIED_TOPICS: LazyLock<Vec<Topic>> = LazyLock::new(|| {
+/// Topics in the order of [`graph::Topic::carried`]. Their indices are the bits of
+/// [`Record::mask`].
+pub static CARRIED_TOPICS: LazyLock<Vec<CarriedTopic>> = LazyLock::new(|| {
     let carried = graph::Topic::carried();
     let topics = carried
-        .filter_map(|topic| messages::dispatch!(topic, ticked M => Some(described::<M>(topic)), other M => None));
-    topics.take(TOPICS_MAX).collect()
+        .filter_map(|topic| messages::dispatch!(topic, ticked M => Some(describe::<M>(topic)), other M => None));
+    topics.take(MAX_TOPICS).collect()
 });
 
-/// Bits of a mask.
-const TOPICS_MAX: usize = u8::BITS as usize;
+/// Maximum number of topics: the bits of a mask.
+const MAX_TOPICS: usize = u8::BITS as usize;
 
-fn described<M: Ticked>(topic: graph::Topic) -> Topic {
+fn describe<M: Ticked>(topic: graph::Topic) -> CarriedTopic {
     let graph::Entry { name, presence, .. } = *M::TOPIC;
     let fingerprint = M::layout().fingerprint();
-    Topic { topic, name, size: size_of::<M>(), fingerprint, is_dense: presence == Presence::EveryTick, flag: M::FLAG }
+    CarriedTopic { topic, name, size: size_of::<M>(), fingerprint, is_dense: presence == Presence::EveryTick, flag: M::FLAG }
 }
 
-/// The place of a topic among those that can be carried.
-pub fn place(name: &str) -> Option<usize> {
-    CARRIED_TOPICS.iter().position(|carried| carried.name == name)
+/// Returns the index of a topic in [`CARRIED_TOPICS`], or `None` if it cannot be carried.
+pub fn index_of(name: &str) -> Option<usize> {
+    CARRIED_TOPICS.iter().position(|topic| topic.name == name)
 }
 
-/// One tick: the message of every topic that has one.
+/// Messages of one tick on the carried topics.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Record {
-    /// The tick.
+    /// Tick of the messages.
     pub tick: u64,
-    /// Which topics have a message: the bit of each is its place in [`CARRIED_TOPICS`].
+    /// Topics that have a message, one bit for each index in [`CARRIED_TOPICS`].
     pub mask: u8,
-    /// The messages in that order, with nothing between.
+    /// Concatenated messages in the order of the topics.
     pub bytes: Vec<u8>,
 }
 
 impl Record {
-    /// A tick without a message.
-    pub fn empty(tick: u64) -> Self {
+    /// Creates a record without messages.
+    pub fn new(tick: u64) -> Self {
         Self { tick, mask: 0, bytes: Vec::new() }
     }
 
-    /// Adds the message of a topic; those of earlier places must be there already.
-    pub fn push(&mut self, place: usize, message: &[u8]) {
-        self.mask |= 1 << place;
+    /// Appends the message of a topic. Messages must be appended in the order of the topics.
+    pub fn push(&mut self, index: usize, message: &[u8]) {
+        self.mask |= 1 << index;
         self.bytes.extend_from_slice(message);
     }
 
-    /// Each message with the place of its topic.
+    /// Returns the messages with the indices of their topics.
     pub fn messages(&self) -> impl Iterator<Item = (usize, &[u8])> {
         let mut rest = self.bytes.as_slice();
-        places(self.mask).filter_map(move |(place, topic)| {
+        topics_in(self.mask).filter_map(move |(index, topic)| {
             let (message, after) = rest.split_at_checked(topic.size)?;
             rest = after;
-            Some((place, message))
+            Some((index, message))
         })
     }
 }
 
-/// The topics of a mask, with their places.
-pub fn places(mask: u8) -> impl Iterator<Item = (usize, &'static Topic)> {
-    CARRIED_TOPICS.iter().enumerate().filter(move |(place, _)| mask & (1 << place) != 0)
+/// Returns the topics of a mask with their indices.
+pub fn topics_in(mask: u8) -> impl Iterator<Item = (usize, &'static CarriedTopic)> {
+    CARRIED_TOPICS.iter().enumerate().filter(move |(index, _)| mask & (1 << index) != 0)
 }
 
-/// The header that every carried message begins with.
-pub fn header(message: &[u8]) -> Option<Header> {
+/// Reads the header at the start of a carried message; `None` if the message is too short.
+pub fn message_header(message: &[u8]) -> Option<Header> {
     bytemuck::try_pod_read_unaligned(message.get(..size_of::<Header>())?).ok()
 }

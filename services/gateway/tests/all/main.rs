@@ -1,5 +1,5 @@
-//! Every integration test of `gateway`, in one executable.
+//! Integration tests of `gateway`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod carrying;
+mod split;
 mod idempotent_swaps;

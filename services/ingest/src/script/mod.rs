@@ -8,7 +8,7 @@
 //! | `off` | not a number | no value | no reading |
 //! | `stuck` | the last value before | the last value before, whenever there is one | each of the four |
 //! | `garbage` | any value | any value, whenever there is one | each of the four |
-//! | `wrong` | factor · value + offset | likewise | each of the four |
+//! | `miscalibrated` | factor · value + offset | likewise | each of the four |
 //! | `slow` | every n-th value, repeated in between | every n-th value | every n-th reading |
 //! | `delayed` | the value of so long ago | likewise | each of the four |
 //! | `intermittent` | now and then not a number | now and then no value | now and then no reading |
@@ -121,7 +121,7 @@ impl Entry {
                 let garbage = self.dice.garbage(&told);
                 Some(replaced(told, sensor, &garbage))
             }
-            FaultKind::Wrong { factor, offset } => Some(replaced(told, sensor, &wrong(told, factor, offset))),
+            FaultKind::Miscalibrated { factor, offset } => Some(replaced(told, sensor, &wrong(told, factor, offset))),
             FaultKind::Slow { every } => self.every_nth(told, every),
             FaultKind::Intermittent { share, .. } => {
                 if self.dice.unit() < share {

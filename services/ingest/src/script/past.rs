@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use launch::{DELAY_READINGS_MAX, Fault, FaultKind};
+use launch::{MAX_DELAYED_READINGS, Fault, FaultKind};
 
 use crate::source::Reading;
 
@@ -28,7 +28,7 @@ impl Past {
             _ => 0,
         };
         let delay_ns = faults.iter().map(delay_ns).max().unwrap_or(0);
-        let most = if delay_ns > 0 { DELAY_READINGS_MAX } else { 0 };
+        let most = if delay_ns > 0 { MAX_DELAYED_READINGS } else { 0 };
         Self { readings: VecDeque::with_capacity(most), oldest: 0, first: None, delay_ns }
     }
 
@@ -37,7 +37,7 @@ impl Past {
             return;
         }
         self.first.get_or_insert(*reading);
-        if self.readings.len() == DELAY_READINGS_MAX {
+        if self.readings.len() == MAX_DELAYED_READINGS {
             self.readings.pop_front();
             self.oldest += 1;
         }

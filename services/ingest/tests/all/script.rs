@@ -124,7 +124,7 @@ fn an_intermittent_sensor_speaks_as_often_as_its_share_and_the_seed_decides_when
 
 #[test]
 fn entries_are_applied_one_after_the_other() {
-    let twice = FaultKind::Wrong { factor: 2.0, offset: [1.0, 0.0, 0.0] };
+    let twice = FaultKind::Miscalibrated { factor: 2.0, offset: [1.0, 0.0, 0.0] };
     let faulty = told(&[(Sensor::Gyro, FaultKind::Stuck), (Sensor::Gyro, twice)]);
     let [x, y, z] = reading(FROM - 1).rate_rad_s;
     assert_eq!(rate(&faulty[UNTIL - 1]), [2.0 * x + 1.0, 2.0 * y, 2.0 * z]);

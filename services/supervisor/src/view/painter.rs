@@ -1,7 +1,9 @@
-//! The thread that writes to standard error: a terminal may stand still, and nobody waits for it.
+//! Thread that writes to standard error, so that a blocked terminal never blocks the supervisor.
 //!
-//! Input: lines that stay, and pictures that replace each other. Output: live lines on a terminal, plain lines elsewhere. Time: none.
-//! Failure: of what nobody takes the lines wait up to a limit, then they are counted; of pictures the newest waits.
+//! - Input: permanent lines, and frames that replace each other.
+//! - Output: live lines on a terminal, plain lines elsewhere.
+//! - Failure: while the terminal is blocked, a limited number of lines and the newest frame wait.
+//!   Further lines are dropped and counted.
 
 use std::{
     collections::VecDeque,
@@ -13,135 +15,135 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::{UpError, people};
+use crate::{UpError, terminal};
 
-/// Terminal frames per second at most.
-const FRAMES_HZ: u8 = 10;
-/// Lines that wait to be taken.
-const LINES_MAX: usize = 256;
-/// How long the end waits for somebody to take what is left.
-const END_LIMIT: Duration = Duration::from_secs(1);
+/// Maximum redraw rate of the terminal, Hz.
+const MAX_FRAMES_HZ: u8 = 10;
+/// Maximum number of lines that wait to be written.
+const MAX_LINES: usize = 256;
+/// Time limit for writing the remaining lines at shutdown.
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// What a terminal shows now.
+/// Content of the live lines.
 #[derive(Debug, Default)]
-pub(super) struct Picture {
+pub(super) struct Frame {
     pub(super) lines: Vec<String>,
-    /// How far it is, and what is said of that; only where the end is known.
+    /// Progress in ticks and its label; `None` if the number of ticks is unknown.
     pub(super) progress: Option<(u64, String)>,
 }
 
-/// What is still to be written.
+/// Content that waits to be written.
 #[derive(Debug, Default)]
-struct Waiting {
+struct PaintQueue {
     lines: VecDeque<String>,
-    /// Lines for which there was no room.
-    left_out: u64,
-    picture: Option<Picture>,
-    ends: bool,
+    /// Number of lines dropped because the queue was full.
+    dropped_lines: u64,
+    frame: Option<Frame>,
+    stop: bool,
 }
 
-/// The thread, and what waits for it.
+/// Writer thread and its queue.
 pub(super) struct Painter {
-    waiting: Arc<(Mutex<Waiting>, Condvar)>,
+    queue: Arc<(Mutex<PaintQueue>, Condvar)>,
     thread: JoinHandle<()>,
     is_terminal: bool,
 }
 
 impl Painter {
-    /// For pictures of `lines` lines, and a bar up to `ticks` below.
+    /// Starts the thread, for frames of `lines` lines and a progress bar up to `ticks`.
     pub(super) fn new(lines: usize, ticks: Option<u64>) -> Result<Self, UpError> {
         let is_terminal = std::io::stderr().is_terminal();
         let screen = is_terminal.then(|| Screen::new(lines, ticks));
-        let waiting = Arc::new((Mutex::default(), Condvar::new()));
-        let shared = waiting.clone();
+        let queue = Arc::new((Mutex::default(), Condvar::new()));
+        let shared = queue.clone();
         let thread = thread::Builder::new()
             .name("view".into())
-            .spawn(move || paint(&shared, |line| show(screen.as_ref(), line), |picture| draw(screen.as_ref(), picture)))
-            .map_err(|cause| UpError::System { doing: "starting the thread that shows how it goes".into(), cause })?;
-        Ok(Self { waiting, thread, is_terminal })
+            .spawn(move || paint(&shared, |line| print_line(screen.as_ref(), line), |frame| draw_frame(screen.as_ref(), frame)))
+            .map_err(|cause| UpError::System { action: "starting the display thread".into(), cause })?;
+        Ok(Self { queue, thread, is_terminal })
     }
 
-    /// Pictures are shown.
+    /// Returns `true` if standard error is a terminal that shows frames.
     pub(super) fn is_terminal(&self) -> bool {
         self.is_terminal
     }
 
-    /// Shows a line that stays.
-    pub(super) fn line(&self, line: String) {
-        self.change(|waiting| {
-            if waiting.lines.len() < LINES_MAX {
-                waiting.lines.push_back(line);
+    /// Prints a permanent line.
+    pub(super) fn print_line(&self, line: String) {
+        self.update(|queue| {
+            if queue.lines.len() < MAX_LINES {
+                queue.lines.push_back(line);
             } else {
-                waiting.left_out += 1;
+                queue.dropped_lines += 1;
             }
         });
     }
 
-    /// Shows a picture in the place of the one before.
-    pub(super) fn picture(&self, picture: Picture) {
-        self.change(|waiting| waiting.picture = Some(picture));
+    /// Replaces the frame.
+    pub(super) fn show_frame(&self, frame: Frame) {
+        self.update(|queue| queue.frame = Some(frame));
     }
 
-    /// Waits until all of it has been taken, as long as that is allowed to take. The last picture stays.
-    pub(super) fn end(&self) {
-        self.change(|waiting| waiting.ends = true);
-        let deadline = Instant::now() + END_LIMIT;
+    /// Waits until everything is written, within a time limit. The last frame stays.
+    pub(super) fn finish(&self) {
+        self.update(|queue| queue.stop = true);
+        let deadline = Instant::now() + SHUTDOWN_TIMEOUT;
         while !self.thread.is_finished() && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
         }
     }
 
-    fn change(&self, change: impl FnOnce(&mut Waiting)) {
-        change(&mut lock(&self.waiting.0));
-        self.waiting.1.notify_one();
+    fn update(&self, update: impl FnOnce(&mut PaintQueue)) {
+        update(&mut lock(&self.queue.0));
+        self.queue.1.notify_one();
     }
 }
 
-/// Shows what waits until the end.
-fn paint(waiting: &(Mutex<Waiting>, Condvar), mut show: impl FnMut(&str), mut draw: impl FnMut(&Picture)) {
+/// Writes queued content until shutdown.
+fn paint(queue: &(Mutex<PaintQueue>, Condvar), mut show: impl FnMut(&str), mut draw: impl FnMut(&Frame)) {
     loop {
-        let idle = |waiting: &mut Waiting| waiting.lines.is_empty() && waiting.picture.is_none() && !waiting.ends;
-        let mut now = waiting.1.wait_while(lock(&waiting.0), idle).unwrap_or_else(PoisonError::into_inner);
-        let (lines, picture) = (std::mem::take(&mut now.lines), now.picture.take());
-        let (left_out, ends) = (std::mem::take(&mut now.left_out), now.ends);
-        drop(now);
+        let idle = |queue: &mut PaintQueue| queue.lines.is_empty() && queue.frame.is_none() && !queue.stop;
+        let mut pending = queue.1.wait_while(lock(&queue.0), idle).unwrap_or_else(PoisonError::into_inner);
+        let (lines, frame) = (std::mem::take(&mut pending.lines), pending.frame.take());
+        let (dropped_lines, stop) = (std::mem::take(&mut pending.dropped_lines), pending.stop);
+        drop(pending);
         lines.iter().for_each(|line| show(line));
-        if left_out > 0 {
-            show(&format!("{left_out} more lines are not shown: nobody took them"));
+        if dropped_lines > 0 {
+            show(&format!("{dropped_lines} more lines are not shown: the terminal is blocked"));
         }
-        if let Some(picture) = picture {
-            draw(&picture);
+        if let Some(frame) = frame {
+            draw(&frame);
         }
-        if ends {
+        if stop {
             return;
         }
     }
 }
 
-fn lock(waiting: &Mutex<Waiting>) -> MutexGuard<'_, Waiting> {
-    waiting.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(queue: &Mutex<PaintQueue>) -> MutexGuard<'_, PaintQueue> {
+    queue.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn show(screen: Option<&Screen>, line: &str) {
+fn print_line(screen: Option<&Screen>, line: &str) {
     match screen {
-        // A terminal that cannot be written to shows nothing.
+        // An error is ignored: there is no other place to report it.
         Some(screen) => drop(screen.all.println(line)),
-        None => people::say(line, people::NO_LIMIT),
+        None => terminal::write_line(line, terminal::NO_TIMEOUT),
     }
 }
 
-fn draw(screen: Option<&Screen>, picture: &Picture) {
+fn draw_frame(screen: Option<&Screen>, frame: &Frame) {
     let Some(Screen { lines, bar, .. }) = screen else { return };
-    for (line, text) in lines.iter().zip(&picture.lines) {
+    for (line, text) in lines.iter().zip(&frame.lines) {
         line.set_message(text.clone());
     }
-    if let Some((bar, (ticks, text))) = bar.as_ref().zip(picture.progress.as_ref()) {
+    if let Some((bar, (ticks, text))) = bar.as_ref().zip(frame.progress.as_ref()) {
         bar.set_position(*ticks);
         bar.set_message(text.clone());
     }
 }
 
-/// The live lines of a terminal.
+/// Live lines of a terminal.
 struct Screen {
     all: MultiProgress,
     lines: Vec<ProgressBar>,
@@ -150,7 +152,7 @@ struct Screen {
 
 impl Screen {
     fn new(lines: usize, ticks: Option<u64>) -> Self {
-        let all = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(FRAMES_HZ));
+        let all = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(MAX_FRAMES_HZ));
         let style = ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
         let lines = (0..lines).map(|_| all.add(ProgressBar::new_spinner().with_style(style.clone()))).collect();
         let bar = ticks.map(|ticks| {
@@ -175,32 +177,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_what_nobody_takes_a_number_of_lines_and_the_newest_picture_wait() {
-        let waiting = Arc::new((Mutex::default(), Condvar::new()));
-        let (going, go) = mpsc::channel::<()>();
-        let (shared, (taken, seen)) = (waiting.clone(), mpsc::channel::<String>());
+    fn blocked_terminal_keeps_bounded_lines_and_newest_frame() {
+        let queue = Arc::new((Mutex::default(), Condvar::new()));
+        let (unblock, unblocked) = mpsc::channel::<()>();
+        let (shared, (written, output)) = (queue.clone(), mpsc::channel::<String>());
         let thread = thread::spawn(move || {
             let show = |line: &str| {
-                taken.send(line.into()).unwrap();
-                // A terminal that stands still from the first line on.
-                let _ = go.recv();
+                written.send(line.into()).unwrap();
+                // The terminal blocks after the first line.
+                let _ = unblocked.recv();
             };
-            let taken = taken.clone();
-            paint(&shared, show, |picture| taken.send(picture.lines.concat()).unwrap());
+            let written = written.clone();
+            paint(&shared, show, |frame| written.send(frame.lines.concat()).unwrap());
         });
-        let painter = Painter { waiting, thread, is_terminal: false };
-        painter.line("first".into());
-        assert_eq!(seen.recv().unwrap(), "first");
-        for one in 0..LINES_MAX + 7 {
-            painter.line(format!("line {one}"));
-            painter.picture(Picture { lines: vec![format!("picture {one}")], progress: None });
+        let painter = Painter { queue, thread, is_terminal: false };
+        painter.print_line("first".into());
+        assert_eq!(output.recv().unwrap(), "first");
+        for one in 0..MAX_LINES + 7 {
+            painter.print_line(format!("line {one}"));
+            painter.show_frame(Frame { lines: vec![format!("frame {one}")], progress: None });
         }
-        drop(going);
-        painter.end();
-        let rest: Vec<_> = seen.iter().collect();
-        assert_eq!(rest.len(), LINES_MAX + 2);
-        assert_eq!(rest[LINES_MAX - 1], format!("line {}", LINES_MAX - 1));
-        assert!(rest[LINES_MAX].starts_with("7 more lines"), "{}", rest[LINES_MAX]);
-        assert_eq!(rest[LINES_MAX + 1], format!("picture {}", LINES_MAX + 6));
+        drop(unblock);
+        painter.finish();
+        let rest: Vec<_> = output.iter().collect();
+        assert_eq!(rest.len(), MAX_LINES + 2);
+        assert_eq!(rest[MAX_LINES - 1], format!("line {}", MAX_LINES - 1));
+        assert!(rest[MAX_LINES].starts_with("7 more lines"), "{}", rest[MAX_LINES]);
+        assert_eq!(rest[MAX_LINES + 1], format!("frame {}", MAX_LINES + 6));
     }
 }

@@ -1,4 +1,4 @@
-//! A small file in a place where anybody may have put something else.
+//! Reads and writes a small file at a path that other users may have tampered with.
 
 use std::{
     fs::{self, DirBuilder, File, OpenOptions},
@@ -9,65 +9,72 @@ use std::{
 
 use rustix::process::geteuid;
 
-/// Most that is read: many times what a state has.
-const BYTES_MAX: u64 = 16 << 10;
-/// Write permission of the group and of all others.
-const OTHERS_WRITE: u32 = 0o022;
+/// Maximum number of bytes read, many times the size of a state.
+const MAX_FILE_BYTES: u64 = 16 << 10;
+/// Write permissions of group and others.
+const GROUP_OTHER_WRITE: u32 = 0o022;
 
-/// Why a file is not read.
+/// Reason why a file is not read.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum FileError {
-    #[error("it is a symbolic link, which is not followed")]
-    Link,
-    #[error("it is no regular file")]
-    Kind,
-    #[error("it belongs to the user {0}, and this is {1}")]
-    Owner(u32, u32),
-    #[error("others may write to it; if it is yours: chmod 600")]
-    Writable,
-    #[error("it cannot be read: {0}")]
+    #[error("it is a symbolic link; links are not followed")]
+    SymbolicLink,
+    #[error("it is not a regular file")]
+    NotRegular,
+    #[error("it belongs to user {0}, but this process runs as user {1}")]
+    OtherOwner(u32, u32),
+    #[error("it is writable by other users; if it is yours: chmod 600")]
+    WritableByOthers,
+    #[error("cannot read it: {0}")]
     Io(#[from] io::Error),
 }
 
-/// The text of a file that is this user's alone to write; nothing where there is none.
+/// Returns the text of a file that only this user may write, or `None` if the file does not exist.
+///
+/// # Errors
+///
+/// Returns an error if the file is a link, not a regular file, or writable by another user.
 pub(super) fn read(path: &Path) -> Result<Option<String>, FileError> {
-    // One that is a pipe must not be waited for.
+    // Opening a pipe must not block.
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(error) if error.raw_os_error() == Some(libc::ELOOP) => return Err(FileError::Link),
+        Err(error) if error.raw_os_error() == Some(libc::ELOOP) => return Err(FileError::SymbolicLink),
         opened => opened?,
     };
-    let (found, own) = (file.metadata()?, geteuid().as_raw());
-    if !found.is_file() {
-        return Err(FileError::Kind);
+    let (metadata, own) = (file.metadata()?, geteuid().as_raw());
+    if !metadata.is_file() {
+        return Err(FileError::NotRegular);
     }
-    if found.uid() != own {
-        return Err(FileError::Owner(found.uid(), own));
+    if metadata.uid() != own {
+        return Err(FileError::OtherOwner(metadata.uid(), own));
     }
-    if found.mode() & OTHERS_WRITE != 0 {
-        return Err(FileError::Writable);
+    if metadata.mode() & GROUP_OTHER_WRITE != 0 {
+        return Err(FileError::WritableByOthers);
     }
     let mut bytes = Vec::new();
-    file.take(BYTES_MAX).read_to_end(&mut bytes)?;
+    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes)?;
     Ok(Some(String::from_utf8_lossy(&bytes).into_owned()))
 }
 
-/// Writes a file that only this user may read. Whoever reads it, and whenever the power fails, finds the old text or the new one.
+/// Writes a file that only this user may read.
+///
+/// The file is replaced atomically: a reader, also after a power failure, finds the old text or the
+/// new one.
 pub(super) fn write(path: &Path, text: &str) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    // What an incarnation that was killed has left there.
-    match fs::remove_file(&beside) {
+    let mut temporary = path.as_os_str().to_owned();
+    temporary.push(".new");
+    // A killed process may have left the temporary file.
+    match fs::remove_file(&temporary) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&beside)?;
+    let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&temporary)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()?;
-    fs::rename(&beside, path)?;
+    fs::rename(&temporary, path)?;
     File::open(folder)?.sync_all()
 }
 
@@ -78,12 +85,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_and_is_the_owners_alone() {
+    fn written_file_is_readable_by_owner_only() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deeper/imu.state");
         assert!(matches!(read(&path), Ok(None)));
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(folder.path().join("deeper/imu.state.new"), "left by an incarnation that was killed").unwrap();
+        fs::write(folder.path().join("deeper/imu.state.new"), "left by a killed process").unwrap();
         for text in ["one", "another, longer", ""] {
             write(&path, text).unwrap();
             assert_eq!(read(&path).unwrap().unwrap(), text);
@@ -93,20 +100,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_this_users_own_regular_file_is_refused() {
+    fn foreign_or_irregular_file_is_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("imu.state");
         let own = folder.path().join("own");
         write(&own, "mine").unwrap();
         symlink(&own, &path).unwrap();
-        assert!(matches!(read(&path), Err(FileError::Link)));
-        assert!(matches!(read(folder.path()), Err(FileError::Kind)));
+        assert!(matches!(read(&path), Err(FileError::SymbolicLink)));
+        assert!(matches!(read(folder.path()), Err(FileError::NotRegular)));
         let pipe = folder.path().join("pipe");
         rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
-        assert!(matches!(read(&pipe), Err(FileError::Kind)));
+        assert!(matches!(read(&pipe), Err(FileError::NotRegular)));
         fs::set_permissions(&own, fs::Permissions::from_mode(0o620)).unwrap();
-        assert!(matches!(read(&own), Err(FileError::Writable)));
-        // Only root can give a file away; everybody else finds one that is root's.
+        assert!(matches!(read(&own), Err(FileError::WritableByOthers)));
+        // Only root can change the owner of a file. Other users find a file of root.
         let theirs = if geteuid().is_root() {
             fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
             chown(&own, Some(12_345), None).unwrap();
@@ -114,11 +121,11 @@ mod tests {
         } else {
             "/etc/passwd".into()
         };
-        assert!(matches!(read(&theirs), Err(FileError::Owner(..))));
+        assert!(matches!(read(&theirs), Err(FileError::OtherOwner(..))));
     }
 
     #[test]
-    fn a_link_in_the_way_of_what_is_written_is_replaced_and_not_followed() {
+    fn link_at_temporary_path_is_replaced_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let (path, target) = (folder.path().join("imu.state"), folder.path().join("target"));
         fs::write(&target, "theirs").unwrap();

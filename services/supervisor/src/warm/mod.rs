@@ -1,21 +1,23 @@
-//! Warm start: what is known of the sensors outlives a stop of the whole system, in a file.
+//! Warm start: sensor errors found in one run are kept in a file for the next.
 //!
-//! Input: the checkpoints of the slot `fuser`, and the file that an earlier run has left. Output: a [`Prior`] for every fuser of this
-//! run, and the file for the next. Time: the clock on the wall, for the age of the file alone; the path sees none of it. Failure: what
-//! cannot be used is named and left out; what cannot be written is said, and tried again.
+//! - Input: the checkpoints of the slot `fuser`, and the file written by an earlier run.
+//! - Output: a [`Prior`] for every fuser of this run, and the file for the next run.
+//! - Time: wall-clock time, used only for the age of the file and not visible to the data path.
+//! - Failure: a file that cannot be used is reported and ignored. A failed write is reported and
+//!   retried.
 //!
-//! | file | what it does |
+//! | module | contents |
 //! | --- | --- |
-//! | `place` | where the file is, and for which runs there is one |
-//! | `record` | what is in it, and whether that is of use now |
-//! | `moment` | how old it is |
-//! | `file` | reading what may be anybody's, writing what is never half written |
-//! | `keeper` | the thread that writes |
+//! | `location` | path of the file, and which runs have one |
+//! | `record` | content of the file and its validation |
+//! | `clock` | age of the file |
+//! | `file` | reading an untrusted file, writing atomically |
+//! | `writer` | thread that writes the file |
 
 mod file;
-mod keeper;
-mod moment;
-mod place;
+mod writer;
+mod clock;
+mod location;
 mod record;
 
 use std::{
@@ -26,142 +28,151 @@ use std::{
 use messages::Checkpoint;
 use runtime::Prior;
 
-pub(crate) use place::place;
-use {file::FileError, keeper::Keeper, moment::Moment, record::Unusable};
+pub(crate) use location::state_file_path;
+use {file::FileError, writer::StateWriter, clock::Timestamp, record::StateError};
 
 use crate::{Plan, UpError};
 
-/// How often it is looked whether there is something to keep.
-const LOOK: Duration = Duration::from_millis(500);
-/// From one state that is kept to the next, what a power cut may cost against the life of a memory card; sooner one of half the
-/// standard deviation.
-const INTERVAL: Duration = Duration::from_secs(10);
+/// Interval between two checks for a new state.
+const CHECK_INTERVAL: Duration = Duration::from_millis(500);
+/// Minimum interval between two writes, a compromise between loss at a power cut and wear of a
+/// memory card.
+///
+/// A state of half the standard deviation is written earlier.
+const WRITE_INTERVAL: Duration = Duration::from_secs(10);
 
-/// The state of a run that is kept.
+/// Warm-start state of a run.
 #[derive(Debug)]
 pub(crate) struct WarmStart {
-    keeper: Option<Keeper>,
-    looked: Instant,
-    kept: Option<Kept>,
-    /// What was known last, and when: at first what the run began with.
-    known: Option<(Prior, Instant)>,
-    /// For people.
-    said: Vec<String>,
+    writer: Option<StateWriter>,
+    last_check: Instant,
+    last_written: Option<WrittenState>,
+    /// Newest known sensor errors and their time. Initially those that the run started with.
+    latest: Option<(Prior, Instant)>,
+    /// Messages to announce.
+    messages: Vec<String>,
 }
 
-/// What was kept last.
+/// State written most recently.
 #[derive(Debug, Clone, Copy)]
-struct Kept {
-    at: Instant,
+struct WrittenState {
+    written: Instant,
     next_tick: u64,
     prior: Prior,
 }
 
 impl WarmStart {
-    /// What the run begins with, and what keeps what it finds.
-    pub(crate) fn begin(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
-        let mut warm = Self { keeper: None, looked: Instant::now(), kept: None, known: None, said: Vec::new() };
+    /// Loads the state of an earlier run and starts the thread that writes the new state.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the thread cannot be started. An unusable file is only announced.
+    pub(crate) fn load(plan: &Plan) -> Result<(Self, Option<Prior>), UpError> {
+        let mut warm = Self { writer: None, last_check: Instant::now(), last_written: None, latest: None, messages: Vec::new() };
         let Some(path) = &plan.state_file else { return Ok((warm, None)) };
-        let sensors = record::sensors(&plan.config.launch.ingest);
+        let sensors = record::sensor_fingerprint(&plan.config.launch.ingest);
         let name = path.display();
-        let prior = match look(path, sensors) {
+        let prior = match load_prior(path, sensors) {
             Err(error) if error.is_foreign() => {
-                warm.said.push(format!(
-                    "state file {name}: {error}; it stays as it is, and nothing is kept for the next start"
+                warm.messages.push(format!(
+                    "state file {name}: {error}; it is left unchanged, and no state is kept for the next start"
                 ));
                 return Ok((warm, None));
             }
             _ if plan.cold => None,
             Ok(Some((prior, age_s))) => {
-                let (age, found) = (record::age(age_s), record::words(&prior));
-                warm.said.push(format!("warm start: {found}, kept {age} ago, from {name}"));
+                let (age, found) = (record::format_age(age_s), record::describe(&prior));
+                warm.messages.push(format!("warm start: {found}, written {age} ago, from {name}"));
                 Some(prior)
             }
             Ok(None) => None,
             Err(error) => {
-                warm.said.push(format!("cold start: the state file {name} is not used: {error}"));
+                warm.messages.push(format!("cold start: state file {name} not used: {error}"));
                 None
             }
         };
-        warm.keeper = Some(Keeper::new(path.clone(), sensors)?);
-        warm.known = prior.map(|prior| (prior, Instant::now()));
+        warm.writer = Some(StateWriter::new(path.clone(), sensors)?);
+        warm.latest = prior.map(|prior| (prior, Instant::now()));
         Ok((warm, prior))
     }
 
-    /// Keeps what the fuser has found, now and then; what is to be said.
-    pub(crate) fn keep_newest(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
-        if self.looked.elapsed() >= LOOK {
-            self.looked = Instant::now();
-            self.keep(newest, INTERVAL);
+    /// Writes the state of the newest checkpoint if due, and returns messages to announce.
+    pub(crate) fn update(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
+        if self.last_check.elapsed() >= CHECK_INTERVAL {
+            self.last_check = Instant::now();
+            self.write_if_due(newest, WRITE_INTERVAL);
         }
-        self.said.extend(self.keeper.iter().flat_map(Keeper::said));
-        std::mem::take(&mut self.said)
+        self.messages.extend(self.writer.iter().flat_map(StateWriter::messages));
+        std::mem::take(&mut self.messages)
     }
 
-    /// Keeps the last of it; what is to be said.
-    pub(crate) fn end(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
-        self.keep(newest, Duration::ZERO);
-        self.said.extend(self.keeper.take().into_iter().flat_map(Keeper::end));
-        std::mem::take(&mut self.said)
+    /// Writes the final state, and returns messages to announce.
+    pub(crate) fn finish(&mut self, newest: Option<&Checkpoint>) -> Vec<String> {
+        self.write_if_due(newest, Duration::ZERO);
+        self.messages.extend(self.writer.take().into_iter().flat_map(StateWriter::finish));
+        std::mem::take(&mut self.messages)
     }
 
-    /// Keeps what is new after `interval`. While nothing new comes what is known grows old.
-    fn keep(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
-        let (Some(keeper), Some(newest)) = (&self.keeper, newest) else { return };
+    /// Writes a new state if `interval` has passed since the previous write, or if it is much more
+    /// certain.
+    fn write_if_due(&mut self, newest: Option<&Checkpoint>, interval: Duration) {
+        let (Some(writer), Some(newest)) = (&self.writer, newest) else { return };
         let next_tick = newest.next_tick;
-        let Some(prior) = Prior::of(newest).filter(|_| self.kept.is_none_or(|kept| kept.next_tick != next_tick)) else {
+        let Some(prior) = Prior::from_checkpoint(newest).filter(|_| self.last_written.is_none_or(|last| last.next_tick != next_tick)) else {
             return;
         };
-        let prior = with_scale_of_before(prior, &mut self.known);
-        let worth = |kept: Kept| kept.at.elapsed() >= interval || prior.is_much_surer_than(&kept.prior);
-        if self.kept.is_none_or(worth) {
-            keeper.keep(prior);
-            self.kept = Some(Kept { at: Instant::now(), next_tick, prior });
+        let prior = with_previous_scale(prior, &mut self.latest);
+        let is_worth_writing = |last: WrittenState| last.written.elapsed() >= interval || prior.is_much_more_certain_than(&last.prior);
+        if self.last_written.is_none_or(is_worth_writing) {
+            writer.submit(prior);
+            self.last_written = Some(WrittenState { written: Instant::now(), next_tick, prior });
         }
     }
 }
 
-/// What a fuser has found, with the scale that was known last where it knows none; that is known from now on.
-fn with_scale_of_before(found: Prior, known: &mut Option<(Prior, Instant)>) -> Prior {
-    let before = known.map(|(prior, at)| prior.aged(at.elapsed().as_secs_f64(), false));
-    let prior = found.or_scale_of(before);
-    *known = Some((prior, Instant::now()));
+/// Adds the previously known scale if a fuser has estimated none, and stores the result as the
+/// newest state.
+fn with_previous_scale(found: Prior, latest: &mut Option<(Prior, Instant)>) -> Prior {
+    let previous = latest.map(|(prior, found_at)| prior.aged(found_at.elapsed().as_secs_f64(), false));
+    let prior = found.or_scale_from(previous);
+    *latest = Some((prior, Instant::now()));
     prior
 }
 
-/// What the file tells now, and how old that is, s; nothing where there is no file.
-fn look(path: &Path, sensors: u64) -> Result<Option<(Prior, f64)>, LookError> {
+/// Returns the prior in the file and its age, s, or `None` if the file does not exist.
+fn load_prior(path: &Path, sensors: u64) -> Result<Option<(Prior, f64)>, LoadError> {
     let Some(text) = file::read(path)? else { return Ok(None) };
-    Ok(Some(record::prior(&text, sensors, &Moment::now())?))
+    Ok(Some(record::decode(&text, sensors, &Timestamp::now())?))
 }
 
-/// Why a state file is not used.
+/// Reason why a state file is not used.
 #[derive(Debug, thiserror::Error)]
-enum LookError {
+enum LoadError {
     #[error(transparent)]
     File(#[from] FileError),
     #[error(transparent)]
-    Record(#[from] Unusable),
+    Record(#[from] StateError),
 }
 
-impl LookError {
-    /// Who wrote it was not this program, or not this user: it is not replaced either.
+impl LoadError {
+    /// Returns `true` if another program or user wrote the file. Such a file is not replaced
+    /// either.
     fn is_foreign(&self) -> bool {
-        matches!(self, Self::File(_) | Self::Record(Unusable::NoState))
+        matches!(self, Self::File(_) | Self::Record(StateError::NotStateFile))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use runtime::Known;
+    use runtime::PriorEstimate;
 
     use super::*;
 
     #[test]
-    fn a_scale_stays_known_where_the_next_stage_finds_none() {
+    fn gyro_scale_is_kept_if_next_stage_does_not_estimate_it() {
         let mut before = None;
-        let mut with = |found| with_scale_of_before(found, &mut before);
-        let known = |sd: f64| Some(Known { mean: [0.002, -0.001, 0.0], sd });
+        let mut with = |found| with_previous_scale(found, &mut before);
+        let known = |sd: f64| Some(PriorEstimate { mean: [0.002, -0.001, 0.0], sd });
         let found = |gyro_scale| Prior { bias_rad_s: known(1e-4), hard_iron_ut: None, gyro_scale };
         assert_eq!(with(found(None)).gyro_scale, None);
         assert_eq!(with(found(known(1e-3))).gyro_scale, known(1e-3));

@@ -75,13 +75,13 @@ fn score_deg(trial: &Trial, readings: &[Reading], piece: &str) -> f64 {
         launch,
         rate_hz: trial.rate_hz,
         pace: Pace::Max,
-        ticks_max: None,
+        max_ticks: None,
         incarnation: 0,
         epoch: runtime::service_config::FIRST_EPOCH,
         role: Role::Owner { from_tick: 0 },
         prior: None,
         resume: None,
-        readings: false,
+        publishes_readings: false,
         supervisor_pid: std::process::id(),
     };
     let mut conditioner = ingest::conditioner(&config).unwrap();
@@ -114,7 +114,7 @@ fn with_errors_added_the_score_comes_back() {
         let about = samples(&spoilt(&readings(&turned), &errors));
         let here = samples(&raw);
         let of_gyro = Launch::parse("launch.toml", &calibrated(Kind::Gyro, &Known::default(), &slowly).unwrap().block);
-        let known = Known { gyro: of_gyro.unwrap().ingest.calibration.gyro.acting().unwrap(), ..Known::default() };
+        let known = Known { gyro: of_gyro.unwrap().ingest.calibration.gyro.to_calibration().unwrap(), ..Known::default() };
         let of_accel = calibrated(Kind::Accel, &known, &slowly).unwrap();
         assert!(of_accel.notes.iter().any(|note| note.contains("found in motion")), "{of_accel}");
         let of_rest = [(Kind::Gyro, &here), (Kind::Mag, &about)]

@@ -46,7 +46,7 @@ fn all_pieces_together_are_a_launch_file_that_undoes_the_errors() {
     let launch = Launch::parse("launch.toml", &text).unwrap_or_else(|error| panic!("{text}\n{error}"));
 
     let calibration = launch.ingest.calibration;
-    let [gyro, accel, mag] = [calibration.gyro, calibration.accel, calibration.mag].map(|of| of.acting().unwrap());
+    let [gyro, accel, mag] = [calibration.gyro, calibration.accel, calibration.mag].map(|of| of.to_calibration().unwrap());
     // A point on the sphere of exact readings, spoilt and calibrated, is there again.
     for _ in 0..100 {
         let exact = calibrate::Sample {
@@ -61,7 +61,7 @@ fn all_pieces_together_are_a_launch_file_that_undoes_the_errors() {
         assert!((mag.apply(raw.field_ut.unwrap()) - exact.field_ut.unwrap()).amax() < 1.0);
     }
     let matrix = attitude::Matrix3::from_fn(|row, column| launch.ingest.mounting[row][column]);
-    let off = matrix - Mounting::of_quaternion(mounting).unwrap().matrix();
+    let off = matrix - Mounting::from_quaternion(mounting).unwrap().matrix();
     assert!(off.amax() < 0.01, "{off}");
     assert!((launch.fuser.set["magnetometer_delay_s"] - 0.02).abs() < 2e-3);
     assert!(launch.fuser.set["magnetometer_delay_sd_s"] < 1e-3 && launch.fuser.stage == "multiple-model");

@@ -40,7 +40,7 @@ struct Bad {
 }
 
 const PARAMETER: &[Parameter] =
-    &[Parameter { name: "divisor", unit: "", default: 1.0, least: 0.0, most: 2.0, about: "Divides." }];
+    &[Parameter { name: "divisor", unit: "", default: 1.0, min: 0.0, max: 2.0, description: "Divides." }];
 
 impl Bad {
     fn with(mistake: Mistake) -> Self {
@@ -64,7 +64,7 @@ impl Stage for Bad {
     fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
         let parameter = self.parameters().iter().find(|parameter| parameter.name == name);
         let parameter = parameter.ok_or(ParameterError::Unknown { known: self.parameters() })?;
-        if !(parameter.least..=parameter.most).contains(&value) {
+        if !(parameter.min..=parameter.max).contains(&value) {
             return Err(ParameterError::OutOfRange { parameter, value });
         }
         self.divisor = value;
@@ -94,8 +94,8 @@ impl Stage for Bad {
         }
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        self.inner.flaw()
+    fn validation_error(&self) -> Option<&'static str> {
+        self.inner.validation_error()
     }
 
     fn common(&self) -> Estimate {

@@ -1,7 +1,7 @@
 //! The messages of an MCAP file, in its order.
 //!
 //! Each chunk is read by itself, so that one that is damaged is left out and the next is read. Memory: a record or a chunk, each up to
-//! [`RECORD_BYTES_MAX`].
+//! [`MAX_RECORD_BYTES`].
 
 use std::{
     cell::Cell,
@@ -19,12 +19,12 @@ use mcap::{
 };
 
 use super::{Message, Stop, topics::Topic};
-use crate::{error::opening, text::Counted};
+use crate::{error::opening, csv_reader::Counted};
 
 /// The largest record or chunk that is read.
-const RECORD_BYTES_MAX: usize = 1 << 27;
+const MAX_RECORD_BYTES: usize = 1 << 27;
 /// The largest message of a topic that is read.
-const MESSAGE_BYTES_MAX: usize = 1 << 16;
+const MAX_MESSAGE_BYTES: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 16;
 const MAGIC_BYTES: u64 = 8;
 /// Type and length of a record.
@@ -81,7 +81,7 @@ impl Cursor {
         };
         Ok(Self {
             file,
-            reader: LinearReader::new_with_options(options.with_record_length_limit(RECORD_BYTES_MAX)),
+            reader: LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES)),
             chunk: None,
             directory,
             position: MAGIC_BYTES,
@@ -139,7 +139,7 @@ impl Chunk {
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
             .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_BYTES_MAX);
+            .with_record_length_limit(MAX_RECORD_BYTES);
         Some(Self { reader: LinearReader::new_with_options(options), bytes: io::Cursor::new(bytes) })
     }
 }
@@ -166,7 +166,7 @@ impl Directory {
             op::MESSAGE => {
                 let topic = data.first_chunk().and_then(|id| self.topics.get(&u16::from_le_bytes(*id)));
                 if let Some(topic) = topic
-                    && data.len() <= MESSAGE_BYTES_MAX
+                    && data.len() <= MAX_MESSAGE_BYTES
                     && let Ok(Record::Message { data, .. }) = mcap::parse_record(kind, data)
                 {
                     self.message = Some(Message { topic: topic.clone(), data: data.into_owned() });
@@ -175,7 +175,7 @@ impl Directory {
             // What is malformed has no messages that are read.
             op::SCHEMA => {
                 if let Ok(Record::Schema { header, .. }) = mcap::parse_record(kind, data)
-                    && header.name.len() <= MESSAGE_BYTES_MAX
+                    && header.name.len() <= MAX_MESSAGE_BYTES
                 {
                     self.schemas.insert(header.id, header.name);
                 }

@@ -5,8 +5,8 @@
 //! topic. Failure: a bag that says nothing; of a damaged one, what can be read is read.
 
 mod mcap;
-mod ours;
-mod packed;
+mod plumbline;
+mod compressed;
 pub(crate) mod ros;
 mod sqlite;
 mod topics;
@@ -21,9 +21,9 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    aligned::{Aligned, Sample},
+    force_aligner::{ForceAligner, Sample},
     error::opening,
-    rows::{Attitude, Rows, Samples},
+    row_writer::{Attitude, RowWriter, Samples},
     source::{Fixed, Source, Survey, TakeFix},
 };
 use topics::{Kind, Role, Topic, Topics};
@@ -31,7 +31,7 @@ use topics::{Kind, Role, Topic, Topics};
 /// Messages between two signs of progress.
 const TELL_EVERY: u64 = 1024;
 /// Files of a bag.
-const FILES_MAX: usize = 10_000;
+const MAX_FILES: usize = 10_000;
 
 /// A message of a topic that can be read.
 struct Message {
@@ -134,17 +134,17 @@ impl Source for Bag<'_> {
             let Some(Message { topic, data }) = messages.next()? else { break };
             let inertial = match topic.kind {
                 Kind::Imu => ros::inertial(&data),
-                Kind::OurSample => ours::inertial(&data).map(|(_, inertial)| inertial),
+                Kind::OurSample => plumbline::inertial(&data).map(|(_, inertial)| inertial),
                 _ => None,
             };
             has_instants |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
             let says = match topic.kind {
                 Kind::Imu | Kind::OurSample => inertial.is_some(),
                 Kind::MagneticField => ros::field(&data).is_some(),
-                Kind::OurField => ours::field(&data).is_some(),
-                Kind::OurReference => ours::reference(&data).is_some(),
+                Kind::OurField => plumbline::field(&data).is_some(),
+                Kind::OurReference => plumbline::reference(&data).is_some(),
                 Kind::Twist => fixes.take(&topic, ros::velocity(&data), topics.is_named(&topic), take)?,
-                Kind::OurFix => fixes.take(&topic, ours::fix(&data), true, take)?,
+                Kind::OurFix => fixes.take(&topic, plumbline::fix(&data), true, take)?,
                 Kind::NavSatFix => fixes.locate(&topic, ros::position(&data)),
             };
             let Some(count) = topics.count(&topic) else { continue };
@@ -192,17 +192,17 @@ impl Source for Bag<'_> {
             return Ok(Box::new(std::iter::empty()));
         };
         let is_ours = topic.kind == Kind::OurField;
-        let decoded = move |data: &[u8]| if is_ours { ours::field(data) } else { ros::field(data) };
+        let decoded = move |data: &[u8]| if is_ours { plumbline::field(data) } else { ros::field(data) };
         let messages = self.messages(Some(vec![topic]));
         Ok(Box::new(messages.filter_map(move |message| message.map(|message| decoded(&message.data)).transpose())))
     }
 
     fn attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
         let topics = self.choice.as_ref().map_or_else(Vec::new, |choice| choice.reference.clone());
-        let mut joined = ours::Joined::default();
+        let mut joined = plumbline::Joined::default();
         let mut decoded = move |Message { topic, data }: &Message| match topic.kind {
-            Kind::OurSample => ours::inertial(data).and_then(|(tick, sample)| joined.sample(tick, sample.t_ns)),
-            Kind::OurReference => ours::reference(data).and_then(|reference| joined.reference(reference)),
+            Kind::OurSample => plumbline::inertial(data).and_then(|(tick, sample)| joined.sample(tick, sample.t_ns)),
+            Kind::OurReference => plumbline::reference(data).and_then(|reference| joined.reference(reference)),
             _ => ros::inertial(data)?.attitude,
         };
         if topics.is_empty() {
@@ -212,8 +212,8 @@ impl Source for Bag<'_> {
         Ok(Box::new(messages.filter_map(move |message| message.map(|message| decoded(&message)).transpose())))
     }
 
-    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
-        let mut aligned = Aligned::default();
+    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+        let mut aligned = ForceAligner::default();
         let Some(topic) = self.choice.as_ref().and_then(|choice| choice.rows.clone()) else { return Ok(aligned) };
         let is_ours = topic.kind == Kind::OurSample;
         let mut messages = self.messages(Some(vec![topic]));
@@ -223,10 +223,10 @@ impl Source for Bag<'_> {
             }
             let Some(Message { data, .. }) = messages.next()? else { break };
             let inertial =
-                if is_ours { ours::inertial(&data).map(|(_, inertial)| inertial) } else { ros::inertial(&data) };
+                if is_ours { plumbline::inertial(&data).map(|(_, inertial)| inertial) } else { ros::inertial(&data) };
             if let Some(Inertial { t_ns, rate_rad_s, force_m_s2, .. }) = inertial {
-                aligned.force((t_ns, force_m_s2), rows)?;
-                aligned.rate((t_ns, rate_rad_s), rows)?;
+                aligned.push_force((t_ns, force_m_s2), rows)?;
+                aligned.push_rate((t_ns, rate_rad_s), rows)?;
             }
         }
         aligned.finish(rows)?;
@@ -239,7 +239,7 @@ fn files(folder: &Path) -> Result<Vec<(PathBuf, Format)>, ImportError> {
     let failed = |cause| opening(folder, cause);
     let mut files = Vec::new();
     let mut has_compressed = false;
-    for entry in fs::read_dir(folder).map_err(failed)?.take(FILES_MAX) {
+    for entry in fs::read_dir(folder).map_err(failed)?.take(MAX_FILES) {
         let path = entry.map_err(failed)?.path();
         has_compressed |= path.extension().is_some_and(|end| end == "zstd");
         let is_file = fs::metadata(&path).is_ok_and(|found| found.is_file());
@@ -308,7 +308,7 @@ impl Messages {
             };
             let path = path.clone();
             match next {
-                Ok(Some(message)) => return Ok(Some(packed::unpacked(message))),
+                Ok(Some(message)) => return Ok(Some(compressed::unpacked(message))),
                 Err(Stop::Failed(error)) => return Err(error),
                 Ok(None) => {}
                 Err(Stop::Damage(found)) => self.note(&path, found),

@@ -10,7 +10,7 @@ use recording::Reference;
 use serde::{Deserialize, de::DeserializeOwned};
 
 use super::{Fix, Inertial, Position};
-use crate::{aligned::Sample, rows::Attitude};
+use crate::{force_aligner::Sample, row_writer::Attitude};
 
 const UT_PER_T: f64 = 1e6;
 const NS_PER_S: u32 = 1_000_000_000;
@@ -79,20 +79,20 @@ pub(crate) fn inertial(data: &[u8]) -> Option<Inertial> {
     }
     let [x, y, z, w] = imu.orientation;
     let has_attitude = is_there(&imu.orientation_covariance) && is_rotation([w, x, y, z]);
-    let reference = Reference { quaternion: frames::ours(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
+    let reference = Reference { quaternion: frames::quaternion_to_native(Earth::Enu, Body::Flu, [w, x, y, z]), scored: true };
     Some(Inertial {
         t_ns,
-        rate_rad_s: Body::Flu.ours(finite(imu.angular_velocity)?),
-        force_m_s2: Body::Flu.ours(finite(imu.linear_acceleration)?),
+        rate_rad_s: Body::Flu.to_native(finite(imu.angular_velocity)?),
+        force_m_s2: Body::Flu.to_native(finite(imu.linear_acceleration)?),
         is_instant: false,
-        attitude: has_attitude.then_some(Attitude { t_ns, reference, resets: Some(0) }),
+        attitude: has_attitude.then_some(Attitude { t_ns, reference, reset_counter: Some(0) }),
     })
 }
 
 /// `sensor_msgs/msg/MagneticField`.
 pub(crate) fn field(data: &[u8]) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decoded(data)?;
-    Some((header.stamp.ns()?, Body::Flu.ours(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
+    Some((header.stamp.ns()?, Body::Flu.to_native(finite(magnetic_field)?.map(|part| part * UT_PER_T))))
 }
 
 /// `geometry_msgs/msg/TwistStamped`: east, north, up, as receivers publish it.

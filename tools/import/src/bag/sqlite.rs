@@ -1,7 +1,7 @@
 //! The messages of a database of ROS 2, in the order in which they were written.
 //!
 //! The file is opened for reading alone, and nothing in it runs: what is read are two tables, no views. Memory: [`BATCH`] messages
-//! of at most [`MESSAGE_BYTES_MAX`] each.
+//! of at most [`MAX_MESSAGE_BYTES`] each.
 
 use std::{
     cell::Cell,
@@ -16,10 +16,10 @@ use rusqlite::{Connection, OpenFlags, limits::Limit};
 use super::{Message, Stop, topics::Topic};
 
 const BATCH: i64 = 256;
-const MESSAGE_BYTES_MAX: i32 = 1 << 16;
-const TOPICS_MAX: i64 = 4096;
+const MAX_MESSAGE_BYTES: i32 = 1 << 16;
+const MAX_TOPICS: i64 = 4096;
 /// The longest text or blob that SQLite makes.
-const LENGTH_MAX: i32 = 1 << 24;
+const MAX_LENGTH: i32 = 1 << 24;
 
 pub(super) struct Cursor {
     database: Connection,
@@ -55,7 +55,7 @@ impl Cursor {
         }
         let mut topics = HashMap::new();
         let mut statement = database.prepare("SELECT id, name, type, serialization_format FROM topics LIMIT ?1")?;
-        let mut rows = statement.query([TOPICS_MAX])?;
+        let mut rows = statement.query([MAX_TOPICS])?;
         while let Some(row) = rows.next()? {
             let [name, schema, encoding]: [String; 3] = [row.get(1)?, row.get(2)?, row.get(3)?];
             let topic = Topic::of(&name, &encoding, &schema);
@@ -71,7 +71,7 @@ impl Cursor {
         let ids: Vec<_> = topics.keys().map(i64::to_string).collect();
         let query = format!(
             "SELECT rowid, topic_id, data FROM messages WHERE rowid > ?1 AND topic_id IN ({}) AND typeof(data) = 'blob' \
-             AND length(data) <= {MESSAGE_BYTES_MAX} ORDER BY rowid LIMIT {BATCH}",
+             AND length(data) <= {MAX_MESSAGE_BYTES} ORDER BY rowid LIMIT {BATCH}",
             ids.join(",")
         );
         let [first, last] = [first, last].map(Option::unwrap_or_default);
@@ -134,7 +134,7 @@ fn connection(path: &Path) -> Result<Connection, Stop> {
     let address = format!("file:{text}?{}", if has_journal { "mode=ro" } else { "immutable=1" });
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
     let database = Connection::open_with_flags(address, flags)?;
-    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, LENGTH_MAX)?;
+    database.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_LENGTH)?;
     database.execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON")?;
     Ok(database)
 }

@@ -7,8 +7,8 @@ use mapping::names::nearest;
 use crate::{ImportError, Note};
 
 /// Topics that are looked at.
-const TOPICS_MAX: usize = 4096;
-const NAME_BYTES_MAX: usize = 512;
+const MAX_TOPICS: usize = 4096;
+const MAX_NAME_BYTES: usize = 512;
 
 /// What a message says; ours are taken before those of ROS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -82,7 +82,7 @@ pub(super) struct Topic {
 impl Topic {
     /// `None` of a topic that nothing is read of.
     pub(super) fn of(name: &str, encoding: &str, schema: &str) -> Option<Self> {
-        let kind = Kind::of(encoding, schema).filter(|_| name.len() <= NAME_BYTES_MAX)?;
+        let kind = Kind::of(encoding, schema).filter(|_| name.len() <= MAX_NAME_BYTES)?;
         Some(Self { kind, name: name.into() })
     }
 }
@@ -110,7 +110,7 @@ impl<'a> Topics<'a> {
 
     pub(super) fn count(&mut self, topic: &Topic) -> Option<&mut Count> {
         if !self.counts.contains_key(topic) {
-            if self.counts.len() >= TOPICS_MAX {
+            if self.counts.len() >= MAX_TOPICS {
                 return None;
             }
             self.counts.insert(topic.clone(), Count::default());

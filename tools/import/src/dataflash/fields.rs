@@ -5,7 +5,7 @@ use mapping::is_rotation;
 use recording::Reference;
 
 use super::messages::Field;
-use crate::{rows::Attitude, source::Fixed};
+use crate::{row_writer::Attitude, source::Fixed};
 
 const UT_PER_MGAUSS: f64 = 0.1;
 /// Least status of a fix whose velocity has all three components.
@@ -122,11 +122,11 @@ impl Layout {
         let three = |fields: &[Field; 3]| finite(fields.map(|field| field.number(message)));
         Some(match &self.fields {
             Fields::Inertial { rate, force } => {
-                let [rate_rad_s, force_m_s2] = [Body::Frd.ours(three(rate)?), Body::Frd.ours(three(force)?)];
+                let [rate_rad_s, force_m_s2] = [Body::Frd.to_native(three(rate)?), Body::Frd.to_native(three(force)?)];
                 Said::Inertial { t_ns, rate_rad_s, force_m_s2 }
             }
             Fields::Field(field) => {
-                Said::Field { t_ns, field_ut: Body::Frd.ours(three(field)?.map(|part| part * UT_PER_MGAUSS)) }
+                Said::Field { t_ns, field_ut: Body::Frd.to_native(three(field)?.map(|part| part * UT_PER_MGAUSS)) }
             }
             Fields::Fix { status, speed, course, down, place } => {
                 let [speed_m_s, course_deg, down_m_s] = three(&[*speed, *course, *down])?;
@@ -155,8 +155,8 @@ impl Layout {
 }
 
 fn attitude(t_ns: i64, quaternion: [f64; 4]) -> Option<Said> {
-    let reference = Reference { quaternion: frames::ours(Earth::Ned, Body::Frd, quaternion), scored: true };
-    is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, resets: Some(0) }))
+    let reference = Reference { quaternion: frames::quaternion_to_native(Earth::Ned, Body::Frd, quaternion), scored: true };
+    is_rotation(quaternion).then_some(Said::Attitude(Attitude { t_ns, reference, reset_counter: Some(0) }))
 }
 
 /// Roll, pitch, yaw, in this order from the last to the first turn, as w, x, y, z.

@@ -16,7 +16,7 @@ use std::{
 };
 
 use super::fields::Layout;
-use crate::text::Counted;
+use crate::csv_reader::Counted;
 
 const START: [u8; 2] = [0xa3, 0x95];
 /// Start and type.

@@ -17,9 +17,9 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    aligned::{Aligned, Sample},
+    force_aligner::{ForceAligner, Sample},
     error::opening,
-    rows::{Attitude, Rows, Samples},
+    row_writer::{Attitude, RowWriter, Samples},
     source::{Source, Survey, TakeFix},
 };
 use fields::{Estimator, Kind, Said};
@@ -170,16 +170,16 @@ impl Source for Log {
         })))
     }
 
-    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
-        let mut aligned = Aligned::default();
+    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+        let mut aligned = ForceAligner::default();
         let Some(instance) = self.choice.as_ref().and_then(|choice| choice.inertial) else { return Ok(aligned) };
         for (index, said) in (0u64..).zip(self.said(Kind::Inertial, instance)?) {
             if index.is_multiple_of(TELL_EVERY) {
                 tell(self.read_bytes.get());
             }
             if let Said::Inertial { t_ns, rate_rad_s, force_m_s2 } = said? {
-                aligned.force((t_ns, force_m_s2), rows)?;
-                aligned.rate((t_ns, rate_rad_s), rows)?;
+                aligned.push_force((t_ns, force_m_s2), rows)?;
+                aligned.push_rate((t_ns, rate_rad_s), rows)?;
             }
         }
         aligned.finish(rows)?;

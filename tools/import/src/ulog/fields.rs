@@ -7,7 +7,7 @@ use mapping::is_rotation;
 use px4_ulog::stream_parser::{DataMessage, FieldParser, ParseableFieldType};
 use recording::Reference;
 
-use crate::{ImportError, aligned::Sample, rows::Attitude, source::Fixed};
+use crate::{ImportError, force_aligner::Sample, row_writer::Attitude, source::Fixed};
 
 /// A relative time that is none.
 const NO_TIME: i32 = i32::MAX;
@@ -31,8 +31,8 @@ pub(crate) struct Turned {
 
 impl Turned {
     pub(crate) fn attitude(&self) -> Attitude {
-        let quaternion = frames::ours(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
-        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, resets: Some(self.resets) }
+        let quaternion = frames::quaternion_to_native(Earth::Ned, Body::Frd, self.quaternion.map(f64::from));
+        Attitude { t_ns: self.t_ns, reference: Reference { quaternion, scored: true }, reset_counter: Some(self.resets) }
     }
 }
 
@@ -65,13 +65,13 @@ impl Combined {
 
     /// Time and rate of the gyro; `None` of a time that 64 bits of nanoseconds cannot hold.
     pub(super) fn rate(&self, data: &[u8]) -> Option<Sample> {
-        Some((ns(self.time.parse(data), 0)?, Body::Frd.ours(parse(&self.rate, data).map(f64::from))))
+        Some((ns(self.time.parse(data), 0)?, Body::Frd.to_native(parse(&self.rate, data).map(f64::from))))
     }
 
     /// Time and force of the accelerometer, where the log has it.
     pub(super) fn force(&self, data: &[u8]) -> Option<Sample> {
         let relative_us = self.force_time.as_ref().map_or(0, |time| time.parse(data));
-        Some((ns(self.time.parse(data), relative_us)?, Body::Frd.ours(parse(&self.force, data).map(f64::from))))
+        Some((ns(self.time.parse(data), relative_us)?, Body::Frd.to_native(parse(&self.force, data).map(f64::from))))
     }
 
     pub(super) fn field(&self, data: &[u8]) -> Option<Field> {
@@ -173,7 +173,7 @@ impl Receiver {
             Position::None => [f64::NAN; 3],
         };
         let t_ns = ns(self.time.parse(data), 0)?;
-        Some(Fixed { t_ns, velocity_m_s: Earth::Ned.ours(ned), latitude_deg, longitude_deg, altitude_m })
+        Some(Fixed { t_ns, velocity_m_s: Earth::Ned.to_native(ned), latitude_deg, longitude_deg, altitude_m })
     }
 }
 

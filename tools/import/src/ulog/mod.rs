@@ -17,9 +17,9 @@ use std::{
 
 use crate::{
     Format, ImportError, Note,
-    aligned::{Aligned, Sample},
+    force_aligner::{ForceAligner, Sample},
     error::opening,
-    rows::{Attitude, Rows, Samples},
+    row_writer::{Attitude, RowWriter, Samples},
     source::{Source, Survey, TakeFix},
 };
 use fields::{AttitudeFields, Combined, Field, Magnetometer, Receiver};
@@ -188,8 +188,8 @@ impl Source for Log {
         }))
     }
 
-    fn rows(&self, rows: &mut Rows, tell: &mut dyn FnMut(u64)) -> Result<Aligned, ImportError> {
-        let mut aligned = Aligned::default();
+    fn rows(&self, rows: &mut RowWriter, tell: &mut dyn FnMut(u64)) -> Result<ForceAligner, ImportError> {
+        let mut aligned = ForceAligner::default();
         let Some(topics) = &self.topics else { return Ok(aligned) };
         let (mut combined, mut of_combined) = (topics.combined.again(), None);
         let before_bytes = self.readings_before_rows() * self.length_bytes;
@@ -199,10 +199,10 @@ impl Source for Log {
             }
             let layout = layout(&mut of_combined, || Combined::of(&self.path, message))?;
             if let Some(force) = layout.force(message.data) {
-                aligned.force(force, rows)?;
+                aligned.push_force(force, rows)?;
             }
             match layout.rate(message.data) {
-                Some(rate) => aligned.rate(rate, rows),
+                Some(rate) => aligned.push_rate(rate, rows),
                 None => Ok(()),
             }
         })?;
@@ -269,6 +269,6 @@ impl Field {
     /// In our axes.
     fn field_ut(&self) -> [f64; 3] {
         const UT_PER_GA: f64 = 100.0;
-        Body::Frd.ours(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
+        Body::Frd.to_native(self.field_ga.map(|part| f64::from(part) * UT_PER_GA))
     }
 }

@@ -1,7 +1,7 @@
 //! The samples of one instance of a topic.
 //!
 //! Input: messages of a log, or the log itself. Output: samples of the first instance, in the order of time, and what was left out.
-//! Memory: samples that wait for whoever takes them, [`WAITING_MAX`] at most. Failure: of the file; it ends the samples.
+//! Memory: samples that wait for whoever takes them, [`MAX_WAITING`] at most. Failure: of the file; it ends the samples.
 
 use std::{
     io,
@@ -13,10 +13,10 @@ use std::{
 use px4_ulog::stream_parser::DataMessage;
 
 use super::messages;
-use crate::{ImportError, Note, error::opening, rows::Samples};
+use crate::{ImportError, Note, error::opening, row_writer::Samples};
 
 /// Samples that are ahead of whoever takes them.
-const WAITING_MAX: usize = 4096;
+const MAX_WAITING: usize = 4096;
 
 /// What was taken of a topic, and what was left out.
 #[derive(Debug, Clone)]
@@ -101,7 +101,7 @@ pub(super) fn streamed<T: Send + 'static>(
     topic: &'static str,
     mut decode: impl FnMut(&DataMessage) -> Result<Option<T>, ImportError> + Send + 'static,
 ) -> Samples<'static, T> {
-    let (tell, samples) = sync_channel(WAITING_MAX);
+    let (tell, samples) = sync_channel(MAX_WAITING);
     thread::spawn(move || {
         let give = |tell: &SyncSender<_>, sample| {
             // Nobody takes any more.

@@ -8,7 +8,7 @@ use std::{
 use import::{ImportError, Mapping, Options, Summary, convert};
 use recording::{
     Reader, Row,
-    gnss::{self, Fix, Fixes},
+    gnss::{self, Fix, FixReader},
 };
 use tempfile::TempDir;
 
@@ -67,15 +67,15 @@ pub(crate) fn rows(path: &Path) -> Vec<Row> {
 }
 
 fn fixes(recording: &Path) -> Vec<Fix> {
-    let Some(path) = gnss::beside(recording) else { return vec![] };
+    let Some(path) = gnss::find_for(recording) else { return vec![] };
     let text = fs::read_to_string(&path).unwrap();
-    let mut fixes = Fixes::open(&path).unwrap();
+    let mut fixes = FixReader::open(&path).unwrap();
     let times = text.lines().skip(1).map(|line| {
         let (whole_s, fraction) =
             line.split(',').next().unwrap().split_once('.').unwrap_or((line.split(',').next().unwrap(), ""));
         format!("{whole_s}{fraction:0<9}").parse::<i64>().unwrap()
     });
-    times.map(|t_ns| fixes.until(t_ns).unwrap().unwrap()).collect()
+    times.map(|t_ns| fixes.latest_until(t_ns).unwrap().unwrap()).collect()
 }
 
 /// The folder of logs; says that the test is skipped where there is none.

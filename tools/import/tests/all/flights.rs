@@ -31,7 +31,7 @@ impl Flight {
             self.writer.add_channel(schema, topic, "protobuf", &BTreeMap::new()).unwrap()
         });
         let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
-        self.writer.write_to_known_channel(&header, &message.encoded()).unwrap();
+        self.writer.write_to_known_channel(&header, &message.to_bytes()).unwrap();
     }
 }
 

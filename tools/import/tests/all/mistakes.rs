@@ -22,11 +22,11 @@ fn a_mapping_that_is_none_is_refused() {
     for (maps, said) in [
         (
             &["gyro"][..],
-            "reading --map: found \"gyro\", expected WHAT=COLUMN, WHAT one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+            "reading --map: found \"gyro\", expected TARGET=COLUMN with TARGET one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (
             &["gxx=a"],
-            "reading --map: found \"gxx\", did you mean \"gx\"?, expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
+            "reading --map: found \"gxx\" (did you mean \"gx\"?), expected one of t, gx, gy, gz, ax, ay, az, mx, my, mz, qw, qx, qy, qz, ve, vn, vu, vd, lat, lon, alt",
         ),
         (&[NAMES, "gx=a"], "reading --map: found gx twice, expected one column for it"),
         (&["t=t,gx=p,gy=q"], "reading --map: found no gz, ax, ay, az, expected all of t, gx, gy, gz, ax, ay, az"),
@@ -37,16 +37,16 @@ fn a_mapping_that_is_none_is_refused() {
     let units = "expected one of rad/s, deg/s, m/s2, g, uT, nT, gauss, mT, s, ms, us, ns";
     assert_eq!(
         parsed(&[NAMES], "deg/s,degs", "rfu"),
-        format!("reading --units: found \"degs\", did you mean \"deg/s\"?, {units}")
+        format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
     );
-    assert_eq!(parsed(&[NAMES], "US", "rfu"), format!("reading --units: found \"US\", did you mean \"us\"?, {units}"));
+    assert_eq!(parsed(&[NAMES], "US", "rfu"), format!("reading --units: found \"US\" (did you mean \"us\"?), {units}"));
     assert_eq!(
         parsed(&[NAMES], "g,m/s2", "rfu"),
         "reading --units: found \"g\" and \"m/s2\", expected one unit of the force"
     );
     assert_eq!(
         parsed(&[NAMES], "", "ned"),
-        "reading --frame: found \"ned\", expected one of rfu, flu, frd, with a reference after one of enu, nwu, ned, as ned-frd"
+        "reading --frame: found \"ned\", expected body axes, one of rfu, flu, frd; with a reference preceded by earth axes, one of enu, nwu, ned, as in ned-frd"
     );
 }
 

@@ -22,8 +22,8 @@ fn the_default_chain_has_the_inclination_that_px4_had() {
         let folder = Folder::new();
         let imported = folder.import(&[path], None).unwrap();
         let (mut gyro, mut accel) =
-            (Gyro::named(Gyro::NAMES[0]).unwrap(), Accelerometer::named(Accelerometer::NAMES[0]).unwrap());
-        let mut fuser = Fuser::named(Fuser::NAMES[0]).unwrap();
+            (Gyro::from_name(Gyro::NAMES[0]).unwrap(), Accelerometer::from_name(Accelerometer::NAMES[0]).unwrap());
+        let mut fuser = Fuser::from_name(Fuser::NAMES[0]).unwrap();
         let mut accuracy = Accuracy::default();
         let mut before_ns = None;
         for row in &imported.rows {

@@ -104,7 +104,7 @@ fn a_reference_is_made_ours_from_every_axes() {
         assert!((same - 1.0).abs() < 1e-12 && rows[1].reference.is_none(), "{frame}: {found:?}");
     }
     let error = Mapping::parse(&[NAMES, "qw=a,qx=b,qy=c,qz=d"], None, Some("frd")).unwrap_err();
-    assert_eq!(error, import::MappingError::NoEarth);
+    assert_eq!(error, import::MappingError::MissingEarthFrame);
 }
 
 #[test]

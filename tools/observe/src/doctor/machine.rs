@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use bus::{FILES, MORE_FILES, MORE_MEMORY, SharedMemory};
+use bus::{REQUIRED_OPEN_FILES, OPEN_FILES_REMEDY, SHARED_MEMORY_REMEDY, SharedMemory};
 use rustix::{
     process::{Resource, geteuid, getrlimit},
     time::{ClockId, clock_getres},
@@ -29,17 +29,17 @@ pub fn checks() -> Vec<Check> {
 
 fn shared_memory() -> Check {
     let check = "shared-memory";
-    SharedMemory::now().map_or_else(
+    SharedMemory::query().map_or_else(
         || Check::problem(check, "there is no /dev/shm", "mount it: mount -t tmpfs tmpfs /dev/shm"),
-        |memory| free(memory.free >> 20),
+        |memory| free(memory.free_bytes >> 20),
     )
 }
 
 fn free(mib: u64) -> Check {
     let (check, found) = ("shared-memory", format!("{mib} MiB free in /dev/shm"));
     match mib {
-        _ if mib < SHARED_MEMORY_MIB => Check::problem(check, found, MORE_MEMORY),
-        _ if mib < SHARED_MEMORY_AMPLE_MIB => Check::warning(check, found, MORE_MEMORY),
+        _ if mib < SHARED_MEMORY_MIB => Check::problem(check, found, SHARED_MEMORY_REMEDY),
+        _ if mib < SHARED_MEMORY_AMPLE_MIB => Check::warning(check, found, SHARED_MEMORY_REMEDY),
         _ => Check::ok(check, found),
     }
 }
@@ -48,8 +48,8 @@ fn open_files() -> Check {
     let check = "open-files";
     // Whoever joins a system raises its limit to this one.
     match getrlimit(Resource::Nofile).maximum {
-        Some(limit) if limit < FILES => Check::problem(check, format!("{limit} allowed"), MORE_FILES),
-        Some(limit) if limit < FILES_AMPLE => Check::warning(check, format!("{limit} allowed"), MORE_FILES),
+        Some(limit) if limit < REQUIRED_OPEN_FILES => Check::problem(check, format!("{limit} allowed"), OPEN_FILES_REMEDY),
+        Some(limit) if limit < FILES_AMPLE => Check::warning(check, format!("{limit} allowed"), OPEN_FILES_REMEDY),
         Some(limit) => Check::ok(check, format!("{limit} allowed")),
         None => Check::ok(check, "no limit"),
     }

@@ -14,7 +14,7 @@ pub mod still;
 
 use std::fmt;
 
-use launch::counted;
+use launch::pluralize;
 use serde::Serialize;
 
 /// How a check ended.
@@ -91,7 +91,7 @@ impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.checks.iter().try_for_each(|check| writeln!(f, "{check}"))?;
         let all = [(Outcome::Problem, "problem"), (Outcome::Warning, "warning")];
-        let [problems, warnings] = all.map(|(outcome, noun)| counted(self.count(outcome) as u64, noun));
+        let [problems, warnings] = all.map(|(outcome, noun)| pluralize(self.count(outcome) as u64, noun));
         write!(f, "{problems}, {warnings}")
     }
 }

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use bus::{BusError, Observer};
-use control::{RecordStatus, ServiceStatus, Trouble};
+use control::{RecordStatus, ServiceStatus, Diagnostic};
 use graph::Topic;
-use judge::{Fields, Finding, Judge};
-use launch::{Service, Source, counted};
+use judge::{FieldQueue, Diagnosis, InputCheck};
+use launch::{Service, Source, pluralize};
 use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 
@@ -18,16 +18,16 @@ const LOOK: Duration = Duration::from_millis(5);
 /// A rate may be this far from the one declared.
 const RATE_SHARE: f64 = 0.05;
 /// Beyond it samples are missing.
-const RATE_SHARE_MAX: f64 = 0.2;
+const MAX_RATE_SHARE: f64 = 0.2;
 
 /// What a system did while it was looked at.
 #[derive(Debug)]
 pub struct Seen {
     flows: Vec<(Service, Flow)>,
     still: Still,
-    judge: Judge,
-    fields: Fields,
-    findings: Vec<Finding>,
+    judge: InputCheck,
+    fields: FieldQueue,
+    findings: Vec<Diagnosis>,
     attitudes: u64,
     flags: [u64; 64],
 }
@@ -43,8 +43,8 @@ impl Seen {
         let mut seen = Self {
             flows: Vec::new(),
             still: Still::default(),
-            judge: Judge::default(),
-            fields: Fields::default(),
+            judge: InputCheck::default(),
+            fields: FieldQueue::default(),
             findings: Vec::new(),
             attitudes: 0,
             flags: [0; 64],
@@ -73,8 +73,8 @@ impl Seen {
             Service::Ingest => {
                 let Ok(sample) = bytemuck::try_pod_read_unaligned::<ImuSample>(bytes) else { return };
                 self.still.take(&sample);
-                let field = self.fields.of(sample.header.tick);
-                self.findings.extend(self.judge.take(&sample, field.as_ref()));
+                let field = self.fields.take(sample.header.tick);
+                self.findings.extend(self.judge.update(&sample, field.as_ref()));
             }
             Service::Course => {
                 let Ok(output) = bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes) else { return };
@@ -111,8 +111,8 @@ impl Seen {
         if self.findings.is_empty() {
             return vec![Check::ok(check, "units, axes and signs of the sensors are such as can be")];
         }
-        let warning = |finding: &Finding| {
-            let found = format!("{}: {}", finding.mistake.name(), finding.found);
+        let warning = |finding: &Diagnosis| {
+            let found = format!("{}: {}", finding.issue.name(), finding.evidence);
             Check::warning(check, found, finding.remedies())
         };
         self.findings.iter().map(warning).collect()
@@ -122,15 +122,15 @@ impl Seen {
         let check = "flags";
         let explained = Flags::NAMES.iter().zip(Flags::MEANINGS).filter_map(|((flag, name), meaning)| {
             let count = self.flags[flag.0.trailing_zeros() as usize];
-            let found = format!("{name} on {count} of {}: {meaning}", counted(self.attitudes, "attitude"));
-            (count > 0).then(|| match Flags::USUAL.any(*flag) {
+            let found = format!("{name} on {count} of {}: {meaning}", pluralize(self.attitudes, "attitude"));
+            (count > 0).then(|| match Flags::INFORMATIONAL.any(*flag) {
                 true => Check::ok(check, found),
                 false => Check::warning(check, found, "see `plumb topic echo attitude`, and docs/bad-input.md"),
             })
         });
         let explained: Vec<_> = explained.collect();
         if explained.is_empty() {
-            vec![Check::ok(check, format!("none on {}", counted(self.attitudes, "attitude")))]
+            vec![Check::ok(check, format!("none on {}", pluralize(self.attitudes, "attitude")))]
         } else {
             explained
         }
@@ -138,9 +138,9 @@ impl Seen {
 }
 
 /// What is to be said about the report and the file that it will leave.
-pub fn record(RecordStatus { not_recorded, out_ended }: &RecordStatus) -> Check {
+pub fn record(RecordStatus { not_recorded, output_error: out_ended }: &RecordStatus) -> Check {
     let check = "record";
-    let attitudes = counted(*not_recorded, "attitude");
+    let attitudes = pluralize(*not_recorded, "attitude");
     let found = format!("published, but neither in the report's figures nor in the file: {attitudes}");
     match out_ended {
         Some(error) => {
@@ -178,8 +178,8 @@ fn service(status: &ServiceStatus) -> Check {
 
 /// What is wrong with what the service reads.
 fn troubles(status: &ServiceStatus) -> impl Iterator<Item = Check> {
-    let check = |trouble: &Trouble| Check::problem("source", &trouble.found, &trouble.remedy);
-    status.troubles.iter().map(check)
+    let check = |trouble: &Diagnostic| Check::problem("source", &trouble.found, &trouble.remedy);
+    status.diagnostics.iter().map(check)
 }
 
 fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &ServiceConfig) -> Check {
@@ -187,10 +187,10 @@ fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &Servic
     let report = flow.report();
     let topic = &report.topic;
     let Some(rate_hz) = report.rate_hz else {
-        let found = format!("{topic}: {} while it was looked at", counted(report.messages, "message"));
+        let found = format!("{topic}: {} while it was looked at", pluralize(report.messages, "message"));
         let remedy = match (service, config.launch.ingest.source) {
             (Service::Ingest, Source::Bus) => "is the sensor's driver running? it publishes on the topic `sensor`",
-            (Service::Ingest, source) if source.is_driven() => {
+            (Service::Ingest, source) if source.needs_drivers() => {
                 "does the device send? what the drivers say of it is on the terminal of `plumb up`"
             }
             (Service::Ingest, _) => "is the source at its end? see `plumb ps`",
@@ -205,7 +205,7 @@ fn rate(service: Service, flow: &Flow, expected_hz: Option<f64>, config: &Servic
     let off = (rate_hz / expected_hz - 1.0).abs();
     let remedy = "is the machine overloaded, or is rate_hz in launch.toml not the sensor's?";
     let result = match off {
-        _ if off > RATE_SHARE_MAX => Outcome::Problem,
+        _ if off > MAX_RATE_SHARE => Outcome::Problem,
         _ if off > RATE_SHARE || lost > 0 => Outcome::Warning,
         _ => return Check::ok(check, found),
     };
@@ -227,8 +227,8 @@ mod tests {
             epoch: 1,
             ticks: 10,
             lost,
-            at: None,
-            troubles: Vec::new(),
+            address: None,
+            diagnostics: Vec::new(),
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Input: samples of a few seconds. Output: two checks. Time: none. Failure: while the body moves nothing can be said, and that is said.
 
-use launch::counted;
+use launch::pluralize;
 use messages::ImuSample;
 
 use super::Check;
@@ -10,17 +10,17 @@ use super::Check;
 /// Standard gravity, m/s² (ISO 80000-3).
 const GRAVITY_M_S2: f64 = 9.806_65;
 /// At rest |f| varies less than this, standard deviation, m/s²: vibration and noise of usual sensors.
-const FORCE_SD_MAX_M_S2: f64 = 0.3;
+const MAX_FORCE_SD_M_S2: f64 = 0.3;
 /// At rest the specific force turns by less than this while it is looked at, as a share of |f| (0.9°).
-const DRIFT_MAX: f64 = 0.015;
+const MAX_DRIFT: f64 = 0.015;
 /// At rest each rate varies less than this, standard deviation, rad/s (1 °/s).
-const RATE_SD_MAX_RAD_S: f64 = 0.0175;
+const MAX_RATE_SD_RAD_S: f64 = 0.0175;
 /// What is beyond it is no rest but a steady turn, or no gyro that can be used, rad/s (20 °/s).
-const RATE_MAX_RAD_S: f64 = 0.35;
+const MAX_RATE_RAD_S: f64 = 0.35;
 /// A bias beyond it is more than usual sensors have, rad/s (2 °/s).
-const BIAS_MAX_RAD_S: f64 = 0.035;
+const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Samples that say something.
-const SAMPLES_MIN: f64 = 50.0;
+const MIN_SAMPLES: f64 = 50.0;
 
 /// What came: |f|, the rate about each axis, the specific force along each.
 #[derive(Debug, Clone, Copy, Default)]
@@ -77,16 +77,16 @@ impl Still {
     /// |f| against g, and the rate against zero.
     pub fn checks(&self) -> [Check; 2] {
         let count = self.count;
-        if count < SAMPLES_MIN {
-            return unseen(format!("{}: too few", counted(count as u64, "sample")));
+        if count < MIN_SAMPLES {
+            return unseen(format!("{}: too few", pluralize(count as u64, "sample")));
         }
         let (norm_m_s2, norm_sd_m_s2) = (self.norm_m_s2.mean(count), self.norm_m_s2.sd(count));
         let rate_rad_s = norm(self.rate_rad_s.map(|rate| rate.mean(count)));
         let drift = norm(self.force_m_s2.map(|force| force.drift(count))) / norm_m_s2;
-        let moves = self.rate_rad_s.iter().any(|rate| rate.sd(count) > RATE_SD_MAX_RAD_S)
-            || norm_sd_m_s2 > FORCE_SD_MAX_M_S2
-            || rate_rad_s > RATE_MAX_RAD_S
-            || drift > DRIFT_MAX;
+        let moves = self.rate_rad_s.iter().any(|rate| rate.sd(count) > MAX_RATE_SD_RAD_S)
+            || norm_sd_m_s2 > MAX_FORCE_SD_M_S2
+            || rate_rad_s > MAX_RATE_RAD_S
+            || drift > MAX_DRIFT;
         if moves {
             let rate_deg_s = rate_rad_s.to_degrees();
             return unseen(format!(
@@ -127,7 +127,7 @@ fn gravity(norm_m_s2: f64) -> Check {
 
 fn gyro(rate_rad_s: f64) -> Check {
     let (check, found) = ("gyro-at-rest", format!("mean rate {:.3} °/s at rest", rate_rad_s.to_degrees()));
-    if rate_rad_s > BIAS_MAX_RAD_S {
+    if rate_rad_s > MAX_BIAS_RAD_S {
         let remedy = "if nothing turns, take the bias out: bias in [ingest.calibration.gyro] of launch.toml; a gyro in °/s needs a scale of 0.0174533";
         Check::warning(check, found, remedy)
     } else {

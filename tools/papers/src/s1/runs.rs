@@ -76,8 +76,8 @@ impl Noisy {
 /// The gyro's bias and the accelerometer's noise of S1; both channels begin where the body is.
 pub(crate) fn with_errors() -> Option<Vec<Noisy>> {
     let mut sensors = Sensors::new(Motion::S1, Errors::S1, SEED);
-    let (mut gyro, mut accel) = (Gyro::named("rk4")?, Projector::default());
-    let (mut open, mut closed) = (Fuser::named("wz-open")?, Fuser::named("wz-closed")?);
+    let (mut gyro, mut accel) = (Gyro::from_name("rk4")?, Projector::default());
+    let (mut open, mut closed) = (Fuser::from_name("wz-open")?, Fuser::from_name("wz-closed")?);
     gyro.align(Motion::S1.at(0.0).attitude);
     let gain = -(-1.0 / (RATE_HZ * TIME_CONSTANT_S)).exp_m1();
     let mut low_pass: Option<[f64; 2]> = None;
@@ -103,7 +103,7 @@ pub(crate) fn with_errors() -> Option<Vec<Noisy>> {
             t_s,
             truth: reading.truth.attitude,
             gyro: motion.attitude,
-            accel: Attitude::levelled(seen.up),
+            accel: Attitude::from_up(seen.up),
             low_pass_gyro: after[0],
             low_pass_accel: after[1],
             open: open.step(&input).attitude,

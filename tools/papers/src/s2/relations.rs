@@ -63,7 +63,7 @@ impl Way {
     /// What the stage makes of a gravity; nothing where there is no such stage.
     fn of(self, gravity_m_s2: Vector3<f64>) -> Tilt {
         let force_m_s2 = Vector3::new(-gravity_m_s2.y, -gravity_m_s2.x, gravity_m_s2.z);
-        let up = Accelerometer::named(self.stage())
+        let up = Accelerometer::from_name(self.stage())
             .map_or(Vector3::repeat(f64::NAN), |mut stage| stage.step(&force_m_s2).up.direction());
         let pitch_rad = up.y.atan2(up.x.hypot(up.z));
         Tilt { pitch_deg: pitch_rad.to_degrees(), roll_deg: (-up.x).atan2(up.z).to_degrees() }

@@ -3,13 +3,13 @@
 use attitude::{
     Vector3,
     accel::Projector,
-    course::Reference,
+    course::CourseReference,
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateSample},
     metrics::{Accuracy, AttitudeError},
     stage::Stage,
     state::{Attitude, wrapped_rad},
-    turn::Turn,
+    rotation::Rotation,
 };
 use scenario::{Scenario, s3};
 
@@ -48,7 +48,7 @@ pub(crate) struct Moment {
     pub(crate) t_s: f64,
     pub(crate) estimate: Attitude,
     pub(crate) truth: Attitude,
-    pub(crate) reference: Reference,
+    pub(crate) reference: CourseReference,
 }
 
 fn scenario(sensing: Sensing, seed: u64) -> Option<Scenario> {
@@ -72,8 +72,8 @@ fn scenario(sensing: Sensing, seed: u64) -> Option<Scenario> {
 /// The run of a filter; nothing where there is no such stage.
 pub(crate) fn run(filter: Filter, sensing: Sensing, seed: u64) -> Option<Vec<Moment>> {
     let scenario = scenario(sensing, seed)?;
-    let (mut gyro, mut accel) = (Gyro::named("mobius")?, Projector::default());
-    let mut fuser = Fuser::named(filter.name)?;
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
+    let mut fuser = Fuser::from_name(filter.name)?;
     if let Some((parameter, value)) = filter.gain {
         fuser.set(parameter, value).ok()?;
     }
@@ -123,7 +123,7 @@ impl Rms {
             let (got, want) = (estimate.angles(), truth.angles());
             let off = [got.pitch_rad - want.pitch_rad, got.roll_rad - want.roll_rad, got.yaw_rad - want.yaw_rad]
                 .map(wrapped_rad);
-            let turn = Turn::between(*truth, *estimate).quaternion();
+            let turn = Rotation::between(*truth, *estimate).quaternion();
             let size = turn.imag().norm();
             let angle_rad = 2.0 * size.atan2(turn.w.abs()) * turn.w.signum();
             let rotation = turn.imag() * if size > 0.0 { angle_rad / size } else { 0.0 };
@@ -134,7 +134,7 @@ impl Rms {
         }
         let count = moments.len() as f64;
         let AttitudeError { total_deg, heading_deg, inclination_deg } = accuracy.rmse().unwrap_or_default();
-        let knows_north = moments.last().is_some_and(|moment| moment.reference != Reference::Arbitrary);
+        let knows_north = moments.last().is_some_and(|moment| moment.reference != CourseReference::Arbitrary);
         Self {
             angles_deg: angles.map(|sum| f64::sqrt(sum / count)),
             vector_deg: vector.map(|sum| f64::sqrt(sum / count)),

@@ -133,9 +133,9 @@ impl Flown {
 pub(crate) fn fly(receiver: Receiver, seed: u64) -> Option<Vec<Flown>> {
     let text = format!("cruise?gnss={}&seed={seed}&duration_s={DURATION_S}", receiver.key());
     let scenario = Scenario::named(&text).ok()?;
-    let (mut gyro, mut accel) = (Gyro::named("mobius")?, Projector::default());
-    let mut fusers = STAGES.iter().map(|name| Fuser::named(name)).collect::<Option<Vec<_>>>()?;
-    let mut courses = STAGES.iter().map(|_| Course::named("track")).collect::<Option<Vec<_>>>()?;
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius")?, Projector::default());
+    let mut fusers = STAGES.iter().map(|name| Fuser::from_name(name)).collect::<Option<Vec<_>>>()?;
+    let mut courses = STAGES.iter().map(|_| Course::from_name("track")).collect::<Option<Vec<_>>>()?;
     let mut flown = vec![Flown::default(); STAGES.len()];
     let (mut before_s, mut since_fix_s) = (0.0, f64::INFINITY);
     for (tick, (t_s, reading)) in scenario.readings().enumerate() {

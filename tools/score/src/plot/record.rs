@@ -167,7 +167,7 @@ impl Curves {
     }
 
     fn point(&mut self, t_s: f64, up: Option<Point>) {
-        let w = up.map(|up| up.seen_in(Chart::Upright, 1e3)).filter(|w| w.norm_sqr() < W_LIMIT * W_LIMIT);
+        let w = up.map(|up| up.w_in_chart(Chart::Upright, 1e3)).filter(|w| w.norm_sqr() < W_LIMIT * W_LIMIT);
         self.push(Quantity::U, t_s, w.map_or(f64::NAN, |w| w.re));
         self.push(Quantity::V, t_s, w.map_or(f64::NAN, |w| w.im));
     }
@@ -218,5 +218,5 @@ fn z_rad(attitude: Attitude) -> f64 {
 }
 
 fn attitude([w, x, y, z]: [f64; 4]) -> Attitude {
-    Attitude::of_quaternion(Quaternion::new(w, x, y, z))
+    Attitude::from_quaternion(Quaternion::new(w, x, y, z))
 }

@@ -49,7 +49,7 @@ pub(crate) struct Report<'a> {
 impl Report<'_> {
     /// Writes the page.
     pub(crate) fn write(&self, path: &Path) -> Result<(), ScoreError> {
-        Ok(recording::write_whole(path, &self.html())?)
+        Ok(recording::write_atomic(path, &self.html())?)
     }
 
     fn html(&self) -> String {

@@ -1,43 +1,46 @@
-//! The fuser `aided`: an error-state filter with the velocity of a satellite receiver.
+//! Fuser stage `aided`: an error-state filter with the velocity of a satellite receiver.
 //!
-//! The levelled specific force, less gravity, is integrated to a velocity; what it misses of the receiver's velocity tells tilt,
-//! heading and the biases of gyro and accelerometer. Heading needs no magnetometer as soon as the body speeds up, slows down or
-//! turns: the acceleration is told twice, in body axes and against north. Without a fix for a while an assumed velocity with a large
-//! variance takes its place: the remembered speed along the course, nothing across it, nothing upwards. Nothing is switched over,
-//! the covariance carries on how much each is to be trusted.
+//! The levelled specific force less gravity is integrated to a velocity. Its difference from the
+//! receiver's velocity reveals errors of tilt, heading and the biases of gyro and accelerometer.
+//! The heading needs no magnetometer once the body accelerates or turns, because the acceleration
+//! is then known both in body axes and relative to north. Without a fix for a while, an assumed
+//! velocity with a large variance takes its place: the remembered speed along the course, and zero
+//! across it and upwards. There is no mode switch, because the covariance weights all measurements.
 //!
-//! The state is (w, z), the velocity v, the biases b and s, the receiver's latency L and the covariance of their errors. Corrections
-//! of the attitude are fed in over [`smoothing_s`](Settings::smoothing_s), as the rate w_c of a platform that is levelled.
+//! The state consists of (w, z), the velocity v, the biases b and s, the receiver's latency L, and
+//! the covariance of their errors. Attitude corrections are applied over
+//! [`smoothing_s`](Settings::smoothing_s), as the rate w_c of a levelled platform.
 //!
-//! Heading counts from true north once the body was seen to move over ground faster than `track_speed_m_s`. The first heading is that
-//! of the track: a body that begins to move sideways or backwards gets a wrong one. Until a velocity is told only gravity levels: a lasting turn then
-//! reveals the speed, lasting straight acceleration does not. Curvature of the earth and Coriolis acceleration, 0.04° at 50 m/s, are
-//! left out.
+//! The heading counts from true north once the body has moved over ground faster than
+//! `track_speed_m_s`. The first heading is that of the track, so it is wrong for a body that starts
+//! moving sideways or backwards. Before the first velocity only gravity corrects the level. A
+//! lasting turn then reveals the speed, lasting straight acceleration does not. Curvature of the
+//! earth and Coriolis acceleration, 0.04° at 50 m/s, are neglected.
 //!
-//! | file | what it does |
+//! | file | content |
 //! | --- | --- |
-//! | `filter` | the state: its beginning, its correction, its standard deviations |
-//! | `stage` | the order of a step, and what is in the snapshot |
-//! | `strapdown` | attitude, velocity and covariance over one interval |
-//! | `sums` | what happened since the last step of the covariance |
-//! | `fixes` | a velocity that was told; the first course |
-//! | `aiding` | what is known of the receiver |
-//! | `assumed` | a velocity that is assumed |
-//! | `consistency` | whether the filter's own standard deviations are true |
-//! | `standstill` | the gyro bias at rest |
-//! | `magnetic` | the heading of the magnetic field |
-//! | `past` | velocities of the last second |
-//! | `covariance` | the covariance and the gain of a measurement |
+//! | `filter` | state, initialisation, corrections and standard deviations |
+//! | `stage` | order of a step, snapshot and hand-over |
+//! | `strapdown` | propagation of attitude, velocity and covariance over an interval |
+//! | `sums` | sums since the last propagation of the covariance |
+//! | `fixes` | satellite velocity and the first course |
+//! | `aiding` | state of the receiver |
+//! | `assumed_velocity` | assumed velocity in a gap, and standstill |
+//! | `consistency` | consistency of the filter's standard deviations |
+//! | `standstill` | standstill detector, with the gyro bias |
+//! | `magnetic` | magnetic heading |
+//! | `velocity_history` | velocities of the last second |
+//! | `covariance` | covariance and update by a measurement |
 //! | `variance` | variances from standard deviations |
 
 mod aiding;
-mod assumed;
+mod assumed_velocity;
 mod consistency;
 mod covariance;
 mod filter;
 mod fixes;
 mod magnetic;
-mod past;
+mod velocity_history;
 mod settings;
 mod stage;
 mod standstill;
@@ -45,5 +48,5 @@ mod strapdown;
 mod sums;
 mod variance;
 
-pub(super) use settings::OF_THE_MAGNETOMETER;
+pub(super) use settings::MAGNETOMETER_COUNT;
 pub use {filter::Aided, settings::Settings};

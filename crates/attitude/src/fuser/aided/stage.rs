@@ -1,4 +1,4 @@
-//! The contract of the stage: the order of a step, the numbers of the snapshot, what is handed over.
+//! Implementation of the stage contract: order of a step, snapshot and hand-over.
 
 use core::f64::consts::PI;
 
@@ -11,17 +11,17 @@ use super::{
 };
 use crate::{
     Vector3,
-    course::Reference,
+    course::CourseReference,
     fuser::{
-        carried::Carried,
+        bias_handover::HandedOverBias,
         estimate::Estimate,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
         leaky_velocity::LeakyVelocity,
     },
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{RestoreError, Stage, attitude_flaw, bias_flaw},
+    stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
 };
 
 impl Stage for Aided {
@@ -45,8 +45,8 @@ impl Stage for Aided {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
         if let (false, Some(inclination)) = (self.started, &input.inclination) {
@@ -54,23 +54,23 @@ impl Stage for Aided {
             self.started = true;
             corrections.aligned = true;
         }
-        let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::credible);
-        self.carried.observe(input);
+        let force_m_s2 = input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::is_plausible_force);
+        self.handed_over.observe(input);
         if let Some(motion) = &input.motion {
-            corrections.aligned |= self.advance(motion, force_m_s2);
+            corrections.aligned |= self.propagate(motion, force_m_s2);
             corrections.tilt = self.started;
         }
         if self.started {
-            self.aiding.advance(dt_s);
+            self.aiding.advance_time(dt_s);
             if let Some(fix) = &input.fix {
                 self.on_fix(fix, &mut corrections);
             }
-            corrections.bias |= self.assume();
-            corrections.rest = self.rest(input, force_m_s2);
+            corrections.bias |= self.apply_assumed_velocity();
+            corrections.rest = self.apply_standstill(input, force_m_s2);
             corrections.bias |= corrections.velocity || corrections.rest;
             self.since_field_s = (self.since_field_s + dt_s).min(10.0);
             if let Some(field_ut) = &input.field_ut {
-                self.see_field(*field_ut, &mut corrections);
+                self.update_magnetic_heading(*field_ut, &mut corrections);
             }
         }
         Fused {
@@ -78,8 +78,8 @@ impl Stage for Aided {
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - self.gyro_bias_rad_s),
             bias_rad_s: self.gyro_bias_rad_s,
             innovation_rad: input.inclination.map_or(0.0, |inclination| innovation_rad(&inclination, self.attitude)),
-            inclination_sd_rad: self.told_inclination_sd_rad(),
-            heading_sd_rad: self.told_heading_sd_rad(),
+            inclination_sd_rad: self.reported_inclination_sd_rad(),
+            heading_sd_rad: self.reported_heading_sd_rad(),
             reference: self.reference,
             corrections,
         }
@@ -89,49 +89,49 @@ impl Stage for Aided {
         self.attitude.visit(visit);
         self.pending_rad.visit(visit);
         self.started.visit(visit);
-        let (mut magnetic, mut north) = (self.reference == Reference::Magnetic, self.reference == Reference::True);
-        magnetic.visit(visit);
-        north.visit(visit);
-        self.reference = match (magnetic, north) {
-            (_, true) => Reference::True,
-            (true, false) => Reference::Magnetic,
-            (false, false) => Reference::Arbitrary,
+        let (mut is_magnetic, mut is_true) = (self.reference == CourseReference::Magnetic, self.reference == CourseReference::True);
+        is_magnetic.visit(visit);
+        is_true.visit(visit);
+        self.reference = match (is_magnetic, is_true) {
+            (_, true) => CourseReference::True,
+            (true, false) => CourseReference::Magnetic,
+            (false, false) => CourseReference::Arbitrary,
         };
         self.course_known.visit(visit);
         for vector in
-            [&mut self.velocity_m_s, &mut self.antenna_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2]
+            [&mut self.velocity_m_s, &mut self.antenna_velocity_m_s, &mut self.gyro_bias_rad_s, &mut self.accel_bias_m_s2]
         {
             vector.visit(visit);
         }
         self.latency_s.visit(visit);
         self.covariance.visit(visit);
-        self.past.visit(visit);
+        self.velocity_history.visit(visit);
         self.sums.visit(visit);
         self.turn_rate_rad_s.visit(visit);
         self.aiding.visit(visit);
         self.consistency.visit(visit);
         self.standstill.visit(visit);
-        self.carried.visit(visit);
+        self.handed_over.visit(visit);
         self.since_field_s.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        // Each component is held to 1 rad where it arises; turning the axes makes √2 of it.
+    fn validation_error(&self) -> Option<&'static str> {
+        // Each component is limited to 1 rad where it arises. Rotating the axes can make it √2 rad.
         let pending = (self.pending_rad.amax() > 1.5).then_some("a pending correction above 1.5 rad");
         let latency = (!(0.0..=0.6).contains(&self.latency_s)).then_some("a latency outside 0 to 0.6 s");
-        attitude_flaw(self.attitude)
-            .or_else(|| bias_flaw(self.gyro_bias_rad_s))
+        attitude_validation_error(self.attitude)
+            .or_else(|| bias_validation_error(self.gyro_bias_rad_s))
             .or(pending)
             .or(latency)
-            .or_else(|| self.covariance.flaw())
-            .or_else(|| self.consistency.flaw())
-            .or_else(|| self.sums.flaw())
-            .or_else(|| self.carried.flaw())
+            .or_else(|| self.covariance.validation_error())
+            .or_else(|| self.consistency.validation_error())
+            .or_else(|| self.sums.validation_error())
+            .or_else(|| self.handed_over.validation_error())
     }
 
     fn common(&self) -> Estimate {
         let bias_variance = (GYRO..GYRO + 3).map(|axis| self.covariance.variance(axis)).fold(0.0, f64::max);
-        let (bias_rad_s, bias_sd_rad_s) = self.carried.or(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
+        let (bias_rad_s, bias_sd_rad_s) = self.handed_over.more_certain(self.gyro_bias_rad_s, libm::sqrt(bias_variance));
         Estimate {
             attitude: self.attitude,
             reference: self.reference,
@@ -139,28 +139,29 @@ impl Stage for Aided {
             inclination_sd_rad: self.inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
             bias_sd_rad_s,
-            gyro_scale: self.carried.gyro_scale(),
-            hard_iron: self.carried.hard_iron(),
+            gyro_scale: self.handed_over.gyro_scale(),
+            hard_iron: self.handed_over.hard_iron(),
             leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
-        let limit_rad_s = square(self.settings.gyro_bias_sd_deg_s.to_radians());
+        common.validate()?;
+        let max_variance = square(self.settings.gyro_bias_sd_deg_s.to_radians());
         let mut adopted = Self::new(self.settings);
         adopted.attitude = common.attitude;
         adopted.started = true;
         adopted.gyro_bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-1.0, 1.0));
         for axis in GYRO..GYRO + 3 {
-            adopted.covariance.begin(axis, square(common.bias_sd_rad_s).min(limit_rad_s));
+            adopted.covariance.reset(axis, square(common.bias_sd_rad_s).min(max_variance));
         }
-        // The giver's deviation is that of its innovations, which do not show a level that is wrong for long: the first level's is added.
-        adopted.begin_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
-        adopted.carried = Carried::of(common);
+        // The received deviation comes from innovations, which do not show a lasting level error.
+        // The deviation of a first level is therefore added.
+        adopted.reset_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
+        adopted.handed_over = HandedOverBias::from_estimate(common);
         adopted.reference = common.reference;
-        adopted.course_known = common.reference == Reference::True;
-        adopted.covariance.begin(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));
+        adopted.course_known = common.reference == CourseReference::True;
+        adopted.covariance.reset(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));
         *self = adopted;
         Ok(())
     }

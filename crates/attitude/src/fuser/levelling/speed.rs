@@ -1,69 +1,71 @@
-//! The speed over ground that a receiver told last, and its derivative.
+//! Speed over ground of the last fix, and its derivative.
 
-use crate::{gnss::Fix, numbers::Numbers};
+use crate::{gnss::Fix, scalars::Scalars};
 
-/// The speed stands until the next fix, its derivative for one interval between fixes only: an increment of speed counts once.
+/// Ground speed.
+///
+/// The speed holds until the next fix. Its derivative holds for one interval between fixes only, so
+/// that an increment of speed is used once.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Speed {
-    /// V.
+pub(super) struct GroundSpeed {
+    /// V, m/s.
     speed_m_s: f64,
-    /// V'.
+    /// V', m/s².
     speed_rate_m_s2: f64,
-    /// For how long it counts yet, s.
-    increment_s: f64,
+    /// Time for which the derivative still holds, s.
+    rate_remaining_s: f64,
     since_fix_s: f64,
-    seen: bool,
+    has_fix: bool,
 }
 
-impl Speed {
-    /// A fix came within so many seconds.
-    pub(super) fn is_told(&self, gap_s: f64) -> bool {
-        self.seen && self.since_fix_s <= gap_s
+impl GroundSpeed {
+    /// Returns `true` if the last fix is at most `gap_s` old.
+    pub(super) fn is_recent(&self, gap_s: f64) -> bool {
+        self.has_fix && self.since_fix_s <= gap_s
     }
 
-    /// V, m/s.
-    pub(super) fn along_m_s(&self) -> f64 {
+    /// Returns V, m/s.
+    pub(super) fn speed_m_s(&self) -> f64 {
         self.speed_m_s
     }
 
-    /// V', m/s².
+    /// Returns V', m/s².
     pub(super) fn rate_m_s2(&self) -> f64 {
-        if self.increment_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 }
+        if self.rate_remaining_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 }
     }
 
-    /// Time passes before a fix is looked for.
-    pub(super) fn wait(&mut self, dt_s: f64) {
+    /// Advances the time at the start of a tick, before its fix is recorded.
+    pub(super) fn advance(&mut self, dt_s: f64) {
         self.since_fix_s += dt_s;
     }
 
-    pub(super) fn take(&mut self, fix: &Fix, gap_s: f64) {
+    pub(super) fn record_fix(&mut self, fix: &Fix, gap_s: f64) {
         let speed_m_s = fix.speed_m_s();
-        if self.is_told(gap_s) && self.since_fix_s > 1e-3 {
+        if self.is_recent(gap_s) && self.since_fix_s > 1e-3 {
             self.speed_rate_m_s2 = (speed_m_s - self.speed_m_s) / self.since_fix_s;
-            self.increment_s = self.since_fix_s;
+            self.rate_remaining_s = self.since_fix_s;
         }
         self.speed_m_s = speed_m_s;
         self.since_fix_s = 0.0;
-        self.seen = true;
+        self.has_fix = true;
     }
 
-    /// The tick has used the derivative over its interval.
-    pub(super) fn spend(&mut self, dt_s: f64) {
-        self.increment_s = (self.increment_s - dt_s).max(0.0);
+    /// Accounts for the use of the derivative over the interval of the tick.
+    pub(super) fn end_tick(&mut self, dt_s: f64) {
+        self.rate_remaining_s = (self.rate_remaining_s - dt_s).max(0.0);
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let Self { speed_m_s, increment_s, since_fix_s, .. } = self;
-        let negative = [speed_m_s, increment_s, since_fix_s].iter().any(|x| **x < 0.0);
-        negative.then_some("a time or a speed below zero")
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        let Self { speed_m_s, rate_remaining_s, since_fix_s, .. } = self;
+        let negative = [speed_m_s, rate_remaining_s, since_fix_s].iter().any(|x| **x < 0.0);
+        negative.then_some("a negative time or speed")
     }
 }
 
-impl Numbers for Speed {
+impl Scalars for GroundSpeed {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let Self { speed_m_s, speed_rate_m_s2, increment_s, since_fix_s, seen } = self;
-        [speed_m_s, speed_rate_m_s2, increment_s, since_fix_s].into_iter().for_each(|number| number.visit(visit));
-        seen.visit(visit);
+        let Self { speed_m_s, speed_rate_m_s2, rate_remaining_s, since_fix_s, has_fix } = self;
+        [speed_m_s, speed_rate_m_s2, rate_remaining_s, since_fix_s].into_iter().for_each(|number| number.visit(visit));
+        has_fix.visit(visit);
     }
 }

@@ -1,38 +1,44 @@
-//! The fuser stage `levelling-unified`: S4's figure 7 as printed, two platforms in parallel and a choice by k.
+//! Fuser stage `levelling-unified`: S4's figure 7 as published, two platforms in parallel and a
+//! selection by k.
 //!
-//! P1 is levelled with the velocity that a receiver tells, P2 by the low-passed force alone; both run all the time, each with its
-//! own correction. With k = 1, and k = 0 in a gap of the receiver and before its first fix,
+//! P1 is levelled with the velocity of a receiver, P2 by the low-pass filtered force alone. Both
+//! run all the time, each with its own corrections. With k = 1, and k = 0 in a gap of the receiver
+//! and before its first fix,
 //!
 //! roll, pitch = k · P1 + (1 − k) · P2,  course = k · H + (1 − k) · HΓ of P2
 //!
-//! where H is the complex course: the gyroscopic course HΓ, drawn to the track over ground with T = 50 s — S4, (5),
+//! where H is the complex course: the gyroscopic course HΓ, corrected towards the track over ground
+//! with T = 50 s — S4, (5),
 //!
 //! H_k = H_{k−1} + (HΓ_k − HΓ_{k−1}) − h (H_{k−1} − H_track)/T
 //!
-//! In a gap P1 keeps the last speed with V' = 0. HΓ is counted from wherever its platform began: at each change of k the offset is
-//! taken anew, so that the course goes on and only roll and pitch jump, by as much as the platforms are apart. More than 0.03° is
-//! told as `aligned`. That jump, and a P2 that carries the gyro's bias for as long as the flight lasts, is what the stages with one
-//! attitude do better.
+//! In a gap P1 keeps the last speed with V' = 0. HΓ starts at an arbitrary direction of its
+//! platform. The offset is recomputed at each change of k, so the course is continuous and only
+//! roll and pitch jump, by the difference between the platforms. A jump above 0.03° is flagged as
+//! `aligned`.
+//!
+//! The stages with one attitude avoid this jump, and a P2 that carries the effect of the gyro bias
+//! for the whole flight.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
 use super::{
-    limits::{credible, interval_s},
-    platform::{Law, Levelled, Platform},
-    speed::Speed,
+    limits::{plausible_fix, interval_s},
+    platform::{Law, LevelUpdate, Platform},
+    speed::GroundSpeed,
 };
 use crate::{
     Vector3,
-    course::Reference,
+    course::CourseReference,
     fuser::{
-        carried::Carried,
+        bias_handover::HandedOverBias,
         estimate::Estimate,
         fused::{Corrections, Fused},
         input::FuserInput,
         leaky_velocity::LeakyVelocity,
     },
     gnss::Fix,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters, settings},
     stage::{RestoreError, Stage},
     state::{Attitude, wrapped_rad},
@@ -41,47 +47,47 @@ use crate::{
 settings! {
     /// Settings of `levelling-unified`.
     pub struct UnifiedSettings {
-        /// Time constant of the platform that is levelled with satellite velocity, 1/(K g).
+        /// Time constant of the platform levelled with satellite velocity, 1/(K g).
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of the platform that is levelled without it.
+        /// Time constant of the platform levelled without satellite velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass of the specific force of that platform.
+        /// Low-pass time constant of the specific force, without satellite velocity.
         low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
-        /// Time after the last fix from which k = 0.
+        /// Time after the last fix at which k becomes 0.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
         /// Time constant T at which the complex course follows the track.
         course_time_constant_s: 50.0 in 1.0 .. 10000.0, "s";
-        /// Ground speed below which a track says nothing about the course.
+        /// Minimum ground speed at which the track is used.
         track_speed_m_s: 3.0 in 0.5 .. 100.0, "m/s";
     }
 }
 
-/// A change of the level by more is a jump, rad: 0.03°.
-const JUMP_RAD: f64 = 0.03 * PI / 180.0;
-/// A nose that is steeper has no course, rad: 80°.
-const STEEP_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
+/// Smallest change of the level that is flagged as a jump, rad: 0.03°.
+const MIN_JUMP_RAD: f64 = 0.03 * PI / 180.0;
+/// Largest pitch at which the course is corrected, rad: 80°.
+const MAX_COURSE_PITCH_RAD: f64 = FRAC_PI_2 * 80.0 / 90.0;
 /// Drift of the gyroscopic course, for the standard deviation, rad/s: 0.05 °/s.
 const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
-/// How far a vehicle's nose is from its track, RMS, rad: 3°.
-const CRAB_RAD: f64 = 3.0 * PI / 180.0;
+/// RMS angle between a vehicle's nose and its track, rad: 3°.
+const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
-/// The fuser stage `levelling-unified`.
+/// Fuser stage `levelling-unified`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingUnified {
     settings: UnifiedSettings,
-    /// P1 and P2.
+    /// Platform P1.
     aided: Platform,
+    /// Platform P2.
     autonomous: Platform,
-    speed: Speed,
-    /// k.
+    speed: GroundSpeed,
+    /// Selection k: `true` for P1.
     is_aided: bool,
-    /// From the azimuth of the chosen platform to that of the output, rad.
+    /// Rotation from the azimuth of the selected platform to that of the output, rad.
     offset_rad: f64,
-    /// A track has set the course.
-    known: bool,
+    course_known: bool,
     since_track_s: f64,
     drift_sd_rad: f64,
-    carried: Carried,
+    bias_handover: HandedOverBias,
 }
 
 impl Default for LevellingUnified {
@@ -90,13 +96,13 @@ impl Default for LevellingUnified {
             settings: UnifiedSettings::default(),
             aided: Platform::default(),
             autonomous: Platform::default(),
-            speed: Speed::default(),
+            speed: GroundSpeed::default(),
             is_aided: false,
             offset_rad: 0.0,
-            known: false,
+            course_known: false,
             since_track_s: 0.0,
             drift_sd_rad: PI,
-            carried: Carried::default(),
+            bias_handover: HandedOverBias::default(),
         }
     }
 }
@@ -107,51 +113,52 @@ impl LevellingUnified {
         self.autonomous.realign();
     }
 
-    fn chosen(&self) -> &Platform {
+    fn selected(&self) -> &Platform {
         if self.is_aided { &self.aided } else { &self.autonomous }
     }
 
     fn attitude(&self) -> Attitude {
-        let Attitude { up, z_rad } = self.chosen().attitude;
+        let Attitude { up, z_rad } = self.selected().attitude;
         Attitude { up, z_rad: wrapped_rad(z_rad + self.offset_rad) }
     }
 
-    /// Sets k; true where the level jumps with it.
-    fn choose(&mut self, is_aided: bool) -> bool {
+    /// Sets k. Returns `true` if the level jumps with it.
+    fn select(&mut self, is_aided: bool) -> bool {
         if self.is_aided == is_aided {
             return false;
         }
-        let before = self.attitude();
+        let previous = self.attitude();
         self.is_aided = is_aided;
-        // What is left between the two, beside the tilt, is a turn about the vertical.
-        let turn = before.quaternion() * self.attitude().quaternion().conjugate();
-        self.offset_rad = wrapped_rad(self.offset_rad + 2.0 * libm::atan2(turn.k, turn.w));
-        let (one, other) = (before.up.direction(), self.attitude().up.direction());
-        one.cross(&other).norm() > JUMP_RAD || one.dot(&other) < 0.0
+        // Apart from the tilt, the platforms differ by a rotation about the vertical.
+        let rotation = previous.quaternion() * self.attitude().quaternion().conjugate();
+        self.offset_rad = wrapped_rad(self.offset_rad + 2.0 * libm::atan2(rotation.k, rotation.w));
+        let (previous_up, new_up) = (previous.up.direction(), self.attitude().up.direction());
+        previous_up.cross(&new_up).norm() > MIN_JUMP_RAD || previous_up.dot(&new_up) < 0.0
     }
 
-    /// One step of the complex course towards a track; true where it is the first, which sets it.
-    fn follow(&mut self, fix: &Fix) -> bool {
+    /// Corrects the complex course towards a track. Returns `true` for the first track, which sets
+    /// the course.
+    fn apply_track(&mut self, fix: &Fix) -> bool {
         let angles = self.attitude().angles();
-        if fix.speed_m_s() < self.settings.track_speed_m_s || libm::fabs(angles.pitch_rad) > STEEP_RAD {
+        if fix.speed_m_s() < self.settings.track_speed_m_s || libm::fabs(angles.pitch_rad) > MAX_COURSE_PITCH_RAD {
             return false;
         }
         let interval_s = core::mem::take(&mut self.since_track_s).min(self.settings.gap_s);
-        let first = !core::mem::replace(&mut self.known, true);
+        let first = !core::mem::replace(&mut self.course_known, true);
         let gain = if first { 1.0 } else { -libm::expm1(-interval_s / self.settings.course_time_constant_s) };
         // The course is clockwise, yaw and azimuth are not.
-        let off_rad = wrapped_rad(-angles.yaw_rad - fix.track_rad());
-        self.offset_rad = wrapped_rad(self.offset_rad + off_rad * gain);
+        let error_rad = wrapped_rad(-angles.yaw_rad - fix.track_rad());
+        self.offset_rad = wrapped_rad(self.offset_rad + error_rad * gain);
         self.drift_sd_rad -= self.drift_sd_rad * gain;
         first
     }
 
     fn heading_sd_rad(&self) -> f64 {
-        if self.known { libm::hypot(self.drift_sd_rad, CRAB_RAD).min(PI) } else { PI }
+        if self.course_known { libm::hypot(self.drift_sd_rad, CRAB_SD_RAD).min(PI) } else { PI }
     }
 
-    fn reference(&self) -> Reference {
-        if self.known { Reference::True } else { Reference::Arbitrary }
+    fn reference(&self) -> CourseReference {
+        if self.course_known { CourseReference::True } else { CourseReference::Arbitrary }
     }
 }
 
@@ -173,51 +180,51 @@ impl Stage for LevellingUnified {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
         let dt_s = interval_s(input.motion.as_ref());
         let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
-        self.aided.turn(input.motion.as_ref(), dt_s);
-        self.autonomous.turn(input.motion.as_ref(), dt_s);
-        self.carried.observe(input);
-        self.speed.wait(dt_s);
+        self.aided.rotate(input.motion.as_ref(), dt_s);
+        self.autonomous.rotate(input.motion.as_ref(), dt_s);
+        self.bias_handover.observe(input);
+        self.speed.advance(dt_s);
         self.since_track_s += dt_s;
         self.drift_sd_rad = (self.drift_sd_rad + DRIFT_RAD_S * dt_s).min(PI);
-        let fix = credible(input.fix.as_ref());
+        let fix = plausible_fix(input.fix.as_ref());
         if let Some(fix) = fix {
-            self.speed.take(fix, self.settings.gap_s);
+            self.speed.record_fix(fix, self.settings.gap_s);
             corrections.velocity = true;
         }
         let mut innovation = [0.0; 2];
         if let Some(inclination) = &input.inclination {
             let UnifiedSettings { time_constant_s, autonomous_time_constant_s, low_pass_s, .. } = self.settings;
-            let (speed_m_s, along_m_s2) = (self.speed.along_m_s(), self.speed.rate_m_s2());
+            let (speed_m_s, speed_rate_m_s2) = (self.speed.speed_m_s(), self.speed.rate_m_s2());
             let laws = [
                 Law::Autonomous { time_constant_s: autonomous_time_constant_s },
-                Law::Aided { speed_m_s, along_m_s2, time_constant_s },
+                Law::Aided { speed_m_s, speed_rate_m_s2, time_constant_s },
             ];
-            for (which, platform) in [&mut self.autonomous, &mut self.aided].into_iter().enumerate() {
-                match platform.see(inclination, rate_rad_s, laws[which], low_pass_s) {
-                    Levelled::Set => corrections.aligned = true,
-                    Levelled::Moved { innovation_rad } => {
-                        innovation[which] = innovation_rad;
+            for (index, platform) in [&mut self.autonomous, &mut self.aided].into_iter().enumerate() {
+                match platform.update(inclination, rate_rad_s, laws[index], low_pass_s) {
+                    LevelUpdate::Set => corrections.aligned = true,
+                    LevelUpdate::Moved { innovation_rad } => {
+                        innovation[index] = innovation_rad;
                         corrections.tilt = true;
                     }
                 }
             }
         }
-        self.speed.spend(dt_s);
-        corrections.aligned |= self.choose(self.speed.is_told(self.settings.gap_s));
+        self.speed.end_tick(dt_s);
+        corrections.aligned |= self.select(self.speed.is_recent(self.settings.gap_s));
         if let Some(fix) = fix {
-            corrections.aligned |= self.follow(fix);
+            corrections.aligned |= self.apply_track(fix);
         }
         Fused {
             attitude: self.attitude(),
             rate_rad_s,
             bias_rad_s: Vector3::zeros(),
             innovation_rad: innovation[usize::from(self.is_aided)],
-            inclination_sd_rad: self.chosen().inclination_sd_rad(),
+            inclination_sd_rad: self.selected().inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
             reference: self.reference(),
             corrections,
@@ -230,47 +237,48 @@ impl Stage for LevellingUnified {
         self.speed.visit(visit);
         self.is_aided.visit(visit);
         self.offset_rad.visit(visit);
-        self.known.visit(visit);
+        self.course_known.visit(visit);
         self.since_track_s.visit(visit);
         self.drift_sd_rad.visit(visit);
-        self.carried.visit(visit);
+        self.bias_handover.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
+    fn validation_error(&self) -> Option<&'static str> {
         let negative = self.since_track_s < 0.0 || self.drift_sd_rad < 0.0;
         self.aided
-            .flaw()
-            .or_else(|| self.autonomous.flaw())
-            .or_else(|| self.speed.flaw())
-            .or((libm::fabs(self.offset_rad) > 4.0).then_some("an angle of more than a turn"))
-            .or(negative.then_some("a time or a standard deviation below zero"))
-            .or_else(|| self.carried.flaw())
+            .validation_error()
+            .or_else(|| self.autonomous.validation_error())
+            .or_else(|| self.speed.validation_error())
+            .or((libm::fabs(self.offset_rad) > 4.0).then_some("an angle of more than one revolution"))
+            .or(negative.then_some("a negative time or standard deviation"))
+            .or_else(|| self.bias_handover.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (bias_rad_s, bias_sd_rad_s) = self.carried.bias();
+        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.bias();
         Estimate {
             attitude: self.attitude(),
             reference: self.reference(),
             bias_rad_s,
-            inclination_sd_rad: self.chosen().inclination_sd_rad(),
+            inclination_sd_rad: self.selected().inclination_sd_rad(),
             heading_sd_rad: self.heading_sd_rad(),
             bias_sd_rad_s,
-            gyro_scale: self.carried.gyro_scale(),
-            hard_iron: self.carried.hard_iron(),
+            gyro_scale: self.bias_handover.gyro_scale(),
+            hard_iron: self.bias_handover.hard_iron(),
             leaky_velocity: LeakyVelocity::UNKNOWN,
         }
     }
 
-    /// Both platforms go on with what was handed over; a course that is not true is set by the next track.
+    /// Continues both platforms from the handed-over attitude. A course that is not true is set by
+    /// the next track.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
+        common.validate()?;
         self.aided.adopt(common.attitude, self.settings.low_pass_s);
         self.autonomous.adopt(common.attitude, self.settings.low_pass_s);
         self.offset_rad = 0.0;
-        self.known = common.reference == Reference::True;
+        self.course_known = common.reference == CourseReference::True;
         self.drift_sd_rad = common.heading_sd_rad.min(PI);
-        self.carried = Carried::of(common);
+        self.bias_handover = HandedOverBias::from_estimate(common);
         Ok(())
     }
 }

@@ -1,20 +1,27 @@
-//! The fuser `multiple-model`: two stages on the same input, of which each is right for one kind of motion, and one attitude.
+//! Fuser `multiple-model`: two stages on the same input, one per kind of motion, combined to one
+//! attitude.
 //!
-//! `wz` holds that the mean acceleration of some seconds is zero: what a hand, a robot's arm or a hovering vehicle moves. `aided` holds
-//! that a velocity lasts, which a receiver tells or, without one, the turns reveal: what flies or drives. Both run all the time. The
-//! level is that of `aided` as long as the body was seen to be carried over ground within five minutes: a velocity was used in a
-//! heading that counts from north, or a coordinated turn lasted (`turns`); else that of `wz`. The heading is that of `aided` where it
-//! counts from true north, of `wz` where it knows magnetic north and nothing is carried, and of `wz` where nobody knows north.
+//! `wz` assumes that the mean acceleration over some seconds is zero, as for a hand, a robot's arm
+//! or a hovering vehicle. `aided` assumes that a velocity persists, which is known from a receiver
+//! or, without one, inferred from turns, as for aircraft and cars. Both run all the time.
 //!
-//! From one to the other the attitude goes on where it was, and what is left between the two is taken back by and by (`transition`).
+//! The level is that of `aided` if ground motion was detected within five minutes: a velocity was
+//! used while the heading refers to true north, or a coordinated turn was detected
+//! (`turn_detector`). Otherwise the level is that of `wz`.
 //!
-//! | file | what it does |
+//! The heading is that of `aided` if it refers to true north. It is that of `wz` if `wz` knows
+//! magnetic north and there is no ground motion, and if neither stage knows north.
+//!
+//! A change between the stages does not change the attitude. The remaining difference is removed
+//! gradually (`transition`).
+//!
+//! | file | content |
 //! | --- | --- |
-//! | `turns` | coordinated turns, seen without an attitude |
-//! | `transition` | from the attitude of one stage to that of another without a step |
+//! | `turn_detector` | detection of coordinated turns, without an attitude |
+//! | `transition` | transition from the attitude of one stage to that of another without a step |
 
 mod transition;
-mod turns;
+mod turn_detector;
 
 use super::{
     aided::{self, Aided},
@@ -24,23 +31,25 @@ use super::{
     wz::{self, Wz},
 };
 use crate::{
-    course::Reference,
-    numbers::Numbers,
+    course::CourseReference,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
     stage::{RestoreError, Stage},
 };
-use {transition::Transition, turns::Turns};
+use {transition::Transition, turn_detector::TurnDetector};
 
-/// How long a body that was carried over ground is taken to be carried on, s.
-const CARRIED_S: f64 = 300.0;
-/// Those of `wz`, then those of `aided`. What both have stands among the second and is set in both; the magnetometer's of `aided` are left out, since
-/// the magnetic heading is that of `wz`.
-const PARAMETERS: &[Parameter] = &joined::<{ OF_WZ.len() + OF_AIDED.len() }>(OF_WZ, OF_AIDED);
-const OF_WZ: &[Parameter] = Wz::PARAMETERS.split_at(Wz::PARAMETERS.len() - wz::OF_AIDED_TOO).0;
-const OF_AIDED: &[Parameter] =
-    aided::Settings::TABLE.split_at(aided::Settings::TABLE.len() - aided::OF_THE_MAGNETOMETER).0;
+/// Time for which a body counts as moving over ground after ground motion was detected, s.
+const GROUND_MOTION_HOLD_S: f64 = 300.0;
+/// Parameters of `wz`, then those of `aided`.
+///
+/// A parameter of both stages is listed once, with those of `aided`, and set in both. The
+/// magnetometer parameters of `aided` are omitted because the magnetic heading is that of `wz`.
+const PARAMETERS: &[Parameter] = &concat::<{ WZ_PARAMETERS.len() + AIDED_PARAMETERS.len() }>(WZ_PARAMETERS, AIDED_PARAMETERS);
+const WZ_PARAMETERS: &[Parameter] = Wz::PARAMETERS.split_at(Wz::PARAMETERS.len() - wz::SHARED_WITH_AIDED).0;
+const AIDED_PARAMETERS: &[Parameter] =
+    aided::Settings::TABLE.split_at(aided::Settings::TABLE.len() - aided::MAGNETOMETER_COUNT).0;
 
-const fn joined<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -> [Parameter; COUNT] {
+const fn concat<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -> [Parameter; COUNT] {
     let mut all = [first[0]; COUNT];
     let mut i = 0;
     while i < COUNT {
@@ -50,48 +59,48 @@ const fn joined<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -
     all
 }
 
-/// One of the two.
+/// Stage that a part of the output is taken from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Model {
     Wz,
     Aided,
 }
 
-/// Which stage gives what.
+/// Stages that provide level and heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Chosen {
+struct ModelSelection {
     level: Model,
     heading: Model,
 }
 
-impl Chosen {
+impl ModelSelection {
     const WZ: Self = Self { level: Model::Wz, heading: Model::Wz };
 
-    fn of<T>(self, wz: T, aided: T) -> Both<T>
+    fn pick<T>(self, wz: T, aided: T) -> Selected<T>
     where
         T: Copy,
     {
-        let by = |model| if model == Model::Wz { wz } else { aided };
-        Both { level: by(self.level), heading: by(self.heading) }
+        let value_of = |model| if model == Model::Wz { wz } else { aided };
+        Selected { level: value_of(self.level), heading: value_of(self.heading) }
     }
 }
 
-/// What the chosen stages have.
+/// Values of the selected stages.
 #[derive(Debug, Clone, Copy)]
-struct Both<T> {
+struct Selected<T> {
     level: T,
     heading: T,
 }
 
-/// The fuser stage `multiple-model`.
+/// Fuser stage `multiple-model`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultipleModel {
     wz: Wz,
     aided: Aided,
-    turns: Turns,
-    /// Since the body was last seen to be carried over ground, s.
-    since_carried_s: f64,
-    chosen: Chosen,
+    turns: TurnDetector,
+    /// Time since ground motion was last detected, s.
+    since_ground_motion_s: f64,
+    selection: ModelSelection,
     transition: Transition,
 }
 
@@ -100,9 +109,9 @@ impl Default for MultipleModel {
         Self {
             wz: Wz::default(),
             aided: Aided::default(),
-            turns: Turns::default(),
-            since_carried_s: CARRIED_S,
-            chosen: Chosen::WZ,
+            turns: TurnDetector::default(),
+            since_ground_motion_s: GROUND_MOTION_HOLD_S,
+            selection: ModelSelection::WZ,
             transition: Transition::default(),
         }
     }
@@ -112,18 +121,18 @@ impl MultipleModel {
     pub(super) fn realign(&mut self) {
         self.wz.realign();
         self.aided.realign();
-        self.turns = Turns::default();
+        self.turns = TurnDetector::default();
     }
 
-    /// Which stage gives what, by what their headings count from.
-    fn choice(&self, wz: Reference, aided: Reference) -> Chosen {
-        let is_carried = self.since_carried_s < CARRIED_S;
+    /// Selects the stages by the references of their headings and by ground motion.
+    fn select(&self, wz: CourseReference, aided: CourseReference) -> ModelSelection {
+        let has_ground_motion = self.since_ground_motion_s < GROUND_MOTION_HOLD_S;
         let heading = match (wz, aided) {
-            (Reference::Magnetic, Reference::True) if !is_carried => Model::Wz,
-            (_, Reference::True) => Model::Aided,
+            (CourseReference::Magnetic, CourseReference::True) if !has_ground_motion => Model::Wz,
+            (_, CourseReference::True) => Model::Aided,
             _ => Model::Wz,
         };
-        Chosen { level: if is_carried { Model::Aided } else { Model::Wz }, heading }
+        ModelSelection { level: if has_ground_motion { Model::Aided } else { Model::Wz }, heading }
     }
 }
 
@@ -149,35 +158,35 @@ impl Stage for MultipleModel {
             return Err(ParameterError::Unknown { known: PARAMETERS });
         }
         match (self.wz.set(name, value), self.aided.set(name, value)) {
-            (Err(ParameterError::Unknown { .. }), of_aided) => of_aided,
-            (of_wz, Err(ParameterError::Unknown { .. })) => of_wz,
-            (of_wz, of_aided) => of_wz.and(of_aided),
+            (Err(ParameterError::Unknown { .. }), aided) => aided,
+            (wz, Err(ParameterError::Unknown { .. })) => wz,
+            (wz, aided) => wz.and(aided),
         }
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let (wz, aided) = (self.wz.step(input), self.aided.step(input));
         let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
-        let told = aided.corrections.velocity && aided.reference == Reference::True;
-        if self.turns.lasts(input, aided.bias_rad_s) || told {
-            self.since_carried_s = 0.0;
+        let has_velocity = aided.corrections.velocity && aided.reference == CourseReference::True;
+        if self.turns.update(input, aided.bias_rad_s) || has_velocity {
+            self.since_ground_motion_s = 0.0;
         } else {
-            self.since_carried_s = (self.since_carried_s + dt_s).min(CARRIED_S);
+            self.since_ground_motion_s = (self.since_ground_motion_s + dt_s).min(GROUND_MOTION_HOLD_S);
         }
-        let (before, chosen) = (self.chosen, self.choice(wz.reference, aided.reference));
-        self.chosen = chosen;
-        let Both { level, heading } = chosen.of(wz, aided);
+        let (previous, selection) = (self.selection, self.select(wz.reference, aided.reference));
+        self.selection = selection;
+        let Selected { level, heading } = selection.pick(wz, aided);
         let mut aligned = level.corrections.aligned;
-        if before.level != chosen.level {
-            aligned |= self.transition.begin(before.of(wz, aided).level.attitude, level.attitude);
+        if previous.level != selection.level {
+            aligned |= self.transition.start(previous.pick(wz, aided).level.attitude, level.attitude);
         }
-        if heading.reference != Reference::Arbitrary {
-            let other = (chosen.level != chosen.heading).then_some(heading.attitude);
+        if heading.reference != CourseReference::Arbitrary {
+            let other = (selection.level != selection.heading).then_some(heading.attitude);
             aligned |= self.transition.follow_heading(level.attitude, other, dt_s);
         }
-        self.transition.ease(dt_s);
+        self.transition.decay_tilt(dt_s);
         Fused {
             attitude: self.transition.attitude(level.attitude),
             heading_sd_rad: heading.heading_sd_rad,
@@ -197,44 +206,45 @@ impl Stage for MultipleModel {
         self.wz.visit_state(visit);
         self.aided.visit_state(visit);
         self.turns.visit(visit);
-        self.since_carried_s.visit(visit);
-        self.chosen.visit(visit);
+        self.since_ground_motion_s.visit(visit);
+        self.selection.visit(visit);
         self.transition.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        let time = (self.since_carried_s < 0.0).then_some("a time below zero");
-        let parts = self.wz.flaw().or_else(|| self.aided.flaw());
-        parts.or_else(|| self.turns.flaw()).or_else(|| self.transition.flaw()).or(time)
+    fn validation_error(&self) -> Option<&'static str> {
+        let time = (self.since_ground_motion_s < 0.0).then_some("a negative time");
+        let parts = self.wz.validation_error().or_else(|| self.aided.validation_error());
+        parts.or_else(|| self.turns.validation_error()).or_else(|| self.transition.validation_error()).or(time)
     }
 
     fn common(&self) -> Estimate {
         let (wz, aided) = (self.wz.common(), self.aided.common());
-        let Both { level, heading } = self.chosen.of(wz, aided);
+        let Selected { level, heading } = self.selection.pick(wz, aided);
         Estimate {
             attitude: self.transition.attitude(level.attitude),
             reference: heading.reference,
             heading_sd_rad: heading.heading_sd_rad,
             gyro_scale: wz.gyro_scale,
             hard_iron: wz.hard_iron,
-            leaky_velocity: self.transition.turned(level.leaky_velocity),
+            leaky_velocity: self.transition.rotate_velocity(level.leaky_velocity),
             ..level
         }
     }
 
-    /// Both go on with what was handed over; whoever hands over true north was carried.
+    /// Continues both stages from the handed-over state. A heading from true north counts as ground
+    /// motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         self.wz.adopt(common)?;
         self.aided.adopt(common)?;
-        self.turns = Turns::default();
-        self.since_carried_s = if common.reference == Reference::True { 0.0 } else { CARRIED_S };
-        self.chosen = self.choice(common.reference, common.reference);
+        self.turns = TurnDetector::default();
+        self.since_ground_motion_s = if common.reference == CourseReference::True { 0.0 } else { GROUND_MOTION_HOLD_S };
+        self.selection = self.select(common.reference, common.reference);
         self.transition = Transition::default();
         Ok(())
     }
 }
 
-impl Numbers for Chosen {
+impl Scalars for ModelSelection {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         for model in [&mut self.level, &mut self.heading] {
             let mut aided = *model == Model::Aided;

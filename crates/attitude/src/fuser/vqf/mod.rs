@@ -1,15 +1,17 @@
-//! The fuser `vqf`: VQF as vqf-rs has it, with its default parameters; the yardstick.
+//! Fuser `vqf`: VQF in the implementation of vqf-rs, with its default parameters, as the benchmark.
 //!
-//! Laidig and Seel, VQF: highly accurate IMU orientation estimation with bias estimation and magnetic disturbance rejection,
-//! *Information Fusion* 91, 2023, 187–204. Frames and signs are those used here, east, north, up; heading is that of its
+//! Laidig and Seel, VQF: highly accurate IMU orientation estimation with bias estimation and
+//! magnetic disturbance rejection, *Information Fusion* 91, 2023, 187–204.
+//!
+//! Frames and signs are those of this crate, east, north, up. The heading is that of the
 //! magnetometer-free part until the first field.
 //!
-//! vqf-rs filters with a sampling time fixed when it is made. It is the mean of the first intervals here; the attitude itself is
-//! integrated over each interval's own length.
+//! vqf-rs filters with a sampling time that is fixed on construction. Here it is the mean of the
+//! first intervals; the attitude itself is integrated over the length of each interval.
 
 mod filter;
 mod level;
-mod numbers;
+mod vqf_state;
 mod period;
 mod quaternions;
 
@@ -20,15 +22,15 @@ use super::{
     field::field_direction,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
-    spread::Spread,
+    angle_uncertainty::AngleUncertainty,
 };
 use crate::{
     Vector3,
-    course::Reference,
-    numbers::Numbers,
-    stage::{RestoreError, Stage, bias_flaw},
+    course::CourseReference,
+    scalars::Scalars,
+    stage::{RestoreError, Stage, bias_validation_error},
 };
-use {filter::bounded, numbers::visit_numbers};
+use {filter::clamped, vqf_state::visit_state};
 
 impl Vqf {
     pub(super) fn realign(&mut self) {
@@ -46,35 +48,35 @@ impl Stage for Vqf {
     }
 
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
         let mut innovation = 0.0;
         if let Some(motion) = &input.motion {
-            self.turn(motion);
+            self.process_motion(motion);
         }
         if let Some(inclination) = &input.inclination {
             if self.levelled {
                 innovation = innovation_rad(inclination, self.attitude());
                 corrections.tilt = true;
             } else {
-                self.level(inclination.up);
+                self.align_level(inclination.up);
                 corrections.aligned = true;
             }
             if !input.rest_credible {
                 let state = self.filter.state_mut();
                 (state.rest_detected, state.rest_t) = (false, 0.0);
             }
-            self.filter.update_acc(bounded(inclination.force_m_s2));
-            let dt_s = self.motion.mean_s;
-            self.tilt.corrected(innovation, dt_s / (self.filter.params().tau_acc + dt_s), dt_s);
+            self.filter.update_acc(clamped(inclination.force_m_s2));
+            let dt_s = self.motion_period.mean_s;
+            self.tilt.record_correction(innovation, dt_s / (self.filter.params().tau_acc + dt_s), dt_s);
             corrections.bias = true;
             corrections.rest = self.filter.rest_detected();
         }
         if let (true, Some(field_ut)) =
             (self.levelled, input.field_ut.filter(|field| field_direction(*field).is_some()))
         {
-            corrections.aligned |= self.point(field_ut);
+            corrections.aligned |= self.process_field(field_ut);
             corrections.disturbed = self.filter.mag_dist_detected();
             corrections.magnetic = self.filter.state().last_mag_corr_angular_rate != 0.0;
         }
@@ -92,9 +94,9 @@ impl Stage for Vqf {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        let timed = (self.motion.mean_s, self.field.mean_s);
-        self.motion.visit(visit);
-        self.field.visit(visit);
+        let previous_means = (self.motion_period.mean_s, self.field_period.mean_s);
+        self.motion_period.visit(visit);
+        self.field_period.visit(visit);
         self.levelled.visit(visit);
         self.magnetic.visit(visit);
         self.tilt.visit(visit);
@@ -102,21 +104,21 @@ impl Stage for Vqf {
         self.velocity_sd_m_s.visit(visit);
         self.gyro_scale.visit(visit);
         self.hard_iron.visit(visit);
-        visit_numbers(self.filter.state_mut(), visit);
-        if timed != (self.motion.mean_s, self.field.mean_s) && self.timing_flaw().is_none() {
-            self.retime();
+        visit_state(self.filter.state_mut(), visit);
+        if previous_means != (self.motion_period.mean_s, self.field_period.mean_s) && self.timing_error().is_none() {
+            self.rebuild();
         }
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        self.timing_flaw()
-            .or_else(|| numbers::flaw(self.filter.state()))
-            .or_else(|| bias_flaw(self.bias_rad_s()))
-            .or_else(|| self.tilt.flaw())
-            .or_else(|| self.heading.flaw())
-            .or_else(|| (self.velocity_sd_m_s < 0.0).then_some("a standard deviation below zero"))
-            .or_else(|| self.gyro_scale.flaw())
-            .or_else(|| self.hard_iron.flaw())
+    fn validation_error(&self) -> Option<&'static str> {
+        self.timing_error()
+            .or_else(|| vqf_state::validation_error(self.filter.state()))
+            .or_else(|| bias_validation_error(self.bias_rad_s()))
+            .or_else(|| self.tilt.validation_error())
+            .or_else(|| self.heading.validation_error())
+            .or_else(|| (self.velocity_sd_m_s < 0.0).then_some("a negative standard deviation"))
+            .or_else(|| self.gyro_scale.validation_error())
+            .or_else(|| self.hard_iron.validation_error())
     }
 
     fn common(&self) -> Estimate {
@@ -133,24 +135,26 @@ impl Stage for Vqf {
         }
     }
 
-    /// A heading from true north is kept until the next field, which sets it anew. The bias is held to what VQF allows.
+    /// Continues from a handed-over state. A heading from true north is kept until the next field,
+    /// which resets it. The bias is clamped to the range of VQF.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
-        self.put(common.attitude);
-        self.trust_level(common.leaky_velocity.first_m_s());
-        self.velocity_sd_m_s = common.leaky_velocity.first_sd_m_s();
+        common.validate()?;
+        self.set_attitude(common.attitude);
+        self.seed_low_pass(common.leaky_velocity.initial_m_s());
+        self.velocity_sd_m_s = common.leaky_velocity.initial_sd_m_s();
         self.levelled = true;
-        self.magnetic = common.reference == Reference::Magnetic;
+        self.magnetic = common.reference == CourseReference::Magnetic;
         let params = self.filter.params();
         let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
         let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
-        // How well it is known VQF finds out as at its own beginning: what the giver's error is made of is not known here.
+        // VQF estimates the uncertainty of the bias as on a cold start, because the composition of
+        // the handed-over error is unknown.
         self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
         let state = self.filter.state_mut();
         state.delta = 0.0;
         state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
-        self.tilt = Spread::of(common.inclination_sd_rad);
-        self.heading = Spread::of(common.heading_sd_rad);
+        self.tilt = AngleUncertainty::from_sd(common.inclination_sd_rad);
+        self.heading = AngleUncertainty::from_sd(common.heading_sd_rad);
         self.gyro_scale = common.gyro_scale;
         self.hard_iron = common.hard_iron;
         Ok(())

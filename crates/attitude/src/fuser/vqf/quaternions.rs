@@ -1,13 +1,12 @@
-//! Quaternions of vqf-rs and of this crate.
+//! Conversion between the quaternions of vqf-rs and of this crate.
 
 use crate::Quaternion;
 
-pub(super) fn of_ours(q: Quaternion<f64>) -> vqf_rs::Quaternion {
+pub(super) fn to_vqf(q: Quaternion<f64>) -> vqf_rs::Quaternion {
     vqf_rs::Quaternion(q.w, q.i, q.j, q.k)
 }
 
-/// The same quaternion, as this crate has it.
-pub(super) fn to_ours(q: vqf_rs::Quaternion) -> Quaternion<f64> {
+pub(super) fn from_vqf(q: vqf_rs::Quaternion) -> Quaternion<f64> {
     Quaternion::new(q.0, q.1, q.2, q.3)
 }
 

@@ -1,60 +1,63 @@
-//! A level that was taken over from another stage while the body was under way.
+//! Estimates the error of the leaky velocity with which the loop started on a moving body.
 //!
-//! The loop begins with the velocity of the loop before it, or without one. By the difference from the body's it leans, for as long
-//! as it remembers, off a level that was right. What leans it is known, and so is where the level would be without: the difference shows in the tilt that the
-//! filter of the bias finds, is estimated from it and taken back. The less is known of the level that was taken over, the less is taken.
+//! After a hand-over, the loop starts with the velocity of the previous loop or with zero. The
+//! velocity error tilts an initially correct level for as long as the loop remembers it. The effect
+//! of this error on the loop is known, so it can be estimated from the tilt found by the gyro error
+//! filter and corrected. The correction is smaller if the adopted level is less certain.
 
 use super::{
-    level::{Error, Response},
+    level::{LoopError, LoopResponse},
     time_constants::T2_S,
 };
-use crate::{Complex, GRAVITY_M_S2, numbers::Numbers};
+use crate::{Complex, GRAVITY_M_S2, scalars::Scalars};
 
-/// What the loop is off by in a movement, rad: 1°.
-const LOOP_SD_RAD: f64 = 0.017_453_293;
+/// Tilt error of the loop during a movement, rad: 1°.
+const LOOP_TILT_SD_RAD: f64 = 0.017_453_293;
 
-/// Estimates what the loop's first velocity was off by.
+/// Estimator of the error of the loop's initial velocity.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct InitialVelocity {
-    /// Tilt and velocity of the loop for a unit of it.
-    share: [f64; 2],
+pub(super) struct InitialVelocityEstimator {
+    /// Tilt and velocity error of the loop per unit of the initial velocity error.
+    sensitivity: [f64; 2],
     variance_s2: f64,
 }
 
-impl InitialVelocity {
-    /// A level was just taken over, with a velocity that is known so well.
-    pub(super) fn begun(sd_m_s: f64) -> Self {
+impl InitialVelocityEstimator {
+    /// Creates the estimator for an adopted velocity with the given standard deviation.
+    pub(super) fn new(sd_m_s: f64) -> Self {
         let sd_s = sd_m_s / GRAVITY_M_S2;
-        Self { share: [0.0, 1.0], variance_s2: sd_s * sd_s }
+        Self { sensitivity: [0.0, 1.0], variance_s2: sd_s * sd_s }
     }
 
-    /// After `interval_s` the loop is off by `tilt_rad`, as the filter has it with this variance. What is to be taken back.
-    pub(super) fn observe(&mut self, tilt_rad: Complex<f64>, tilt_variance_rad2: f64, interval_s: f64) -> Error {
-        let [tilt, velocity] = self.share;
-        self.share = Response::over(interval_s).after(tilt, velocity);
-        // What the loop is off by otherwise stays alike for its time constant.
-        let noise_rad2 = (LOOP_SD_RAD * LOOP_SD_RAD + tilt_variance_rad2) * (T2_S / interval_s).max(1.0);
-        let [tilt, velocity] = self.share;
+    /// Returns the correction of the loop, given its tilt error after `interval_s`.
+    ///
+    /// `tilt_rad` and `tilt_variance_rad2` are the estimate of the gyro error filter.
+    pub(super) fn observe(&mut self, tilt_rad: Complex<f64>, tilt_variance_rad2: f64, interval_s: f64) -> LoopError {
+        let [tilt, velocity] = self.sensitivity;
+        self.sensitivity = LoopResponse::new(interval_s).apply(tilt, velocity);
+        // Other tilt errors of the loop stay correlated over its time constant.
+        let noise_rad2 = (LOOP_TILT_SD_RAD * LOOP_TILT_SD_RAD + tilt_variance_rad2) * (T2_S / interval_s).max(1.0);
+        let [tilt, velocity] = self.sensitivity;
         let gain = self.variance_s2 * tilt / (tilt * tilt * self.variance_s2 + noise_rad2);
         self.variance_s2 *= (1.0 - gain * tilt).max(0.0);
-        let found_s = tilt_rad * gain;
-        Error { tilt: found_s * tilt, velocity: found_s * velocity }
+        let correction_s = tilt_rad * gain;
+        LoopError { tilt: correction_s * tilt, velocity: correction_s * velocity }
     }
 
-    /// Standard deviation of what is left in the loop's velocity, m/s.
-    pub(super) fn left_sd_m_s(&self) -> f64 {
-        libm::sqrt(self.variance_s2) * libm::fabs(self.share[1]) * GRAVITY_M_S2
+    /// Returns the standard deviation of the error remaining in the loop's velocity, m/s.
+    pub(super) fn remaining_sd_m_s(&self) -> f64 {
+        libm::sqrt(self.variance_s2) * libm::fabs(self.sensitivity[1]) * GRAVITY_M_S2
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.variance_s2 < 0.0).then_some("a variance below zero")
     }
 }
 
-impl Numbers for InitialVelocity {
+impl Scalars for InitialVelocityEstimator {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.share.iter_mut().for_each(&mut *visit);
+        self.sensitivity.iter_mut().for_each(&mut *visit);
         self.variance_s2.visit(visit);
     }
 }

@@ -1,76 +1,77 @@
-//! The level: the attitude, and the leaky velocity by which it leans.
+//! Attitude and leaky velocity of the levelling loop.
 //!
-//! What is horizontal is kept in the frame of fixed azimuth: the level frame turned back by z, so that turns about the vertical
-//! leave it where it is. It is one with the reference frame but for the azimuth at which it began.
+//! Horizontal quantities are kept in the frame of fixed azimuth, which is the level frame rotated
+//! back by z. Rotations about the vertical leave it unchanged. It differs from the reference frame
+//! only by the azimuth at the start.
 
 use core::ops::{Add, Mul, Sub};
 
 use super::{
-    ease,
+    correction_smoothing,
     time_constants::{T1_S, T2_S},
 };
 use crate::{
     Complex, GRAVITY_M_S2,
     fuser::leaky_velocity::LeakyVelocity,
-    numbers::Numbers,
+    scalars::Scalars,
     point::Point,
-    stage::attitude_flaw,
-    state::{Attitude, Axes, Moved},
-    turn::Turn,
+    stage::attitude_validation_error,
+    state::{Attitude, BodyAxes, AttitudeUpdate},
+    rotation::Rotation,
 };
 
-/// From the velocity, m/s, to half the tilt rate, rad/s.
-const HALF_TILT_RATE: f64 = 0.5 / (GRAVITY_M_S2 * T1_S * T2_S);
+/// Factor from the leaky velocity, m/s, to half the tilt rate, rad/s.
+const HALF_TILT_RATE_PER_VELOCITY: f64 = 0.5 / (GRAVITY_M_S2 * T1_S * T2_S);
 
-/// More is not taken back by and by, rad: 0.5°.
-const JUMP_RAD: f64 = 0.008_726_646;
+/// Largest correction that is applied gradually, rad: 0.5°. A larger one is a flagged jump.
+const MAX_SMOOTHED_RAD: f64 = 0.008_726_646;
 
-/// The attitude and the velocity of the levelling loop.
+/// State of the levelling loop.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Level {
     attitude: Attitude,
-    /// e^{jz}: takes what is in the level frame to the frame of fixed azimuth.
+    /// e^{jz}, the rotation from the level frame to the frame of fixed azimuth.
     azimuth: Complex<f64>,
     velocity_m_s: Complex<f64>,
-    /// At the last [`Level::take_leaned`].
-    velocity_before_m_s: Complex<f64>,
-    /// What is known of the tilt and not yet taken back, rad, in the frame of fixed azimuth.
-    left_rad: Complex<f64>,
+    /// Velocity at the last [`Level::take_tilt_correction`].
+    last_velocity_m_s: Complex<f64>,
+    /// Known tilt error that is still to be corrected, rad, in the frame of fixed azimuth.
+    pending_rad: Complex<f64>,
     started: bool,
 }
 
-/// A tilt error and the velocity that goes with it.
+/// Error of the levelling loop: its tilt and the corresponding velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Error {
-    /// rad: the horizontal force it causes, over g.
+pub(super) struct LoopError {
+    /// Tilt, rad: the horizontal force it causes, over g.
     pub(super) tilt: Complex<f64>,
-    /// Over g, s.
+    /// Velocity over g, s.
     pub(super) velocity: Complex<f64>,
 }
 
-/// What the loop makes of its own error over an interval: E' = −W/(T1 T2), W' = E − W/T1.
+/// Evolution of the loop's own error over an interval: E' = −W/(T1 T2), W' = E − W/T1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Response {
+pub(super) struct LoopResponse {
     c0: f64,
     c1: f64,
 }
 
-impl Response {
+impl LoopResponse {
     const A: f64 = 1.0 / (T1_S * T2_S);
     const B: f64 = 1.0 / T1_S;
 
-    /// e^{At} by Cayley and Hamilton, to the third order.
-    pub(super) fn over(interval_s: f64) -> Self {
-        const A: f64 = Response::A;
-        const B: f64 = Response::B;
+    /// Computes e^{At} by the Cayley–Hamilton theorem, to third order.
+    pub(super) fn new(interval_s: f64) -> Self {
+        const A: f64 = LoopResponse::A;
+        const B: f64 = LoopResponse::B;
         let t = interval_s;
         let c0 = 1.0 - t * t * (A / 2.0 - t * (A * B / 6.0));
         let c1 = t * (1.0 - t * (B / 2.0 - t * ((B * B - A) / 6.0)));
         Self { c0, c1 }
     }
 
-    /// A tilt and a velocity over g, after the interval.
-    pub(super) fn after<T>(self, tilt: T, velocity: T) -> [T; 2]
+    /// Returns tilt and velocity over g after the interval.
+    pub(super) fn apply<T>(self, tilt: T, velocity: T) -> [T; 2]
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,
     {
@@ -80,21 +81,21 @@ impl Response {
 }
 
 impl Level {
-    /// Waits for the first inclination.
+    /// Creates a level that waits for the first inclination.
     pub(super) fn new() -> Self {
-        Self { started: false, ..Self::of(Attitude::default(), Complex::new(0.0, 0.0)) }
+        Self { started: false, ..Self::from_attitude(Attitude::default(), Complex::new(0.0, 0.0)) }
     }
 
-    /// Goes on from an attitude and the velocity by which a loop before it leaned.
-    pub(super) fn of(attitude: Attitude, velocity_m_s: Complex<f64>) -> Self {
+    /// Creates a level from an attitude and the leaky velocity of the previous loop.
+    pub(super) fn from_attitude(attitude: Attitude, velocity_m_s: Complex<f64>) -> Self {
         let (sin, cos) = libm::sincos(attitude.z_rad);
         let zero = Complex::new(0.0, 0.0);
         Self {
             attitude,
             azimuth: Complex::new(cos, sin),
             velocity_m_s,
-            velocity_before_m_s: velocity_m_s,
-            left_rad: zero,
+            last_velocity_m_s: velocity_m_s,
+            pending_rad: zero,
             started: true,
         }
     }
@@ -103,112 +104,124 @@ impl Level {
         self.attitude
     }
 
-    /// e^{jz}.
+    /// Returns e^{jz}.
     #[inline]
     pub(super) fn azimuth(&self) -> Complex<f64> {
         self.azimuth
     }
 
-    /// The leaky velocity in the frame in which this is the turn of the level; of its first one this deviation is left.
-    pub(super) fn leaky_velocity(&self, z_rad: f64, left_sd_m_s: f64) -> LeakyVelocity {
+    /// Returns the leaky velocity for an attitude with heading `z_rad`.
+    ///
+    /// `remaining_sd_m_s` is the standard deviation that remains from the loop's initial velocity.
+    pub(super) fn leaky_velocity(&self, z_rad: f64, remaining_sd_m_s: f64) -> LeakyVelocity {
         if !self.started {
             return LeakyVelocity::UNKNOWN;
         }
-        LeakyVelocity::of_loop(self.velocity_m_s * self.azimuth.conj(), left_sd_m_s).turned(z_rad)
+        LeakyVelocity::from_loop(self.velocity_m_s * self.azimuth.conj(), remaining_sd_m_s).rotated(z_rad)
     }
 
-    /// The leaky velocity over g, s.
+    /// Returns the leaky velocity over g, s.
     pub(super) fn velocity_s(&self) -> Complex<f64> {
         self.velocity_m_s / GRAVITY_M_S2
     }
 
-    /// An inclination has been seen.
-    pub(super) fn started(&self) -> bool {
+    /// Returns `true` once an inclination has set the level.
+    pub(super) fn is_started(&self) -> bool {
         self.started
     }
 
-    /// What the velocity was gathered on is no longer the level.
+    /// Clears the velocity, because it was integrated on another level.
     #[cold]
-    pub(super) fn forget_velocity(&mut self) {
-        (self.velocity_m_s, self.velocity_before_m_s) = (Complex::new(0.0, 0.0), Complex::new(0.0, 0.0));
+    pub(super) fn reset_velocity(&mut self) {
+        (self.velocity_m_s, self.last_velocity_m_s) = (Complex::new(0.0, 0.0), Complex::new(0.0, 0.0));
     }
 
-    /// The next inclination sets the level anew.
+    /// Makes the next inclination re-initialise the level.
     pub(super) fn restart(&mut self) {
-        *self = Self { started: false, ..Self::of(self.attitude, Complex::new(0.0, 0.0)) };
+        *self = Self { started: false, ..Self::from_attitude(self.attitude, Complex::new(0.0, 0.0)) };
     }
 
-    /// The body turns for `dt_s`, while the level leans as the velocity tells for `lean_s` of it, and takes back what is left of a known
-    /// error; the body's axes in the frame of fixed azimuth.
+    /// Rotates the body over `dt_s` and tilts the level by the leaky velocity and the pending
+    /// correction.
+    ///
+    /// The leaky velocity acts during `levelling_s`. Returns the body axes in the frame of fixed
+    /// azimuth.
     #[inline]
-    pub(super) fn turn(&mut self, turn: Turn, dt_s: f64, lean_s: f64) -> Axes {
-        let back_rad = self.left_rad * ease::share(self.left_rad.norm_sqr(), dt_s);
-        self.left_rad -= back_rad;
-        let lean = back_rad * 0.5 + self.velocity_m_s * (HALF_TILT_RATE * lean_s);
-        self.attitude.turn_and_lean(turn, lean * self.azimuth.conj(), &mut self.azimuth)
+    pub(super) fn propagate(&mut self, rotation: Rotation, dt_s: f64, levelling_s: f64) -> BodyAxes {
+        let smoothed_rad = self.pending_rad * correction_smoothing::fraction(self.pending_rad.norm_sqr(), dt_s);
+        self.pending_rad -= smoothed_rad;
+        let tilt = smoothed_rad * 0.5 + self.velocity_m_s * (HALF_TILT_RATE_PER_VELOCITY * levelling_s);
+        self.attitude.rotate_and_tilt(rotation, tilt * self.azimuth.conj(), &mut self.azimuth)
     }
 
-    /// The horizontal part of a force as it is where nothing is left to be taken back; `up_m_s2` is its vertical part.
+    /// Returns the horizontal force with the pending tilt correction applied. `up_m_s2` is the
+    /// vertical force.
     #[inline]
-    pub(super) fn corrected(&self, horizontal_m_s2: Complex<f64>, up_m_s2: f64) -> Complex<f64> {
-        horizontal_m_s2 - self.left_rad * up_m_s2
+    pub(super) fn corrected_force(&self, horizontal_m_s2: Complex<f64>, up_m_s2: f64) -> Complex<f64> {
+        horizontal_m_s2 - self.pending_rad * up_m_s2
     }
 
-    /// The shortest turn of the level that brings `up` up.
+    /// Applies the shortest rotation of the level that makes `up` vertical.
     #[cold]
     pub(super) fn align(&mut self, up: Point) {
-        self.moved(self.attitude.realigned(up));
+        self.set_attitude(self.attitude.realigned(up));
         self.started = true;
     }
 
-    /// V' = h − V/T1; h dt is given.
+    /// Updates the leaky velocity, V' = h − V/T1, with `force_dt_m_s` = h dt.
     #[inline]
-    pub(super) fn follow(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
+    pub(super) fn update_velocity(&mut self, force_dt_m_s: Complex<f64>, dt_s: f64) {
         self.velocity_m_s = self.velocity_m_s * (1.0 - dt_s * (1.0 / T1_S)) + force_dt_m_s;
     }
 
-    /// What the level has leaned by since the last call, rad, as the velocity told: T1 (∫h dt − ΔV) of the integral of V.
-    /// Restores the length of the azimuth.
-    pub(super) fn take_leaned(&mut self, force_dt_m_s: Complex<f64>) -> Complex<f64> {
+    /// Returns the tilt applied by the leaky velocity since the last call, rad.
+    ///
+    /// It follows from the integral of V, which is T1 (∫h dt − ΔV). The call also normalises the
+    /// azimuth.
+    pub(super) fn take_tilt_correction(&mut self, force_dt_m_s: Complex<f64>) -> Complex<f64> {
         self.azimuth *= 1.5 - 0.5 * self.azimuth.norm_sqr();
-        let change_m_s = self.velocity_m_s - self.velocity_before_m_s;
-        self.velocity_before_m_s = self.velocity_m_s;
-        (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE * T1_S)
+        let change_m_s = self.velocity_m_s - self.last_velocity_m_s;
+        self.last_velocity_m_s = self.velocity_m_s;
+        (force_dt_m_s - change_m_s) * (2.0 * HALF_TILT_RATE_PER_VELOCITY * T1_S)
     }
 
-    /// Takes a known error back, the tilt by and by, or at once where that is a jump, which is told.
-    pub(super) fn take_back(&mut self, error: Error) -> bool {
+    /// Corrects a known error of the loop. Returns `true` if the level jumps.
+    ///
+    /// The velocity is corrected at once. The tilt is corrected gradually, or at once if it is too
+    /// large.
+    pub(super) fn apply_correction(&mut self, error: LoopError) -> bool {
         self.velocity_m_s -= error.velocity * GRAVITY_M_S2;
-        self.velocity_before_m_s = self.velocity_m_s;
-        self.left_rad += error.tilt;
-        let jumps = self.left_rad.norm_sqr() > JUMP_RAD * JUMP_RAD;
+        self.last_velocity_m_s = self.velocity_m_s;
+        self.pending_rad += error.tilt;
+        let jumps = self.pending_rad.norm_sqr() > MAX_SMOOTHED_RAD * MAX_SMOOTHED_RAD;
         if jumps {
-            let lean = core::mem::take(&mut self.left_rad) * 0.5;
-            self.moved(self.attitude.leaned(lean * self.azimuth.conj()));
+            let tilt = core::mem::take(&mut self.pending_rad) * 0.5;
+            self.set_attitude(self.attitude.tilted(tilt * self.azimuth.conj()));
         }
         jumps
     }
 
-    fn moved(&mut self, moved: Moved) {
-        self.attitude = moved.attitude;
-        self.azimuth *= moved.swing.conj();
+    fn set_attitude(&mut self, update: AttitudeUpdate) {
+        self.attitude = update.attitude;
+        self.azimuth *= update.level_frame_rotation.conj();
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
         let (sin, cos) = libm::sincos(self.attitude.z_rad);
-        let apart = (self.azimuth - Complex::new(cos, sin)).norm_sqr();
-        attitude_flaw(self.attitude).or((apart > 1e-6).then_some("an azimuth that is not that of the attitude"))
+        let mismatch = (self.azimuth - Complex::new(cos, sin)).norm_sqr();
+        attitude_validation_error(self.attitude)
+            .or((mismatch > 1e-6).then_some("an azimuth that does not match the attitude"))
     }
 }
 
-impl Numbers for Level {
+impl Scalars for Level {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.attitude.visit(visit);
         self.azimuth.visit(visit);
         self.velocity_m_s.visit(visit);
-        self.velocity_before_m_s.visit(visit);
-        self.left_rad.visit(visit);
+        self.last_velocity_m_s.visit(visit);
+        self.pending_rad.visit(visit);
         self.started.visit(visit);
     }
 }

@@ -1,15 +1,31 @@
-//! The fuser `wz`: a levelled low-pass of second order with Möbius correction and an estimate of the gyro's bias and scale.
+//! Fuser stage `wz`: second-order levelled low-pass with Möbius correction and estimated gyro
+//! errors.
 //!
-//! Real accelerations last for seconds and their mean over a movement is zero, so the specific force is averaged, all of it, in a
-//! horizontal frame, where gravity stands still. Per tick:
+//! Real accelerations last for seconds, but their mean over a movement is zero. The specific force
+//! is therefore low-passed in full, without gating, in a horizontal frame, in which gravity is
+//! constant. Per tick:
 //!
-//! 1. w ← the exact step less what bias and scale add, while the level leans by κ dt (`Level`);
-//! 2. h, the horizontal part of the force; V' = h − V/T1 (a leaky velocity); κ = V/(g T1 T2), the tilt rate.
+//! 1. w ← the exact step with gyro bias and scale error removed, while the level is tilted by κ dt
+//!    (`Level`).
+//! 2. h is the horizontal part of the force, V' = h − V/T1 a leaky velocity, and κ = V/(g T1 T2)
+//!    the tilt rate.
 //!
-//! The transfer from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1): the complementary filter of Matveev 2025, fig. 9, of
-//! second order, with its "+" replaced by a Möbius map and its low-pass moved to the horizontal frame.
+//! The transfer function from the accelerometer to the tilt is 1/(T1 T2 s² + T2 s + 1). It is the
+//! complementary filter of Matveev 2025, fig. 9, extended to second order, with its "+" replaced by
+//! a Möbius map and its low-pass moved to the horizontal frame.
+//!
+//! | file | content |
+//! | --- | --- |
+//! | `level` | attitude and leaky velocity of the levelling loop |
+//! | `gyro_errors` | Kalman filter of gyro bias and scale |
+//! | `noise` | noise of the filter's measurements, from its innovations |
+//! | `tilt_fault` | detection of a wrong level |
+//! | `initial_velocity` | correction of an adopted leaky velocity |
+//! | `heading` | heading by the magnetic field |
+//! | `correction_smoothing` | gradual application of corrections |
+//! | `reported_sd` | standard deviations of the output |
 
-mod ease;
+mod correction_smoothing;
 mod gyro_errors;
 mod heading;
 mod initial_velocity;
@@ -18,23 +34,23 @@ mod noise;
 mod settings;
 mod tilt_fault;
 mod time_constants;
-mod told;
+mod reported_sd;
 
 use super::{
     estimate::Estimate,
     fused::{Corrections, Fused},
     input::FuserInput,
-    rest::Rest,
+    rest::RestDetector,
 };
 
 use crate::{
     Complex, Vector3,
-    numbers::Numbers,
+    scalars::Scalars,
     parameters::{Parameter, ParameterError, Parameters},
     stage::{RestoreError, Stage},
-    turn::Turn,
+    rotation::Rotation,
 };
-pub(super) use settings::OF_AIDED_TOO;
+pub(super) use settings::SHARED_WITH_AIDED;
 use {
     gyro_errors::GyroErrorFilter,
     heading::{Heading, HeadingInput},
@@ -42,22 +58,24 @@ use {
     settings::Settings,
 };
 
-/// The longest interval over which a rate tells the turn of a body that moves as it likes, s.
-const TOLD_BY_RATE_S: f64 = 0.1;
-/// More than an accelerometer measures, m/s²: 300 g. A force beyond it is not used.
-const FORCE_MAX_M_S2: f64 = 3000.0;
+/// Longest interval over which one rate sample may be integrated, s. The motion of a body is
+/// unpredictable over longer intervals.
+const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
+/// Largest plausible specific force, m/s² (300 g). Larger values are discarded.
+const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
 
-/// The fuser stage `wz`.
+/// Fuser stage `wz`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     settings: Settings,
     level: Level,
     gyro_errors: GyroErrorFilter,
-    rest: Rest,
+    rest: RestDetector,
     heading: Heading,
-    /// Of the last motion that had one, s: for so long a tick without a motion is taken to last.
-    interval_s: f64,
-    /// For how long nobody has seen the body turn, s.
+    /// Duration of the last motion with a positive interval, s. A tick without a motion is assumed
+    /// to last as long.
+    last_interval_s: f64,
+    /// Duration of the current gyro outage, s, up to 1 s.
     gyro_outage_s: f64,
 }
 
@@ -67,24 +85,26 @@ impl Default for Wz {
             settings: Settings::default(),
             level: Level::new(),
             gyro_errors: GyroErrorFilter::default(),
-            rest: Rest::default(),
+            rest: RestDetector::default(),
             heading: Heading::default(),
-            interval_s: 0.0,
+            last_interval_s: 0.0,
             gyro_outage_s: 0.0,
         }
     }
 }
 
 impl Wz {
-    /// Numbers by which it can be set.
+    /// Table of the stage's parameters.
     pub(super) const PARAMETERS: &'static [Parameter] = Settings::TABLE;
 
-    /// The hard iron that the heading found, µT, body axes: where it is above 3 µT the magnetometer wants a calibration.
+    /// Returns the estimated hard iron, µT, body axes.
+    ///
+    /// Above 3 µT, calibrate the magnetometer.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {
         self.heading.hard_iron().field_ut
     }
 
-    /// How late the magnetometer was found to be on the gyro, s.
+    /// Returns the estimated delay of the magnetometer relative to the gyro, s.
     pub fn magnetometer_delay_s(&self) -> f64 {
         self.heading.delay_s()
     }
@@ -92,40 +112,40 @@ impl Wz {
     pub(super) fn realign(&mut self) {
         self.level.restart();
         self.gyro_errors.restart(true);
-        self.rest = Rest::default();
+        self.rest = RestDetector::default();
         self.heading.realign();
     }
 
-    /// After a time in which nobody saw the body turn its level is as unknown as a first one; bias and scale stay.
+    /// Re-initialises the uncertainty of the level after a gyro outage. Bias and scale are kept.
     #[inline]
-    fn see_again(&mut self, gyro_outage_s: f64) {
+    fn reinit_after_outage(&mut self, gyro_outage_s: f64) {
         if gyro_outage_s > 0.0 {
             self.gyro_outage_s = (self.gyro_outage_s + gyro_outage_s).min(1.0);
-        } else if core::mem::take(&mut self.gyro_outage_s) > TOLD_BY_RATE_S {
+        } else if core::mem::take(&mut self.gyro_outage_s) > MAX_INTEGRATION_INTERVAL_S {
             self.gyro_errors.restart(false);
-            self.level.forget_velocity();
+            self.level.reset_velocity();
         }
     }
 
-    /// For how long of a tick nobody saw the body turn, s.
+    /// Returns the part of the tick during which the rotation was not observed, s.
     #[inline]
-    fn gyro_outage_s(&mut self, input: &FuserInput) -> f64 {
-        let Some(motion) = &input.motion else { return self.interval_s };
+    fn tick_outage_s(&mut self, input: &FuserInput) -> f64 {
+        let Some(motion) = &input.motion else { return self.last_interval_s };
         if motion.dt_s > 0.0 {
-            self.interval_s = motion.dt_s.min(TOLD_BY_RATE_S);
+            self.last_interval_s = motion.dt_s.min(MAX_INTEGRATION_INTERVAL_S);
         }
-        if input.rate_credible && motion.dt_s <= TOLD_BY_RATE_S { 0.0 } else { motion.dt_s }
+        if input.rate_credible && motion.dt_s <= MAX_INTEGRATION_INTERVAL_S { 0.0 } else { motion.dt_s }
     }
 
-    /// What is done once in a while: the errors of the gyro, and what they take back. The level jumps.
+    /// Updates the gyro errors and corrects the level. Returns `true` if the level jumps.
     #[inline(never)]
     fn update(&mut self, rate_rad_s: Vector3<f64>, force_m_s2: Vector3<f64>) -> bool {
-        let (interval_s, force_dt_m_s) = self.gyro_errors.seen();
-        let leaned_rad = self.level.take_leaned(force_dt_m_s);
+        let (interval_s, force_dt_m_s) = self.gyro_errors.accumulated();
+        let tilt_correction_rad = self.level.take_tilt_correction(force_dt_m_s);
         self.rest.update(force_m_s2, interval_s);
         let (bias_at_rest, loop_velocity_s) = (self.rest.bias_rad_s(), self.level.velocity_s());
-        let error = self.gyro_errors.update(rate_rad_s, leaned_rad, bias_at_rest, loop_velocity_s, &self.settings);
-        self.level.take_back(error)
+        let error = self.gyro_errors.update(rate_rad_s, tilt_correction_rad, bias_at_rest, loop_velocity_s, &self.settings);
+        self.level.apply_correction(error)
     }
 }
 
@@ -148,21 +168,21 @@ impl Stage for Wz {
 
     #[inline(always)]
     fn step(&mut self, input: &FuserInput) -> Fused {
-        let mut room = None;
-        let input = input.finite(&mut room);
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
         let mut corrections = Corrections::default();
-        let (turn, rate_rad_s, dt_s) = match &input.motion {
-            Some(motion) => (motion.turn, motion.rate_rad_s, motion.dt_s),
-            None => (Turn::NONE, Vector3::zeros(), 0.0),
+        let (rotation, rate_rad_s, dt_s) = match &input.motion {
+            Some(motion) => (motion.rotation, motion.rate_rad_s, motion.dt_s),
+            None => (Rotation::IDENTITY, Vector3::zeros(), 0.0),
         };
-        let gyro_outage_s = self.gyro_outage_s(input);
-        self.see_again(gyro_outage_s);
-        self.gyro_errors.overlook(gyro_outage_s);
-        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= FORCE_MAX_M_S2);
-        let levelling = self.level.started() && inclination.is_some();
-        let lean_s = if levelling { dt_s } else { 0.0 };
-        let axes = self.level.turn(self.gyro_errors.corrected_turn(turn, dt_s), dt_s, lean_s);
-        self.gyro_errors.drift(&axes, turn, dt_s);
+        let gyro_outage_s = self.tick_outage_s(input);
+        self.reinit_after_outage(gyro_outage_s);
+        self.gyro_errors.add_outage(gyro_outage_s);
+        let inclination = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 <= MAX_PLAUSIBLE_FORCE_M_S2);
+        let levelling = self.level.is_started() && inclination.is_some();
+        let levelling_s = if levelling { dt_s } else { 0.0 };
+        let axes = self.level.propagate(self.gyro_errors.corrected_rotation(rotation, dt_s), dt_s, levelling_s);
+        self.gyro_errors.accumulate_drift(&axes, rotation, dt_s);
 
         let (mut innovation_rad, mut force_m_s2) = (0.0, Complex::new(0.0, 0.0));
         if let Some(inclination) = inclination {
@@ -170,10 +190,10 @@ impl Stage for Wz {
                 let up_m_s2 = axes.up.dot(&inclination.force_m_s2);
                 let horizontal_m_s2 = axes.horizontal(inclination.force_m_s2);
                 innovation_rad = angle_rad(inclination.norm_m_s2, up_m_s2, horizontal_m_s2);
-                force_m_s2 = self.level.corrected(horizontal_m_s2, up_m_s2);
+                force_m_s2 = self.level.corrected_force(horizontal_m_s2, up_m_s2);
                 let force_dt_m_s = force_m_s2 * dt_s;
-                self.level.follow(force_dt_m_s, dt_s);
-                self.gyro_errors.observe(force_dt_m_s, inclination.norm_m_s2, dt_s);
+                self.level.update_velocity(force_dt_m_s, dt_s);
+                self.gyro_errors.accumulate_force(force_dt_m_s, inclination.norm_m_s2, dt_s);
                 self.rest.observe(rate_rad_s, dt_s);
                 corrections.tilt = true;
             } else {
@@ -184,40 +204,40 @@ impl Stage for Wz {
         if !(levelling && input.motion.is_some() && input.rest_credible) {
             self.rest.interrupt();
         }
-        if let (Some(inclination), true) = (inclination, self.gyro_errors.is_due()) {
+        if let (Some(inclination), true) = (inclination, self.gyro_errors.is_update_due()) {
             corrections.aligned |= self.update(rate_rad_s, inclination.force_m_s2);
             corrections.bias = true;
         }
-        corrections.rest = self.rest.is_found();
-        let moved = input.motion.is_some();
-        let rate_rad_s = if moved { self.gyro_errors.corrected_rad_s(rate_rad_s) } else { Vector3::zeros() };
+        corrections.rest = self.rest.is_detected();
+        let has_motion = input.motion.is_some();
+        let rate_rad_s = if has_motion { self.gyro_errors.corrected_rate_rad_s(rate_rad_s) } else { Vector3::zeros() };
         let input = HeadingInput {
             attitude: self.level.attitude(),
             azimuth: self.level.azimuth(),
             rate_rad_s,
-            force_m_s2,
-            norm_m_s2: inclination.map(|inclination| inclination.norm_m_s2),
+            horizontal_force_m_s2: force_m_s2,
+            force_norm_m_s2: inclination.map(|inclination| inclination.norm_m_s2),
             scale_variance: self.gyro_errors.scale_variance(),
             field_ut: input.field_ut,
             at_rest: corrections.rest,
             dt_s,
             gyro_outage_s,
         };
-        let news = self.heading.step(&input, &self.settings);
-        corrections.magnetic = news.magnetic;
-        corrections.aligned |= news.aligned;
-        corrections.disturbed = self.heading.disturbed();
+        let heading_update = self.heading.step(&input, &self.settings);
+        corrections.magnetic = heading_update.magnetic;
+        corrections.aligned |= heading_update.aligned;
+        corrections.disturbed = self.heading.is_disturbed();
         Fused {
             attitude: self.heading.with_heading(self.level.attitude()),
             rate_rad_s,
             bias_rad_s: self.gyro_errors.bias_rad_s(),
             innovation_rad,
-            inclination_sd_rad: told::inclination_rad(
+            inclination_sd_rad: reported_sd::inclination_sd_rad(
                 self.gyro_errors.tilt_sd_rad(),
                 rate_rad_s.norm_squared(),
                 &self.settings,
             ),
-            heading_sd_rad: told::heading_rad(self.heading.sd_rad()),
+            heading_sd_rad: reported_sd::heading_sd_rad(self.heading.sd_rad()),
             reference: self.heading.reference(),
             corrections,
         }
@@ -228,14 +248,14 @@ impl Stage for Wz {
         self.gyro_errors.visit(visit);
         self.rest.visit(visit);
         self.heading.visit(visit);
-        self.interval_s.visit(visit);
+        self.last_interval_s.visit(visit);
         self.gyro_outage_s.visit(visit);
     }
 
-    fn flaw(&self) -> Option<&'static str> {
-        let interval = (self.interval_s < 0.0 || self.gyro_outage_s < 0.0).then_some("an interval below zero");
-        let parts = self.level.flaw().or_else(|| self.gyro_errors.flaw()).or_else(|| self.rest.flaw());
-        parts.or_else(|| self.heading.flaw()).or(interval)
+    fn validation_error(&self) -> Option<&'static str> {
+        let interval = (self.last_interval_s < 0.0 || self.gyro_outage_s < 0.0).then_some("an interval below zero");
+        let parts = self.level.validation_error().or_else(|| self.gyro_errors.validation_error()).or_else(|| self.rest.validation_error());
+        parts.or_else(|| self.heading.validation_error()).or(interval)
     }
 
     fn common(&self) -> Estimate {
@@ -249,26 +269,27 @@ impl Stage for Wz {
             bias_sd_rad_s: self.gyro_errors.bias_sd_rad_s(),
             gyro_scale: self.gyro_errors.scale(),
             hard_iron: self.heading.hard_iron(),
-            leaky_velocity: self.level.leaky_velocity(attitude.z_rad, self.gyro_errors.first_velocity_sd_m_s()),
+            leaky_velocity: self.level.leaky_velocity(attitude.z_rad, self.gyro_errors.initial_velocity_sd_m_s()),
         }
     }
 
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.checked()?;
-        self.heading = Heading::of(&self.settings, common);
-        self.level = Level::of(common.attitude, common.leaky_velocity.first_m_s());
-        self.gyro_errors = GyroErrorFilter::found(common);
-        self.rest = Rest::default();
+        common.validate()?;
+        self.heading = Heading::from_estimate(&self.settings, common);
+        self.level = Level::from_attitude(common.attitude, common.leaky_velocity.initial_m_s());
+        self.gyro_errors = GyroErrorFilter::from_estimate(common);
+        self.rest = RestDetector::default();
         Ok(())
     }
 }
 
-/// Angle between the accelerometer's up and the attitude's, rad, of a force of this length, vertical and horizontal part.
+/// Returns the angle between the up vectors of accelerometer and attitude, rad.
 ///
-/// By the first terms of its series in the chord: to 1e-3 of itself up to 60°, to 1 % up to 90°.
+/// The force is given by its norm and its vertical and horizontal parts. A series in the chord is
+/// used, with a relative error of 1e-3 up to 60° and 1 % up to 90°.
 #[inline]
 fn angle_rad(norm_m_s2: f64, up_m_s2: f64, horizontal_m_s2: Complex<f64>) -> f64 {
-    // 2 (1 − cos) = 2 sin² / (1 + cos), and 4 upside down.
+    // 2 (1 − cos) = 2 sin²/(1 + cos); 4 if upside down.
     let below = (norm_m_s2 * (norm_m_s2 + up_m_s2)).max(f64::MIN_POSITIVE);
     let chord2 = (2.0 * horizontal_m_s2.norm_sqr() / below).min(4.0);
     libm::sqrt(chord2) * (1.0 + chord2 * (1.0 / 24.0 + chord2 * (3.0 / 640.0)))

@@ -1,68 +1,73 @@
-//! How far the force, and the velocity that it makes, stray from what the level explains: the noise of the two measurements.
+//! Noise of force and velocity measurements, estimated from their innovations.
 //!
-//! Input: an innovation of each update. Output: the variance it stands for, were the next independent of it. Time: the
-//! updates' intervals. Failure: none.
+//! Input: the innovation of each update.
+//!
+//! Output: the variance of an equivalent measurement whose noise is independent from update to
+//! update.
+//!
+//! Time: the intervals of the updates.
 
-use crate::{Complex, numbers::Numbers};
+use crate::{Complex, scalars::Scalars};
 
-/// Memory of the innovation's mean square, s.
+/// Averaging time of the innovations' mean square, s.
 pub(super) const MEMORY_S: f64 = 5.0;
-/// For how long the innovations before the first are taken to have lasted, s.
-pub(super) const MEMORY_BEFORE_S: f64 = 0.5;
-/// Square of the largest innovation that is believed, in standard deviations.
-const OUTLIER2: f64 = 9.0;
+/// Duration for which the initial mean square is assumed to have been observed, s.
+pub(super) const INITIAL_MEMORY_S: f64 = 0.5;
+/// Square of the largest innovation treated as regular, in standard deviations.
+const MAX_INNOVATION2: f64 = 9.0;
 
-/// The mean square of innovations, and of how alike neighbours are.
+/// Mean square of the innovations, and mean product of successive innovations.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Noise {
+pub(super) struct InnovationNoise {
     mean_square: f64,
-    mean_product: f64,
-    before: Complex<f64>,
+    mean_lag_product: f64,
+    last_innovation: Complex<f64>,
     memory_s: f64,
 }
 
-impl Noise {
-    /// Before there were any, of this standard deviation.
-    pub(super) fn before(sd: f64) -> Self {
-        Self { mean_square: sd * sd, mean_product: 0.0, before: Complex::new(0.0, 0.0), memory_s: MEMORY_BEFORE_S }
+impl InnovationNoise {
+    /// Creates the estimate with an initial standard deviation.
+    pub(super) fn new(sd: f64) -> Self {
+        Self { mean_square: sd * sd, mean_lag_product: 0.0, last_innovation: Complex::new(0.0, 0.0), memory_s: INITIAL_MEMORY_S }
     }
 
-    /// For how long innovations were seen, s, up to the memory.
+    /// Returns the averaging time in effect, s, including the initial one.
     pub(super) fn memory_s(&self) -> f64 {
         self.memory_s
     }
 
-    /// The variance that one innovation stands for, taken for at least `alike.0` and at most `alike.1` that count as one because they
-    /// are alike.
+    /// Records an innovation and returns the variance to use for its measurement.
     ///
-    /// The mean of a sequence whose neighbours correlate by ρ varies by (1 + ρ)/(1 − ρ) as much as if they did not.
-    pub(super) fn variance(&mut self, innovation: Complex<f64>, interval_s: f64, alike: (f64, f64)) -> f64 {
+    /// Successive innovations with correlation coefficient ρ carry the information of fewer
+    /// independent ones: the variance of their mean is (1 + ρ)/(1 − ρ) times that of independent
+    /// innovations. `correlation` is the minimum and maximum of this factor.
+    pub(super) fn update(&mut self, innovation: Complex<f64>, interval_s: f64, correlation: (f64, f64)) -> f64 {
         self.memory_s = (self.memory_s + interval_s).min(MEMORY_S);
-        let share = (interval_s / self.memory_s).min(1.0);
+        let gain = (interval_s / self.memory_s).min(1.0);
         let square = 0.5 * innovation.norm_sqr();
-        let product = 0.5 * (innovation.re * self.before.re + innovation.im * self.before.im);
-        self.mean_square += (square - self.mean_square) * share;
-        self.mean_product += (product - self.mean_product) * share;
-        self.before = innovation;
-        let (together, apart) = (self.mean_square + self.mean_product, self.mean_square - self.mean_product);
-        let (least, most) = alike;
-        let alike = if together < most * apart { (together / apart).max(least) } else { most };
-        (self.mean_square * alike).max(square / OUTLIER2)
+        let product = 0.5 * (innovation.re * self.last_innovation.re + innovation.im * self.last_innovation.im);
+        self.mean_square += (square - self.mean_square) * gain;
+        self.mean_lag_product += (product - self.mean_lag_product) * gain;
+        self.last_innovation = innovation;
+        let (sum, difference) = (self.mean_square + self.mean_lag_product, self.mean_square - self.mean_lag_product);
+        let (min, max) = correlation;
+        let factor = if sum < max * difference { (sum / difference).max(min) } else { max };
+        (self.mean_square * factor).max(square / MAX_INNOVATION2)
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.mean_square < 0.0)
             .then_some("a mean square below zero")
-            .or((self.memory_s <= 0.0).then_some("a memory of innovations that is no time"))
+            .or((self.memory_s <= 0.0).then_some("an averaging time of innovations that is not positive"))
     }
 }
 
-impl Numbers for Noise {
+impl Scalars for InnovationNoise {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.mean_square.visit(visit);
-        self.mean_product.visit(visit);
-        self.before.visit(visit);
+        self.mean_lag_product.visit(visit);
+        self.last_innovation.visit(visit);
         self.memory_s.visit(visit);
     }
 }

@@ -86,7 +86,7 @@ pub(crate) struct Rmse {
 
 /// Runs a fuser over a trial.
 pub(crate) fn run(mut fuser: Fuser, trial: &[Row], magnetic: bool) -> Rmse {
-    let (mut gyro, mut accel) = (Gyro::named("mobius").unwrap(), Projector::default());
+    let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Projector::default());
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for (index, row) in trial.iter().enumerate() {
         let dt_s = if index == 0 { 0.0 } else { DT_S };

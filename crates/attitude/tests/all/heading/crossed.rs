@@ -12,8 +12,8 @@ use attitude::{Matrix3, Vector3};
 use recording::Row;
 
 /// Most that is added to the error of the gyro's scale, each axis, and to that of its axes: as much as the recorded gyros have.
-const SCALE_MAX: f64 = 0.002;
-const SHEAR_MAX: f64 = 0.001;
+const MAX_SCALE: f64 = 0.002;
+const MAX_SHEAR: f64 = 0.001;
 /// Noise of the magnetometer, each axis, µT.
 const NOISE_UT: f64 = 0.4;
 
@@ -24,7 +24,7 @@ pub(crate) fn crossed(movement: &Trial, place: &Trial, seed: u64) -> Vec<Row> {
     let Place { mean_ut, at_rest_ut, moving_ut } = Place::of(place);
     let mirror = Vector3::new(if dice.roll() < 0.5 { -1.0 } else { 1.0 }, 1.0, 1.0);
     let gyro = Matrix3::from_fn(|i, j| {
-        if i == j { 1.0 + dice.between(-SCALE_MAX, SCALE_MAX) } else { dice.between(-SHEAR_MAX, SHEAR_MAX) }
+        if i == j { 1.0 + dice.between(-MAX_SCALE, MAX_SCALE) } else { dice.between(-MAX_SHEAR, MAX_SHEAR) }
     });
     // North is where the field points in the mean, not where it points at rest.
     let mean_ut = Vector3::new(0.0, mean_ut.x.hypot(mean_ut.y), mean_ut.z);

@@ -145,9 +145,9 @@ impl Chain {
     /// With the stage's defaults.
     pub(crate) fn new() -> Self {
         Self {
-            gyro: Gyro::named("mobius").unwrap(),
+            gyro: Gyro::from_name("mobius").unwrap(),
             accel: Projector::default(),
-            fuser: Fuser::named("wz").unwrap(),
+            fuser: Fuser::from_name("wz").unwrap(),
             started: false,
         }
     }
@@ -176,8 +176,8 @@ pub(crate) fn of_wz(rows: &[Row], unscored_s: f64) -> Errors {
 
 /// Errors of `wz` that begins with a scale of the gyro, and the scale it ends with.
 pub(crate) fn of_wz_with_scale(rows: &[Row], scale: GyroScale) -> (Errors, GyroScale) {
-    let mut fuser = Fuser::named("wz").unwrap();
-    fuser.begin_with(&Estimate { gyro_scale: scale, ..Estimate::UNKNOWN }).unwrap();
+    let mut fuser = Fuser::from_name("wz").unwrap();
+    fuser.seed_sensor_errors(&Estimate { gyro_scale: scale, ..Estimate::UNKNOWN }).unwrap();
     let mut chain = Chain { fuser, ..Chain::new() };
     let errors = errors(rows, 0.0, |_, row| chain.step(row).attitude.quaternion());
     (errors, chain.fuser.common().gyro_scale)

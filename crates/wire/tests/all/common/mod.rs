@@ -1,4 +1,4 @@
-//! Messages of every topic, drawn from a seed: what may be on the bus, with awkward numbers among them.
+//! Random valid messages of every topic, with frequent extreme values.
 #![allow(dead_code, unreachable_pub, reason = "the fuzz example uses a part")]
 
 use messages::{
@@ -12,15 +12,15 @@ use rand_chacha::{
 };
 use wire::Payload;
 
-pub struct Dice(ChaCha8Rng);
+pub struct TestRng(ChaCha8Rng);
 
-impl Dice {
+impl TestRng {
     pub fn new(seed: u64) -> Self {
         Self(ChaCha8Rng::seed_from_u64(seed))
     }
 
-    pub fn word(&mut self) -> u64 {
-        // Small and extreme values as often as any other.
+    pub fn next_u64(&mut self) -> u64 {
+        // Small and extreme values are as frequent as others.
         match self.below(4) {
             0 => self.below(3),
             1 => u64::MAX - self.below(3),
@@ -28,15 +28,15 @@ impl Dice {
         }
     }
 
-    pub fn half(&mut self) -> u32 {
-        self.word() as u32
+    pub fn next_u32(&mut self) -> u32 {
+        self.next_u64() as u32
     }
 
     pub fn below(&mut self, limit: u64) -> u64 {
         self.0.next_u64() % limit
     }
 
-    pub fn number(&mut self) -> f64 {
+    pub fn finite(&mut self) -> f64 {
         match self.below(8) {
             0 => 0.0,
             1 => f64::MIN_POSITIVE / 8.0,
@@ -45,17 +45,17 @@ impl Dice {
         }
     }
 
-    /// A number that may be unknown.
-    pub fn unsure(&mut self) -> f64 {
-        if self.below(3) == 0 { f64::NAN } else { self.number() }
+    /// Returns a finite number or NaN.
+    pub fn finite_or_nan(&mut self) -> f64 {
+        if self.below(3) == 0 { f64::NAN } else { self.finite() }
     }
 
-    pub fn numbers<const N: usize>(&mut self) -> [f64; N] {
-        std::array::from_fn(|_| self.number())
+    pub fn finite_array<const N: usize>(&mut self) -> [f64; N] {
+        std::array::from_fn(|_| self.finite())
     }
 
-    pub fn unsure_numbers(&mut self) -> [f64; 3] {
-        std::array::from_fn(|_| self.unsure())
+    pub fn finite_or_nan_array(&mut self) -> [f64; 3] {
+        std::array::from_fn(|_| self.finite_or_nan())
     }
 
     pub fn quaternion(&mut self) -> [f64; 4] {
@@ -65,22 +65,22 @@ impl Dice {
     }
 
     pub fn header(&mut self) -> Header {
-        let (one, other) = (self.word().cast_signed(), self.word().cast_signed());
+        let (one, other) = (self.next_u64().cast_signed(), self.next_u64().cast_signed());
         Header {
-            tick: self.word(),
+            tick: self.next_u64(),
             t_start_ns: one.min(other),
             t_end_ns: one.max(other),
-            t_born_ns: self.word(),
-            t_sent_ns: self.word(),
-            lost_upstream: self.word(),
+            t_born_ns: self.next_u64(),
+            t_sent_ns: self.next_u64(),
+            lost_upstream: self.next_u64(),
             flags: self.flags(),
-            epoch: self.half(),
-            incarnation: self.half(),
+            epoch: self.next_u32(),
+            incarnation: self.next_u32(),
         }
     }
 
     pub fn flags(&mut self) -> Flags {
-        Flags(self.word())
+        Flags(self.next_u64())
     }
 
     pub fn chart(&mut self) -> Chart {
@@ -99,103 +99,103 @@ impl Dice {
         self.below(7) as u32
     }
 
-    pub fn signed(&mut self) -> i64 {
-        self.word().cast_signed()
+    pub fn next_i64(&mut self) -> i64 {
+        self.next_u64().cast_signed()
     }
 }
 
-/// A message of the bus drawn by dice.
-pub trait Drawn: Payload {
-    fn drawn(dice: &mut Dice) -> Self;
+/// Message that can be drawn at random.
+pub trait RandomMessage: Payload {
+    fn random(rng: &mut TestRng) -> Self;
 }
 
-macro_rules! drawn {
-    ($($name:ident { $($field:ident: $how:ident),* })*) => { $(impl Drawn for $name {
-        fn drawn(dice: &mut Dice) -> Self { Self { $($field: dice.$how()),* } }
+macro_rules! random_messages {
+    ($($name:ident { $($field:ident: $method:ident),* })*) => { $(impl RandomMessage for $name {
+        fn random(rng: &mut TestRng) -> Self { Self { $($field: rng.$method()),* } }
     })* };
 }
 
-drawn! {
-    SensorReading { t_sensor_ns: signed, rate_rad_s: unsure_numbers, force_m_s2: unsure_numbers, field_ut: unsure_numbers }
-    ReceiverReading { velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure }
-    ImuSample { header: header, rate_rad_s: numbers, force_m_s2: numbers }
-    MagSample { header: header, field_ut: numbers }
-    GnssFix { header: header, velocity_m_s: numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure }
-    Reference { tick: word, scored: word, quaternion: quaternion }
+random_messages! {
+    SensorReading { t_sensor_ns: next_i64, rate_rad_s: finite_or_nan_array, force_m_s2: finite_or_nan_array, field_ut: finite_or_nan_array }
+    ReceiverReading { velocity_m_s: finite_or_nan_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan }
+    ImuSample { header: header, rate_rad_s: finite_array, force_m_s2: finite_array }
+    MagSample { header: header, field_ut: finite_array }
+    GnssFix { header: header, velocity_m_s: finite_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan }
+    Reference { tick: next_u64, scored: next_u64, quaternion: quaternion }
     TakenReading {
-        number: word, tick: word, t_sensor_ns: signed, offset_ns: signed, rate_rad_s: unsure_numbers, force_m_s2: unsure_numbers,
-        field_ut: unsure_numbers, velocity_m_s: unsure_numbers, velocity_sd_m_s: unsure, age_s: unsure, latitude_rad: unsure, longitude_rad: unsure, altitude_m: unsure,
-        quaternion: numbers, brings: half, incarnation: half
+        number: next_u64, tick: next_u64, t_sensor_ns: next_i64, offset_ns: next_i64, rate_rad_s: finite_or_nan_array, force_m_s2: finite_or_nan_array,
+        field_ut: finite_or_nan_array, velocity_m_s: finite_or_nan_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan,
+        quaternion: finite_array, brings: next_u32, incarnation: next_u32
     }
-    GyroStep { header: header, w: numbers, z_rad: number, chart: chart, p: numbers, s: numbers, rate_rad_s: numbers }
-    AccelPoint { header: header, w: numbers, chart: chart, norm_m_s2: number, trust: number, force_m_s2: numbers }
+    GyroStep { header: header, w: finite_array, z_rad: finite, chart: chart, p: finite_array, s: finite_array, rate_rad_s: finite_array }
+    AccelPoint { header: header, w: finite_array, chart: chart, norm_m_s2: finite, trust: finite, force_m_s2: finite_array }
     FusedState {
-        header: header, w: numbers, z_rad: number, chart: chart, rate_rad_s: numbers, bias_rad_s: numbers,
-        innovation_rad: number, inclination_sd_rad: number, heading_sd_rad: number, course_reference: reference,
-        reset_counter: word
+        header: header, w: finite_array, z_rad: finite, chart: chart, rate_rad_s: finite_array, bias_rad_s: finite_array,
+        innovation_rad: finite, inclination_sd_rad: finite, heading_sd_rad: finite, course_reference: reference,
+        reset_counter: next_u64
     }
     AttitudeOutput {
-        header: header, quaternion: quaternion, yaw_rad: number, pitch_rad: number, roll_rad: number, course_rad: number,
-        course_reference: reference, course_sd_rad: number, declination_rad: number, rate_rad_s: numbers,
-        inclination_sd_rad: number, reset_counter: word, jump: quaternion
+        header: header, quaternion: quaternion, yaw_rad: finite, pitch_rad: finite, roll_rad: finite, course_rad: finite,
+        course_reference: reference, course_sd_rad: finite, declination_rad: finite, rate_rad_s: finite_array,
+        inclination_sd_rad: finite, reset_counter: next_u64, jump: quaternion
     }
-    Credit { ticks: word, ends: word }
+    Credit { ticks: next_u64, ends: next_u64 }
     Difference {
-        tick: word, ticks: word, now_rad: numbers, mean_rad: numbers, rms_rad: numbers, max_rad: numbers, service: service,
-        incarnation: half, turn: quaternion
+        tick: next_u64, ticks: next_u64, now_rad: finite_array, mean_rad: finite_array, rms_rad: finite_array, max_rad: finite_array, service: service,
+        incarnation: next_u32, turn: quaternion
     }
     Health {
-        ticks: word, lost: word, duplicated: word, repeated: word, next_tick: word, refused: word, late_wakes: word,
-        flags: flags, service: service, state: state, incarnation: half, pid: half, epoch: half, missed: half,
-        published_from: word, flawed: word, clock_offset_ns: signed, clock_jitter_ns: word, clock_steps: word
+        ticks: next_u64, lost: next_u64, duplicated: next_u64, repeated: next_u64, next_tick: next_u64, refused: next_u64, late_wakes: next_u64,
+        flags: flags, service: service, state: state, incarnation: next_u32, pid: next_u32, epoch: next_u32, missed: next_u32,
+        published_from: next_u64, flawed: next_u64, clock_offset_ns: next_i64, clock_jitter_ns: next_u64, clock_steps: next_u64
     }
 }
 
-impl Drawn for Control {
-    fn drawn(dice: &mut Dice) -> Self {
-        let (from_tick, epoch, service, owner) = (dice.word(), dice.half(), dice.service(), dice.half());
+impl RandomMessage for Control {
+    fn random(rng: &mut TestRng) -> Self {
+        let (from_tick, epoch, service, owner) = (rng.next_u64(), rng.next_u32(), rng.service(), rng.next_u32());
         Self { from_tick, epoch, service, owner, reserved: 0 }
     }
 }
 
-impl Drawn for Checkpoint {
-    fn drawn(dice: &mut Dice) -> Self {
-        let mut checkpoint = Self { next_tick: dice.word(), service: dice.service(), ..bytemuck::Zeroable::zeroed() };
+impl RandomMessage for Checkpoint {
+    fn random(rng: &mut TestRng) -> Self {
+        let mut checkpoint = Self { next_tick: rng.next_u64(), service: rng.service(), ..bytemuck::Zeroable::zeroed() };
         checkpoint.stage[..7].copy_from_slice(b"madgwick".first_chunk::<7>().unwrap());
-        // Eight of the largest do not fit one batch.
-        let words = dice.below(CHECKPOINT_WORDS as u64 / 2 + 1) as usize;
-        checkpoint.words[..words].iter_mut().for_each(|word| *word = dice.word());
-        (checkpoint.slot_words, checkpoint.common_words) = (dice.half(), dice.half());
-        (checkpoint.stage_words, checkpoint.incarnation) = (dice.half(), dice.half());
-        checkpoint.swapped = dice.half();
-        checkpoint.checksum = checkpoint.sum();
+        // A batch cannot hold eight messages of the maximum size.
+        let words = rng.below(CHECKPOINT_WORDS as u64 / 2 + 1) as usize;
+        checkpoint.words[..words].iter_mut().for_each(|word| *word = rng.next_u64());
+        (checkpoint.slot_words, checkpoint.common_words) = (rng.next_u32(), rng.next_u32());
+        (checkpoint.stage_words, checkpoint.incarnation) = (rng.next_u32(), rng.next_u32());
+        checkpoint.swapped = rng.next_u32();
+        checkpoint.checksum = checkpoint.compute_checksum();
         checkpoint
     }
 }
 
-impl Drawn for SystemEvent {
-    fn drawn(dice: &mut Dice) -> Self {
-        let settings = [("gain", dice.number()), ("fade_s", dice.number())];
-        let event = Self::new(EventKind(1 + dice.below(18) as u32)).with_stage("madgwick", settings);
+impl RandomMessage for SystemEvent {
+    fn random(rng: &mut TestRng) -> Self {
+        let settings = [("gain", rng.finite()), ("fade_s", rng.finite())];
+        let event = Self::new(EventKind(1 + rng.below(18) as u32)).with_stage("madgwick", settings);
         Self {
-            number: dice.word(),
-            t_told_ns: dice.word(),
-            tick: dice.word(),
-            ticks: dice.word(),
-            adopted_tick: dice.word(),
-            service: if dice.below(3) == 0 { Self::NOBODY } else { dice.service() },
-            incarnation: dice.half(),
-            epoch: dice.half(),
-            filling: dice.half(),
-            adopted_filling: dice.half(),
-            alone: dice.half(),
-            cut: dice.half(),
-            ..event.with_why(&"é".repeat(dice.below(200) as usize))
+            number: rng.next_u64(),
+            t_told_ns: rng.next_u64(),
+            tick: rng.next_u64(),
+            ticks: rng.next_u64(),
+            adopted_tick: rng.next_u64(),
+            service: if rng.below(3) == 0 { Self::NONE_U32 } else { rng.service() },
+            incarnation: rng.next_u32(),
+            epoch: rng.next_u32(),
+            filling: rng.next_u32(),
+            adopted_filling: rng.next_u32(),
+            alone: rng.next_u32(),
+            cut: rng.next_u32(),
+            ..event.with_reason(&"é".repeat(rng.below(200) as usize))
         }
     }
 }
 
-/// Calls a generic function for every topic's message, in the order of the table.
+/// Calls a generic function for the message type of every topic, in the order of the topic table.
 macro_rules! for_every_message {
     ($call:ident $arguments:tt) => {{
         let mut all = Vec::new();

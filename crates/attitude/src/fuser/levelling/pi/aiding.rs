@@ -1,124 +1,127 @@
-//! What fixes say: increments of velocity, and the track.
+//! Measurements from fixes: velocity increments and the track.
 
 use super::{
-    matched::{AGE_MAX_S, Matched},
+    delay_matching::{MAX_AGE_S, DelayMatchedIntegral},
     settings::PiSettings,
 };
-use crate::{Complex, gnss::Fix, numbers::Numbers};
+use crate::{Complex, gnss::Fix, scalars::Scalars};
 
-/// Speed below which the axes of a velocity do not matter, m/s.
-const SLOW_M_S: f64 = 0.7;
-/// Two tracks that differ by less are a course, as the cosine: 30°.
-const SAME_TRACK: f64 = 0.866;
+/// Speed below which the directions of two velocities are irrelevant, m/s.
+const SLOW_SPEED_M_S: f64 = 0.7;
+/// Minimum cosine of the angle between two tracks that confirm each other: 30°.
+const MIN_TRACK_COSINE: f64 = 0.866;
 
-/// An increment of velocity between the moments at which two fixes were valid.
+/// Velocity increment between the validity times of two fixes, by force and by fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Both {
-    /// The integral of the force, platform, m/s.
+pub(super) struct MatchedIncrement {
+    /// Integral of the force, platform axes, m/s.
     pub(super) by_force_m_s: Complex<f64>,
-    /// The difference of the fixes, east + j north, m/s.
+    /// Difference of the fixes, east + j north, m/s.
     pub(super) by_fixes_m_s: Complex<f64>,
-    /// s
+    /// Duration, s.
     pub(super) span_s: f64,
 }
 
-/// A track over ground.
+/// Track over ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Track {
-    /// East + j north, of unit length.
+    /// Direction, east + j north, of unit length.
     pub(super) direction: Complex<f64>,
-    /// How old it is, s.
+    /// Age, s.
     pub(super) age_s: f64,
-    /// There was another just before, and the two agree.
-    pub(super) sure: bool,
+    /// Set if the previous fix had a track, too, and both agree.
+    pub(super) is_confirmed: bool,
 }
 
-/// Follows the fixes.
+/// Aiding by fixes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Aiding {
-    matched: Matched,
-    /// East + j north, m/s.
+    matched: DelayMatchedIntegral,
+    /// Velocity of the last fix, east + j north, m/s.
     velocity_m_s: Complex<f64>,
-    /// The increment since that velocity is known from its beginning.
-    whole: bool,
+    /// Set if the increment since that velocity is complete from its start.
+    is_increment_complete: bool,
     since_fix_s: f64,
-    seen: bool,
+    has_fix: bool,
 }
 
 impl Aiding {
-    /// Speed over ground at the last fix, m/s; `None` before the first.
+    /// Returns the speed over ground at the last fix, m/s; `None` before the first.
     pub(super) fn speed_m_s(&self) -> Option<f64> {
-        self.seen.then(|| libm::sqrt(self.velocity_m_s.norm_sqr()))
+        self.has_fix.then(|| libm::sqrt(self.velocity_m_s.norm_sqr()))
     }
 
-    /// Time since the last fix, s; 0 before the first.
+    /// Returns the time since the last fix, s; 0 before the first.
     pub(super) fn since_fix_s(&self) -> f64 {
-        if self.seen { self.since_fix_s } else { 0.0 }
+        if self.has_fix { self.since_fix_s } else { 0.0 }
     }
 
-    /// The last fix is recent.
+    /// Returns `true` if the last fix is at most `gap_s` old.
     pub(super) fn is_recent(&self, gap_s: f64) -> bool {
-        self.seen && self.since_fix_s <= gap_s
+        self.has_fix && self.since_fix_s <= gap_s
     }
 
-    pub(super) fn pass(&mut self, dt_s: f64) {
+    pub(super) fn advance(&mut self, dt_s: f64) {
         self.since_fix_s += dt_s;
     }
 
-    /// One sample of the force in the platform.
-    pub(super) fn push(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
+    /// Adds a sample of the force in platform axes.
+    pub(super) fn push_force(&mut self, force_m_s2: Complex<f64>, dt_s: f64) {
         if dt_s > 0.0 {
             self.matched.push(force_m_s2, dt_s);
         }
     }
 
-    /// The integral of the force has a hole, or its axes have turned: the increment begins anew with the next fix.
+    /// Discards the increment after a loss of forces or a change of the axes. The next fix starts a
+    /// new one.
     pub(super) fn interrupt(&mut self) {
-        self.matched = Matched::default();
-        self.whole = false;
+        self.matched = DelayMatchedIntegral::default();
+        self.is_increment_complete = false;
     }
 
-    /// Takes a fix. An increment over a gap is lost; without a known azimuth one counts only where there is next to no velocity.
-    pub(super) fn take(
+    /// Returns the velocity increment and the track of a fix.
+    ///
+    /// There is no increment over a gap. Without a known azimuth there is one only at nearly zero
+    /// velocity.
+    pub(super) fn process_fix(
         &mut self,
         fix: &Fix,
         azimuth_known: bool,
         settings: &PiSettings,
-    ) -> (Option<Both>, Option<Track>) {
-        let age_s = fix.age_s.unwrap_or(settings.latency_s).clamp(0.0, AGE_MAX_S);
+    ) -> (Option<MatchedIncrement>, Option<Track>) {
+        let age_s = fix.age_s.unwrap_or(settings.latency_s).clamp(0.0, MAX_AGE_S);
         let velocity_m_s = Complex::new(fix.velocity_m_s.x, fix.velocity_m_s.y);
         let recent = self.is_recent(settings.gap_s);
-        let before_m_s = core::mem::replace(&mut self.velocity_m_s, velocity_m_s);
-        let increment = self.matched.take(age_s);
-        let whole = core::mem::replace(&mut self.whole, self.matched.since_s() > age_s - 1e-6);
-        (self.since_fix_s, self.seen) = (0.0, true);
+        let previous_m_s = core::mem::replace(&mut self.velocity_m_s, velocity_m_s);
+        let increment = self.matched.take_increment(age_s);
+        let is_complete = core::mem::replace(&mut self.is_increment_complete, self.matched.since_fix_s() > age_s - 1e-6);
+        (self.since_fix_s, self.has_fix) = (0.0, true);
 
-        let (speed_m_s, speed_before_m_s) = (libm::sqrt(velocity_m_s.norm_sqr()), libm::sqrt(before_m_s.norm_sqr()));
-        let in_axes = azimuth_known || speed_m_s.max(speed_before_m_s) < SLOW_M_S;
+        let (speed_m_s, previous_speed_m_s) = (libm::sqrt(velocity_m_s.norm_sqr()), libm::sqrt(previous_m_s.norm_sqr()));
+        let axes_valid = azimuth_known || speed_m_s.max(previous_speed_m_s) < SLOW_SPEED_M_S;
         let span_s = increment.span_s;
-        let usable = whole && recent && in_axes && (1e-3..=2.0 * settings.gap_s).contains(&span_s);
-        let by_fixes_m_s = velocity_m_s - before_m_s;
-        let both = usable.then_some(Both { by_force_m_s: increment.velocity_m_s, by_fixes_m_s, span_s });
+        let usable = is_complete && recent && axes_valid && (1e-3..=2.0 * settings.gap_s).contains(&span_s);
+        let by_fixes_m_s = velocity_m_s - previous_m_s;
+        let matched = usable.then_some(MatchedIncrement { by_force_m_s: increment.velocity_m_s, by_fixes_m_s, span_s });
 
-        let along = (velocity_m_s * before_m_s.conj()).re;
-        let sure =
-            recent && speed_before_m_s >= settings.track_speed_m_s && along > SAME_TRACK * speed_m_s * speed_before_m_s;
-        let moves = speed_m_s >= settings.track_speed_m_s;
-        (both, moves.then(|| Track { direction: velocity_m_s / speed_m_s, age_s, sure }))
+        let along = (velocity_m_s * previous_m_s.conj()).re;
+        let is_confirmed =
+            recent && previous_speed_m_s >= settings.track_speed_m_s && along > MIN_TRACK_COSINE * speed_m_s * previous_speed_m_s;
+        let is_moving = speed_m_s >= settings.track_speed_m_s;
+        (matched, is_moving.then(|| Track { direction: velocity_m_s / speed_m_s, age_s, is_confirmed }))
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        self.matched.flaw().or((self.since_fix_s < 0.0).then_some("a time below zero"))
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        self.matched.validation_error().or((self.since_fix_s < 0.0).then_some("a negative time"))
     }
 }
 
-impl Numbers for Aiding {
+impl Scalars for Aiding {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.matched.visit(visit);
         self.velocity_m_s.visit(visit);
-        self.whole.visit(visit);
+        self.is_increment_complete.visit(visit);
         self.since_fix_s.visit(visit);
-        self.seen.visit(visit);
+        self.has_fix.visit(visit);
     }
 }

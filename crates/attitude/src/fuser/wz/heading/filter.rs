@@ -1,32 +1,49 @@
-//! One hypothesis about the field: a Kalman filter of sixteen states.
+//! Kalman filter of sixteen states for one hypothesis about the magnetic field.
 //!
-//! x = [e(3) field of the place, β drift rate of the gyro's heading, τ delay of the magnetometer, b(3) hard iron, d(3) what the
-//! place adds where the body is, κ(3) error of the gyro's scale, each axis, p(2) horizontal field where the body rested before], all but
-//! b and κ in the reference frame. Of an interval's means y, R', Ω:
+//! | state | number | meaning | frame |
+//! | --- | --- | --- | --- |
+//! | e | 3 | field of the place | reference |
+//! | β | 1 | drift rate of the gyro heading | reference |
+//! | τ | 1 | delay of the magnetometer | |
+//! | b | 3 | hard iron | body |
+//! | d | 3 | local disturbance at the position of the body | reference |
+//! | κ | 3 | scale error of each gyro axis | body |
+//! | p | 2 | horizontal field at the last rest site | reference |
+//!
+//! The measurement consists of the means y, R', Ω of an interval:
 //!
 //! y = e + (τ − τ') Ω × e + R' b + d + v,
 //!
-//! τ' being the delay that R' was taken back by. Between intervals e turns about the vertical by βT + Σ κ_i ψ_i, ψ_i = ∫ u_i ω_i dt
-//! being the turn about the vertical that body axis i made (u: up in body axes), with a random walk along ζ0 × e, for the gyro turns
-//! it and stretches nothing. Without κ a body that keeps turning one way has a drift that is none when it stops or turns back: half a
-//! per cent of a turn is 2°, and β, which stands for what does not depend on the motion, follows it for a minute. d fades with the
-//! way the body has gone and little while it stays: a sensor that does not move learns nothing about the field beyond its place. Where
-//! a movement or a rest begins it is another. κ is what the level left of the scale, which it finds as well: as unknown as there, no
-//! more. p turns as e does; where the body rests again as it did there, 0 = e + d − p + v tells how far the gyro has drifted.
+//! where τ' is the delay for which R' was rotated back.
 //!
-//! The three components of y are used in one step by the Cholesky factor of S = H P Hᵀ + R: W = P Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
+//! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals. Here ψ_i = ∫ u_i ω_i dt is
+//!   the rotation about the vertical contributed by body axis i, and u is up in body axes. Its
+//!   random walk acts along ζ0 × e, because gyro noise rotates the field and does not stretch it.
+//! - κ models a drift that appears only while the body keeps turning one way: half a per cent of a
+//!   full turn is 2°. Without κ, β would follow this drift for a minute, although it stands for
+//!   drift that does not depend on motion. The level filter estimates the scale error as well. The
+//!   variance of κ is bounded by the variance found there.
+//! - d decays with the motion of the body and only slowly at rest, because a stationary sensor
+//!   learns nothing about the field elsewhere. It is reset whenever a movement or a rest starts.
+//! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
+//!   + v reveals the drift of the gyro since then.
 //!
-//! Arrays, and a factor of three rows written out, where nalgebra's `SMatrix` and `Cholesky` read better: with those the update of the whole
-//! chain costs 0.42 of VQF's in the same chain, with these 0.39 (`plumb score --fuser wz --fuser vqf`, four runs of each in turn), 8 % more.
+//! The three components of y are used in one step, by the Cholesky factor of S = H P Hᵀ + R: W = P
+//! Hᵀ L⁻ᵀ, x += W L⁻¹ν, P −= W Wᵀ.
+//!
+//! Plain arrays and an unrolled factor of three rows are used because they are faster than
+//! nalgebra's `SMatrix` and `Cholesky`, although those read better. An update of the whole chain
+//! costs 0.39 of VQF's in the same chain, and 0.42 with nalgebra, 8 % more (`plumb score --fuser wz
+//! --fuser vqf`, four alternating runs of each).
 
-use super::levelled::Interval;
+use super::field_averager::IntervalMeans;
 use crate::{
     Vector3,
     fuser::{hard_iron::HardIron, wz::settings::Settings},
-    numbers::Numbers,
+    scalars::Scalars,
 };
 
-/// Numbers in the state, and where its parts begin.
+/// Number of states and index of the first state of each part.
 pub(super) const STATES: usize = 16;
 pub(super) const E: usize = 0;
 pub(super) const BETA: usize = 3;
@@ -34,137 +51,143 @@ pub(super) const TAU: usize = 4;
 pub(super) const B: usize = 5;
 const D: usize = 8;
 pub(super) const KAPPA: usize = 11;
-const PLACE: usize = 14;
+const SITE: usize = 14;
 
-/// Standard deviation of the field of a place that is not known, µT: the strongest on earth.
+/// Standard deviation of an unknown field of a place, µT: the strongest field on earth.
 const FIELD_SD_UT: f64 = 60.0;
-/// The drift rate before the gyro was seen at rest, rad/s: a consumer MEMS gyro. It is also the most that may be believed.
+/// Initial and largest standard deviation of the drift rate before a rest, rad/s: a consumer MEMS
+/// gyro.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.01;
-/// Random walk of the drift rate while the body moves, rad/s/√s; what it adds for each rad/s of the rate, 1/√s; and what a body that
-/// vibrates adds: its bias is not that of its rest.
+/// Random walk of the drift rate while the body moves, rad/s/√s; its increase per rate, 1/√s; and
+/// its increase while the body vibrates, rad/s/√s. The bias of a vibrating gyro differs from that
+/// at rest.
 const DRIFT_WALK_RAD_S: f64 = 6e-5;
-const DRIFT_WALK_BY_RATE: f64 = 1.5e-5;
-const DRIFT_WALK_SHAKEN_RAD_S: f64 = 2.2e-4;
-/// Most that κ is less known than the scale from the level, as its multiple and beside it.
-const SCALE_SD_OF_LEVEL: f64 = 1.5;
-const SCALE_SD_BESIDE: f64 = 3e-4;
-/// Error of the gyro's scale, each axis: data sheets of MEMS gyros allow 0.5 to 1 % at most.
+const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
+const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
+/// Largest standard deviation of κ: a multiple of the level filter's, plus a constant (root sum of
+/// squares).
+const SCALE_SD_FACTOR: f64 = 1.5;
+const SCALE_SD_FLOOR: f64 = 3e-4;
+/// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
-/// Its random walk, 1/√s: what a few degrees of warming make of it in an hour.
+/// Random walk of κ, 1/√s: the effect of some degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
-/// Random walk of the gyro's heading, rad/√s, and what it adds for each rad/s of the rate.
-const TURN_WALK_RAD: f64 = 2e-4;
-const TURN_WALK_BY_RATE: f64 = 6e-4;
+/// Random walk of the gyro heading, rad/√s, and its increase per rate.
+const HEADING_WALK_RAD: f64 = 2e-4;
+const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
-/// What the place adds: iron in a building, and the sensor's own soft iron.
-const PLACE_SD_UT: f64 = 1.23;
-/// How fast that fades: 1/s of a body that rests, 1/rad of its turns, and for accelerations beyond the first by 1 m/s², 1/s.
-const FADE_AT_REST: f64 = 0.06;
-const FADE_BY_TURN: f64 = 0.2;
-const FADE_BY_ACCELERATION: f64 = 0.15;
-const ACCELERATION_OF_REST_M_S2: f64 = 0.3;
-/// Noise of the field of a place where the body rests again, each axis, µT, and the largest normalised square of an innovation that is
-/// believed there: the field of another place may be alike.
-const AGAIN_SD_UT: f64 = 0.2;
-const AGAIN_GATE: f64 = 4.0;
-/// The delays of magnetometers there are, s.
-const DELAY_MIN_S: f64 = -0.01;
-const DELAY_MAX_S: f64 = 0.04;
+/// Standard deviation of the local disturbance, µT: iron in a building, and the sensor's soft iron.
+const LOCAL_FIELD_SD_UT: f64 = 1.23;
+/// Decay of the local disturbance: at rest, 1/s; by rotation, 1/rad; by acceleration above a
+/// threshold, 1/s per m/s².
+const DECAY_AT_REST: f64 = 0.06;
+const DECAY_PER_TURN: f64 = 0.2;
+const DECAY_PER_ACCELERATION: f64 = 0.15;
+const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
+/// Noise of the field when the body rests at the same site again, each axis, µT, and gate for that
+/// measurement. The gate is tight because the field of another site may be similar.
+const REVISIT_SD_UT: f64 = 0.2;
+const REVISIT_GATE: f64 = 4.0;
+/// Range of magnetometer delays, s.
+const MIN_DELAY_S: f64 = -0.01;
+const MAX_DELAY_S: f64 = 0.04;
 
-/// What passes between two measurements, the same for every hypothesis.
+/// Time update between two measurements, common to all hypotheses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Propagation {
     duration_s: f64,
-    /// Turn about the vertical by each body axis, rad.
-    turned_rad: [f64; 3],
-    /// The body moved, so that the gyro's heading drifted.
-    moved: bool,
-    /// A movement or a rest began: d is another.
-    elsewhere: bool,
-    /// Variances that come: of the drift rate, rad²/s², and the most there is of the scale.
+    /// Rotation about the vertical contributed by each body axis, rad.
+    vertical_rotation_rad: [f64; 3],
+    /// Whether the body moved, so that the gyro heading drifted.
+    is_moving: bool,
+    /// Whether a movement or a rest starts, which resets d.
+    motion_changed: bool,
+    /// Increase of the variance of β, rad²/s², and largest variance of κ.
     drift_variance_rad2_s2: f64,
-    scale_variance_max: [f64; 3],
-    /// What is left of d, and the variance that comes for it, µT².
-    kept: f64,
-    place_variance_ut2: f64,
-    turn_variance_rad2: f64,
+    max_scale_variance: [f64; 3],
+    /// Remaining fraction of d, and the variance added to it, µT².
+    local_field_decay: f64,
+    local_field_variance_ut2: f64,
+    heading_variance_rad2: f64,
     field_variance_ut2: f64,
 }
 
 impl Propagation {
-    /// The interval's; `elsewhere` where it begins a movement or a rest.
-    pub(super) fn of(interval: &Interval, elsewhere: bool) -> Self {
-        let (t_s, turning) = (interval.duration_s, interval.turning_rad_s);
-        let acceleration = (interval.acceleration_m_s2 - ACCELERATION_OF_REST_M_S2).max(0.0);
-        let fade = FADE_AT_REST + FADE_BY_TURN * turning + FADE_BY_ACCELERATION * acceleration;
-        let kept = libm::exp(-fade * t_s);
+    /// Creates the time update of an interval. `motion_changed` is `true` if a movement or a rest
+    /// starts with it.
+    pub(super) fn from_interval(interval: &IntervalMeans, motion_changed: bool) -> Self {
+        let (t_s, rate_rms_rad_s) = (interval.duration_s, interval.rate_rms_rad_s);
+        let acceleration_m_s2 = (interval.acceleration_rms_m_s2 - ACCELERATION_THRESHOLD_M_S2).max(0.0);
+        let decay_rate = DECAY_AT_REST + DECAY_PER_TURN * rate_rms_rad_s + DECAY_PER_ACCELERATION * acceleration_m_s2;
+        let local_field_decay = libm::exp(-decay_rate * t_s);
         let square = |x: f64| x * x;
         let drift_walk2 = square(DRIFT_WALK_RAD_S)
-            + square(DRIFT_WALK_BY_RATE * turning)
-            + if interval.shaken { square(DRIFT_WALK_SHAKEN_RAD_S) } else { 0.0 };
-        let walk_rad = TURN_WALK_RAD + TURN_WALK_BY_RATE * turning;
+            + square(DRIFT_WALK_PER_RATE * rate_rms_rad_s)
+            + if interval.is_vibrating { square(VIBRATION_DRIFT_WALK_RAD_S) } else { 0.0 };
+        let walk_rad = HEADING_WALK_RAD + HEADING_WALK_PER_RATE * rate_rms_rad_s;
         Self {
             duration_s: t_s,
-            turned_rad: interval.turned_rad,
-            moved: !interval.at_rest,
-            elsewhere,
+            vertical_rotation_rad: interval.vertical_rotation_rad,
+            is_moving: !interval.at_rest,
+            motion_changed,
             drift_variance_rad2_s2: drift_walk2 * t_s,
-            scale_variance_max: interval
+            max_scale_variance: interval
                 .scale_variance
-                .map(|variance| square(SCALE_SD_OF_LEVEL) * variance + square(SCALE_SD_BESIDE)),
-            kept,
-            place_variance_ut2: PLACE_SD_UT * PLACE_SD_UT * (1.0 - kept * kept),
-            turn_variance_rad2: walk_rad * walk_rad * t_s,
+                .map(|variance| square(SCALE_SD_FACTOR) * variance + square(SCALE_SD_FLOOR)),
+            local_field_decay,
+            local_field_variance_ut2: LOCAL_FIELD_SD_UT * LOCAL_FIELD_SD_UT * (1.0 - local_field_decay * local_field_decay),
+            heading_variance_rad2: walk_rad * walk_rad * t_s,
             field_variance_ut2: FIELD_WALK_UT * FIELD_WALK_UT * t_s,
         }
     }
 }
 
-/// What an interval said about a hypothesis.
+/// Result of a measurement for one hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Verdict {
-    /// Normalised square of the innovation, three degrees of freedom.
+pub(super) struct MeasurementResult {
+    /// Normalised innovation squared, three degrees of freedom.
     pub(super) nis: f64,
-    /// Determinant of its covariance, µT⁶.
+    /// Determinant of the innovation covariance, µT⁶.
     pub(super) determinant: f64,
-    /// It passed the gate and was used.
+    /// Whether the innovation passed the gate and was used.
     pub(super) accepted: bool,
 }
 
-/// A hypothesis.
+/// Kalman filter of one hypothesis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Filter {
+pub(super) struct FieldFilter {
     pub(super) x: [f64; STATES],
-    /// Symmetric, both halves kept.
+    /// Covariance; symmetric, both halves are stored.
     p: [[f64; STATES]; STATES],
 }
 
-impl Filter {
-    /// Nothing is known but what the settings say.
-    pub(super) fn begun(settings: &Settings) -> Self {
+impl FieldFilter {
+    /// Creates a filter that knows only the settings.
+    pub(super) fn new(settings: &Settings) -> Self {
         let mut filter = Self { x: [0.0; STATES], p: [[0.0; STATES]; STATES] };
         filter.x[TAU] = settings.magnetometer_delay_s;
-        filter.open(E, FIELD_SD_UT);
-        filter.open(B, settings.hard_iron_sd_ut);
-        filter.open(D, PLACE_SD_UT);
-        filter.open(KAPPA, SCALE_SD);
+        filter.inflate(E, FIELD_SD_UT);
+        filter.inflate(B, settings.hard_iron_sd_ut);
+        filter.inflate(D, LOCAL_FIELD_SD_UT);
+        filter.inflate(KAPPA, SCALE_SD);
         filter.reset(BETA, DRIFT_SD_RAD_S);
         filter.p[TAU][TAU] = settings.magnetometer_delay_sd_s * settings.magnetometer_delay_sd_s;
         filter
     }
 
-    /// The field and the hard iron, within `hard_iron_sd_ut`, begin anew; the drift, the gyro's scale and the delay of `known` stay.
-    pub(super) fn keep_clockwork(&mut self, known: &Self, hard_iron_sd_ut: f64) {
+    /// Copies drift rate, gyro scale error and delay from `known`, and adds `hard_iron_sd_ut` to the
+    /// uncertainty of the hard iron.
+    pub(super) fn keep_gyro_and_delay(&mut self, known: &Self, hard_iron_sd_ut: f64) {
         for i in [BETA, TAU, KAPPA, KAPPA + 1, KAPPA + 2] {
             self.x[i] = known.x[i];
             self.p[i][i] = known.p[i][i];
         }
-        self.open(B, hard_iron_sd_ut);
+        self.inflate(B, hard_iron_sd_ut);
     }
 
-    /// The hard iron is what somebody has found before; what is not known stays what the settings say.
-    pub(super) fn know(&mut self, hard_iron: HardIron) {
+    /// Sets the hard iron if it is known. Otherwise it stays as the settings define it.
+    pub(super) fn set_hard_iron(&mut self, hard_iron: HardIron) {
         let HardIron { field_ut, sd_ut } = hard_iron;
         if sd_ut.is_finite() {
             for (i, part_ut) in (B..).zip(field_ut.iter()) {
@@ -174,7 +197,7 @@ impl Filter {
         }
     }
 
-    /// The hard iron; unknown where it is taken to be none.
+    /// Returns the hard iron; unknown if it is assumed to be zero.
     pub(super) fn hard_iron(&self) -> HardIron {
         let variance_ut2 = (B..B + 3).map(|i| self.p[i][i]).fold(0.0, f64::max);
         if variance_ut2 == 0.0 {
@@ -184,25 +207,25 @@ impl Filter {
         HardIron { field_ut, sd_ut: libm::sqrt(variance_ut2) }
     }
 
-    /// How far the hard iron is from another hypothesis's, µT, squared.
-    pub(super) fn hard_iron_apart2(&self, other: &Self) -> f64 {
+    /// Returns the squared distance between the hard irons of two hypotheses, µT².
+    pub(super) fn hard_iron_distance2_ut2(&self, other: &Self) -> f64 {
         (B..B + 3).map(|i| (self.x[i] - other.x[i]) * (self.x[i] - other.x[i])).sum()
     }
 
-    /// The field less the hard iron, µT, reference axes.
-    pub(super) fn without_hard_iron(&self, interval: &Interval) -> [f64; 3] {
-        let of = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
-        core::array::from_fn(|i| interval.field_ut[i] - of(interval.axes[i]))
+    /// Returns the mean field without the hard iron, µT, reference axes.
+    pub(super) fn field_without_hard_iron_ut(&self, interval: &IntervalMeans) -> [f64; 3] {
+        let hard_iron = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
+        core::array::from_fn(|i| interval.field_ut[i] - hard_iron(interval.axes[i]))
     }
 
-    /// Three states from `first` on may be off by `sd` more.
-    pub(super) fn open(&mut self, first: usize, sd: f64) {
+    /// Adds `sd` to the uncertainty of three states starting at `first`.
+    pub(super) fn inflate(&mut self, first: usize, sd: f64) {
         for i in first..first + 3 {
             self.p[i][i] += sd * sd;
         }
     }
 
-    /// A state is zero within `sd`, whatever was believed of it.
+    /// Resets a state to zero with the standard deviation `sd`, uncorrelated with the others.
     pub(super) fn reset(&mut self, i: usize, sd: f64) {
         self.x[i] = 0.0;
         self.p[i] = [0.0; STATES];
@@ -210,35 +233,38 @@ impl Filter {
         self.p[i][i] = sd * sd;
     }
 
-    /// North is where it is within `sd_rad`, and within what the place adds to the field by which it was found; of the field's strength
-    /// nothing is known but the sample.
-    pub(super) fn face_north(&mut self, field_ut: [f64; 3], sd_rad: f64) {
+    /// Sets the field so that the present heading is kept, with the standard deviation `sd_rad`.
+    ///
+    /// The local disturbance adds to the uncertainty. The strength of the field is taken from the
+    /// sample and stays unknown.
+    pub(super) fn set_north(&mut self, field_ut: [f64; 3], sd_rad: f64) {
         let horizontal = libm::hypot(field_ut[0], field_ut[1]);
         (self.x[E], self.x[E + 1], self.x[E + 2]) = (0.0, horizontal, field_ut[2]);
-        self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad + PLACE_SD_UT * PLACE_SD_UT;
+        self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad + LOCAL_FIELD_SD_UT * LOCAL_FIELD_SD_UT;
     }
 
-    /// The gyro's heading may have turned by `variance_rad2` more.
-    pub(super) fn turn_walk(&mut self, variance_rad2: f64) {
-        let turn = [(E, -self.x[E + 1]), (E + 1, self.x[E]), (PLACE, -self.x[PLACE + 1]), (PLACE + 1, self.x[PLACE])];
-        for (i, by_i) in turn {
-            for (j, by_j) in turn {
+    /// Adds a variance to the gyro heading, which rotates e and p.
+    pub(super) fn add_heading_variance(&mut self, variance_rad2: f64) {
+        let derivative = [(E, -self.x[E + 1]), (E + 1, self.x[E]), (SITE, -self.x[SITE + 1]), (SITE + 1, self.x[SITE])];
+        for (i, by_i) in derivative {
+            for (j, by_j) in derivative {
                 self.p[i][j] += variance_rad2 * (by_i * by_j);
             }
         }
     }
 
-    /// The body rests where it rested before: what e and d add up to is p. It is used if the innovation passes the gate.
-    pub(super) fn is_place(&mut self) -> bool {
-        const VARIANCE_UT2: f64 = AGAIN_SD_UT * AGAIN_SD_UT;
-        let [across, along] = [0, 1].map(|i| self.at_place(i));
-        let s = |of: &[f64; STATES], i: usize| of[E + i] + of[D + i] - of[PLACE + i];
+    /// Uses e + d = p, because the body is back at the last rest site. Returns `true` if the
+    /// innovation passed the gate.
+    pub(super) fn update_at_rest_site(&mut self) -> bool {
+        const VARIANCE_UT2: f64 = REVISIT_SD_UT * REVISIT_SD_UT;
+        let [across, along] = [0, 1].map(|i| self.rest_site_column(i));
+        let s = |v: &[f64; STATES], i: usize| v[E + i] + v[D + i] - v[SITE + i];
         let r0 = libm::sqrt(s(&across, 0).max(0.0) + VARIANCE_UT2).recip();
         let l10 = s(&across, 1) * r0;
         let r1 = libm::sqrt((s(&along, 1) - l10 * l10).max(0.0) + VARIANCE_UT2).recip();
         let z0 = -s(&self.x, 0) * r0;
         let z1 = (-s(&self.x, 1) - l10 * z0) * r1;
-        if z0 * z0 + z1 * z1 >= AGAIN_GATE {
+        if z0 * z0 + z1 * z1 >= REVISIT_GATE {
             return false;
         }
         let w0 = across.map(|part| part * r0);
@@ -253,94 +279,97 @@ impl Filter {
         true
     }
 
-    /// Column of the covariance of component `i` of e + d − p with the state.
-    fn at_place(&self, i: usize) -> [f64; STATES] {
-        core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[PLACE + i][j])
+    /// Returns the covariance of component `i` of e + d − p with the state.
+    fn rest_site_column(&self, i: usize) -> [f64; STATES] {
+        core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[SITE + i][j])
     }
 
-    /// The place where the body rests is the one to know again: p is what e and d add up to.
-    pub(super) fn know_place(&mut self) {
+    /// Stores e + d as p, the field to recognise at this rest site.
+    pub(super) fn store_rest_site(&mut self) {
         for i in 0..2 {
-            self.x[PLACE + i] = self.x[E + i] + self.x[D + i];
-            self.p[PLACE + i] = core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j]);
+            self.x[SITE + i] = self.x[E + i] + self.x[D + i];
+            self.p[SITE + i] = core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j]);
             for row in &mut self.p {
-                row[PLACE + i] = row[E + i] + row[D + i];
+                row[SITE + i] = row[E + i] + row[D + i];
             }
         }
     }
 
-    /// The horizontal field may point anywhere: open by its own strength in both components, it passes the gate from every side.
-    pub(super) fn lose_direction(&mut self) {
+    /// Makes the direction of the horizontal field unknown.
+    ///
+    /// Both components become as uncertain as the field is strong, so that a field from any
+    /// direction passes the gate.
+    pub(super) fn invalidate_direction(&mut self) {
         let horizontal2 = self.x[E] * self.x[E] + self.x[E + 1] * self.x[E + 1];
         self.p[E][E] += horizontal2;
         self.p[E + 1][E + 1] += horizontal2;
     }
 
-    /// Angle that turns the horizontal field to north, rad, and its variance.
-    pub(super) fn turn_rad(&self) -> (f64, f64) {
+    /// Returns the angle that rotates the horizontal field to north, rad, and its variance.
+    pub(super) fn heading_correction(&self) -> (f64, f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);
         let across = self.p[0][0] * y * y - 2.0 * self.p[0][1] * x * y + self.p[1][1] * x * x;
         let square = x * x + y * y;
         (libm::atan2(x, y), across.max(0.0) / (square * square).max(1e-12))
     }
 
-    /// Time passes.
+    /// Propagates state and covariance over an interval.
     pub(super) fn predict(&mut self, propagation: &Propagation) {
-        if propagation.elsewhere {
-            (D..D + 3).for_each(|i| self.reset(i, PLACE_SD_UT));
+        if propagation.motion_changed {
+            (D..D + 3).for_each(|i| self.reset(i, LOCAL_FIELD_SD_UT));
         }
-        for (i, most) in (KAPPA..).zip(propagation.scale_variance_max) {
-            self.bound(i, most);
+        for (i, max_variance) in (KAPPA..).zip(propagation.max_scale_variance) {
+            self.limit_variance(i, max_variance);
         }
-        if propagation.moved {
-            self.drift(propagation);
+        if propagation.is_moving {
+            self.propagate_drift(propagation);
         }
         for i in D..D + 3 {
-            self.x[i] *= propagation.kept;
-            self.p[i].iter_mut().for_each(|part| *part *= propagation.kept);
+            self.x[i] *= propagation.local_field_decay;
+            self.p[i].iter_mut().for_each(|part| *part *= propagation.local_field_decay);
         }
         for row in &mut self.p {
-            row[D..D + 3].iter_mut().for_each(|part| *part *= propagation.kept);
+            row[D..D + 3].iter_mut().for_each(|part| *part *= propagation.local_field_decay);
         }
         for i in 0..3 {
-            self.p[D + i][D + i] += propagation.place_variance_ut2;
+            self.p[D + i][D + i] += propagation.local_field_variance_ut2;
             self.p[E + i][E + i] += propagation.field_variance_ut2;
         }
-        for i in [PLACE, PLACE + 1] {
+        for i in [SITE, SITE + 1] {
             self.p[i][i] += propagation.field_variance_ut2;
         }
-        self.turn_walk(propagation.turn_variance_rad2);
+        self.add_heading_variance(propagation.heading_variance_rad2);
     }
 
-    /// A state is known at least within this variance.
-    fn bound(&mut self, i: usize, most: f64) {
-        if self.p[i][i] > most {
-            let scale = libm::sqrt(most / self.p[i][i]);
+    /// Limits the variance of a state. Correlations are kept.
+    fn limit_variance(&mut self, i: usize, max_variance: f64) {
+        if self.p[i][i] > max_variance {
+            let scale = libm::sqrt(max_variance / self.p[i][i]);
             self.p[i].iter_mut().for_each(|part| *part *= scale);
             self.p.iter_mut().for_each(|row| row[i] *= scale);
         }
     }
 
-    /// e and p turn by βT + Σ κψ.
-    fn drift(&mut self, propagation: &Propagation) {
-        let Propagation { duration_s: t_s, turned_rad: [psi_x, psi_y, psi_z], .. } = *propagation;
-        let drift = |of: &[f64]| t_s * of[BETA] + psi_x * of[KAPPA] + psi_y * of[KAPPA + 1] + psi_z * of[KAPPA + 2];
+    /// Rotates e and p by βT + Σ κψ.
+    fn propagate_drift(&mut self, propagation: &Propagation) {
+        let Propagation { duration_s: t_s, vertical_rotation_rad: [psi_x, psi_y, psi_z], .. } = *propagation;
+        let drift = |v: &[f64]| t_s * v[BETA] + psi_x * v[KAPPA] + psi_y * v[KAPPA + 1] + psi_z * v[KAPPA + 2];
         let sin = drift(&self.x).clamp(-0.1, 0.1);
         let cos = 1.0 - 0.5 * sin * sin;
-        // F P Fᵀ: the rows, then the columns.
+        // F P Fᵀ: first the rows, then the columns.
         let (by_beta, [by_x, by_y, by_z]) = (self.p[BETA], [self.p[KAPPA], self.p[KAPPA + 1], self.p[KAPPA + 2]]);
-        let turn: [f64; STATES] =
+        let rotation_row: [f64; STATES] =
             core::array::from_fn(|j| t_s * by_beta[j] + psi_x * by_x[j] + psi_y * by_y[j] + psi_z * by_z[j]);
-        let turned = [E, PLACE].map(|i| (i, self.x[i], self.x[i + 1]));
-        for (i, x, y) in turned {
+        let horizontal_fields = [E, SITE].map(|i| (i, self.x[i], self.x[i + 1]));
+        for (i, x, y) in horizontal_fields {
             (self.x[i], self.x[i + 1]) = (cos * x - sin * y, cos * y + sin * x);
             let (p0, p1) = (self.p[i], self.p[i + 1]);
-            self.p[i] = core::array::from_fn(|j| cos * p0[j] - sin * p1[j] - y * turn[j]);
-            self.p[i + 1] = core::array::from_fn(|j| cos * p1[j] + sin * p0[j] + x * turn[j]);
+            self.p[i] = core::array::from_fn(|j| cos * p0[j] - sin * p1[j] - y * rotation_row[j]);
+            self.p[i + 1] = core::array::from_fn(|j| cos * p1[j] + sin * p0[j] + x * rotation_row[j]);
         }
         for row in &mut self.p {
             let c = drift(row);
-            for (i, x, y) in turned {
+            for (i, x, y) in horizontal_fields {
                 let (a, b) = (row[i], row[i + 1]);
                 row[i] = cos * a - sin * b - y * c;
                 row[i + 1] = cos * b + sin * a + x * c;
@@ -349,32 +378,34 @@ impl Filter {
         for i in KAPPA..KAPPA + 3 {
             self.p[i][i] += SCALE_WALK * SCALE_WALK * t_s;
         }
-        // Both halves alike to the last bit: a snapshot holds one.
-        let summed = [E, E + 1, PLACE, PLACE + 1];
+        // Makes both halves equal to the last bit, because a snapshot stores only one.
+        let summed = [E, E + 1, SITE, SITE + 1];
         for (k, i) in summed.into_iter().enumerate() {
             summed[k + 1..].iter().for_each(|j| self.p[*j][i] = self.p[i][*j]);
         }
-        let drift = &mut self.p[BETA][BETA];
-        if *drift < DRIFT_SD_RAD_S * DRIFT_SD_RAD_S {
-            *drift += propagation.drift_variance_rad2_s2;
+        let drift_variance = &mut self.p[BETA][BETA];
+        if *drift_variance < DRIFT_SD_RAD_S * DRIFT_SD_RAD_S {
+            *drift_variance += propagation.drift_variance_rad2_s2;
         }
     }
 
-    /// An interval's field, of this variance on each axis; it is used if the innovation passes the gate.
-    pub(super) fn measure(&mut self, interval: &Interval, delay_s: f64, variance_ut2: f64, gate: f64) -> Verdict {
+    /// Updates with the mean field of an interval, which has the given variance on each axis.
+    ///
+    /// The measurement is used only if the innovation passes the gate.
+    pub(super) fn measure(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64, gate: f64) -> MeasurementResult {
         let (rate, e) = (interval.rate_rad_s, [self.x[0], self.x[1], self.x[2]]);
-        let swept = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
-        let late_s = self.x[TAU] - delay_s;
+        let field_rate = [rate[1] * e[2] - rate[2] * e[1], rate[2] * e[0] - rate[0] * e[2], rate[0] * e[1] - rate[1] * e[0]];
+        let delay_error_s = self.x[TAU] - delay_s;
         let mut innovation = [0.0; 3];
         let mut w = [[0.0; STATES]; 3];
         for i in 0..3 {
             let [a, b, c] = interval.axes[i];
             let hard_iron = a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
-            innovation[i] = interval.field_ut[i] - (e[i] + late_s * swept[i] + hard_iron + self.x[D + i]);
+            innovation[i] = interval.field_ut[i] - (e[i] + delay_error_s * field_rate[i] + hard_iron + self.x[D + i]);
             for (j, w) in w[i].iter_mut().enumerate() {
                 *w = self.p[E + i][j]
                     + self.p[D + i][j]
-                    + swept[i] * self.p[TAU][j]
+                    + field_rate[i] * self.p[TAU][j]
                     + a * self.p[B][j]
                     + b * self.p[B + 1][j]
                     + c * self.p[B + 2][j];
@@ -382,9 +413,9 @@ impl Filter {
         }
         let s = |i: usize, j: usize| {
             let ([a, b, c], w) = (interval.axes[j], &w[i]);
-            w[E + j] + w[D + j] + swept[j] * w[TAU] + a * w[B] + b * w[B + 1] + c * w[B + 2]
+            w[E + j] + w[D + j] + field_rate[j] * w[TAU] + a * w[B] + b * w[B + 1] + c * w[B + 2]
         };
-        // S = L Lᵀ; rounding may not take more than the noise leaves.
+        // S = L Lᵀ. Each pivot is at least the noise variance, whatever the rounding.
         let d0 = s(0, 0).max(0.0) + variance_ut2;
         let r0 = libm::sqrt(d0).recip();
         let (l10, l20) = (s(0, 1) * r0, s(0, 2) * r0);
@@ -412,33 +443,35 @@ impl Filter {
                 }
                 self.p[i][i] = self.p[i][i].max(0.0);
             }
-            self.x[TAU] = self.x[TAU].clamp(DELAY_MIN_S, DELAY_MAX_S);
+            self.x[TAU] = self.x[TAU].clamp(MIN_DELAY_S, MAX_DELAY_S);
         }
-        Verdict { nis, determinant: d0 * d1 * d2, accepted }
+        MeasurementResult { nis, determinant: d0 * d1 * d2, accepted }
     }
 
-    /// What is wrong with the state: a covariance that no random numbers have, found by its factors L D Lᵀ.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let mut left = self.p;
+    /// Returns why the state is invalid, or `None` if it is valid.
+    ///
+    /// The covariance is checked by its factors L D Lᵀ.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        let mut remainder = self.p;
         for k in 0..STATES {
-            let (pivot, least) = (left[k][k], -1e-9 * self.p[k][k].max(0.0));
-            if self.p[k][k] < 0.0 || pivot < least {
-                return Some("a covariance of the field that is not positive");
+            let (pivot, min_pivot) = (remainder[k][k], -1e-9 * self.p[k][k].max(0.0));
+            if self.p[k][k] < 0.0 || pivot < min_pivot {
+                return Some("a covariance of the field that is not positive semidefinite");
             }
-            let row = left[k];
+            let row = remainder[k];
             for i in k + 1..STATES {
-                let share = if pivot > -least { row[i] / pivot } else { 0.0 };
-                if share == 0.0 && row[i] * row[i] > 1e-9 * self.p[k][k] * self.p[i][i] {
-                    return Some("a covariance of the field that is not positive");
+                let factor = if pivot > -min_pivot { row[i] / pivot } else { 0.0 };
+                if factor == 0.0 && row[i] * row[i] > 1e-9 * self.p[k][k] * self.p[i][i] {
+                    return Some("a covariance of the field that is not positive semidefinite");
                 }
-                left[i].iter_mut().zip(row).for_each(|(part, of_row)| *part -= share * of_row);
+                remainder[i].iter_mut().zip(row).for_each(|(part, pivot_part)| *part -= factor * pivot_part);
             }
         }
-        (self.x.iter().any(|x| x.abs() > 1e4)).then_some("a field beyond every magnet")
+        (self.x.iter().any(|x| x.abs() > 1e4)).then_some("a field above 10,000 µT")
     }
 }
 
-impl Numbers for Filter {
+impl Scalars for FieldFilter {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
         self.x.iter_mut().for_each(&mut *visit);
         for i in 0..STATES {

@@ -1,221 +1,235 @@
-//! Three hypotheses about one field, and which of them gives the heading.
+//! Runs three hypotheses about the same field and selects the one that gives the heading.
 //!
-//! | | hypothesis | beginning |
+//! | | hypothesis | start |
 //! | --- | --- | --- |
-//! | M | the hard iron is what it was | gives the heading |
-//! | B | something was put on the body, or taken off | a copy of M with b open by 15 µT |
-//! | E | the field of the place has changed | a copy of M with e open by 15 µT |
+//! | M | the hard iron is unchanged | main filter, gives the heading |
+//! | B | a magnet was attached to the body or removed | copy of M with b uncertain by another 15 µT |
+//! | E | the field of the place has changed | copy of M with e uncertain by another 15 µT |
 //!
-//! M passes what fits by a gate, so a disturbance leaves its heading to the gyro. A step fixed to the body fits B and nothing else, a
-//! new field fits E as well, and magnets that pass by fit nobody. Evidence is a sum of log-likelihood ratios while the body turns, for at
-//! rest nothing tells the three apart. Each update gives away an allowance, since no hypothesis knows the soft iron and the
-//! slope of the field, and B with more freedom explains a little of both; the sum does not fall below zero.
-//! When B leads both by the margin, with a hard iron of its own and after a turn, it becomes M. What fails is begun anew from M, and so is what has not won in 50 s.
+//! A gate protects M from disturbances: the heading then follows the gyro. A step fixed to the body
+//! fits only B. A changed field fits E as well as B, and passing magnets fit none of the three.
+//!
+//! The evidence is a sum of log-likelihood ratios over the time in which the body turns, because
+//! the three cannot be distinguished at rest. Each update subtracts an allowance: no hypothesis models
+//! soft iron and field gradients, and B, which has more freedom, explains a little of both. The sum
+//! does not fall below zero.
+//!
+//! B replaces M when it leads both others by the margin, has a hard iron of its own, and the body
+//! has turned. B and E restart from M when B fails, or after 50 s without a decision.
 
 use super::{
-    filter::{B, BETA, E, Filter, Propagation, TAU},
-    levelled::Interval,
+    filter::{B, BETA, E, FieldFilter, Propagation, TAU},
+    field_averager::IntervalMeans,
 };
-use crate::{fuser::wz::settings::Settings, numbers::Numbers};
+use crate::{fuser::wz::settings::Settings, scalars::Scalars};
 
-/// By how much a challenger is opened, µT: a magnet at some centimetres, a loudspeaker in the same room.
-const CHALLENGE_UT: f64 = 15.0;
-/// Largest normalised square of an innovation that is believed; a chance of 1 %.
+/// Standard deviation added to b or e of a challenger, µT: a magnet at some centimetres, or a
+/// loudspeaker in the same room.
+const CHALLENGER_SD_UT: f64 = 15.0;
+/// Gate on the normalised innovation squared, which regular innovations exceed in 1 % of cases.
 const GATE: f64 = 11.0;
-/// The same, where a likelihood is counted: more would be one disturbance deciding all.
-const NIS_MAX: f64 = 30.0;
-/// Twice the log-likelihood ratio at which B wins.
-const MARGIN: f64 = 85.0;
-/// How far its hard iron is from that of M when it wins, at least, µT, and how far the body has turned since the challenge, rad.
-const APART_UT: f64 = 3.0;
-const TURNED_RAD: f64 = 2.0;
-/// What each update gives away of it, 1/s.
+/// Largest normalised innovation squared used in a likelihood. Without it, one disturbance would
+/// decide the test.
+const MAX_NIS: f64 = 30.0;
+/// Lead at which B wins, as twice the log-likelihood ratio.
+const WIN_MARGIN: f64 = 85.0;
+/// Smallest change of the hard iron with which B can win, µT, and smallest rotation since the
+/// challenge started, rad.
+const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
+const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
+/// Evidence subtracted per second of turning.
 const ALLOWANCE_PER_S: f64 = 5.5;
-/// From this rate on the body turns, rad/s.
-const TURNING_RAD_S: f64 = 0.3;
-/// After so long outside the gate a challenger has failed, s; after so long without a win it is too old.
-const FAILED_S: f64 = 0.2;
-const CHALLENGE_S: f64 = 50.0;
-/// After so long outside the gate, in turns, everything about the field begins anew, s.
-const REJECTED_S: f64 = 60.0;
-/// A hypothesis that was not right for so long is a beginner, s: it begins anew after as long outside the gate as inside, and at least
-/// the shorter time.
-const BEGINNER_S: f64 = 10.0;
-const BEGINNER_REJECTED_S: f64 = 2.0;
-/// The drift rate of the gyro's heading, once its bias was seen at rest, rad/s.
+/// Rate from which the body counts as turning, rad/s.
+const MIN_TURN_RATE_RAD_S: f64 = 0.3;
+/// Time outside the gate after which a challenger has failed, s, and time after which a challenge
+/// restarts, s.
+const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
+const CHALLENGE_TIMEOUT_S: f64 = 50.0;
+/// Time of turning outside the gate after which everything about the field is reset, s.
+const REJECTION_TIMEOUT_S: f64 = 60.0;
+/// Time inside the gate that ends the probation of a new main filter, s, and shortest time outside
+/// the gate that resets it before, s.
+///
+/// A filter on probation is reset once it was outside the gate for as long as inside.
+const PROBATION_S: f64 = 10.0;
+const MIN_PROBATION_REJECTION_S: f64 = 2.0;
+/// Standard deviation of the drift rate once the gyro bias was observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 
-/// What became of an interval.
+/// Result of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Outcome {
-    /// M used it.
+pub(super) struct TestOutcome {
+    /// M used the field.
     pub(super) accepted: bool,
-    /// M is another, or begun anew.
+    /// M was replaced or reset.
     pub(super) replaced: bool,
 }
 
-/// The hypotheses and the evidence.
+/// The three hypotheses and the evidence for them.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct HypothesisTest {
-    pub(super) main: Filter,
-    body: Filter,
-    place: Filter,
-    /// Lead of B over M and over E.
-    over_main: f64,
-    over_place: f64,
-    failing_s: f64,
-    age_s: f64,
-    turned_rad: f64,
+    pub(super) main: FieldFilter,
+    body: FieldFilter,
+    environment: FieldFilter,
+    /// Lead of B over M and over E, as twice the log-likelihood ratio.
+    lead_over_main: f64,
+    lead_over_environment: f64,
+    challenger_rejected_s: f64,
+    challenge_age_s: f64,
+    challenge_turn_rad: f64,
     accepted_s: f64,
     rejected_s: f64,
-    /// North was lost, and what was found since has not been outside the gate for long.
-    lost: bool,
+    /// Whether the direction was invalidated and the filter has not been rejected for long since
+    /// then.
+    direction_invalidated: bool,
 }
 
 impl HypothesisTest {
-    /// Begins with a hypothesis M that has seen nothing.
-    pub(super) fn of(main: Filter) -> Self {
+    /// Creates the test with a main filter that has seen no field.
+    pub(super) fn new(main: FieldFilter) -> Self {
         let mut hypothesis_test = Self {
             main,
             body: main,
-            place: main,
-            over_main: 0.0,
-            over_place: 0.0,
-            failing_s: 0.0,
-            age_s: 0.0,
-            turned_rad: 0.0,
+            environment: main,
+            lead_over_main: 0.0,
+            lead_over_environment: 0.0,
+            challenger_rejected_s: 0.0,
+            challenge_age_s: 0.0,
+            challenge_turn_rad: 0.0,
             accepted_s: 0.0,
             rejected_s: 0.0,
-            lost: false,
+            direction_invalidated: false,
         };
-        hypothesis_test.challenge();
+        hypothesis_test.restart_challengers();
         hypothesis_test
     }
 
-    /// The first interval, which all must believe. B has field and hard iron open together.
-    pub(super) fn begin(&mut self, interval: &Interval, delay_s: f64, variance_ut2: f64) {
-        self.each(|filter| {
+    /// Processes the first interval, which all hypotheses must use. In B, both field and hard iron
+    /// are unknown then.
+    pub(super) fn start(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64) {
+        self.for_each_filter(|filter| {
             filter.measure(interval, delay_s, variance_ut2, f64::INFINITY);
         });
     }
 
-    /// Time passes.
-    pub(super) fn pass(&mut self, propagation: &Propagation) {
-        self.each(|filter| filter.predict(propagation));
+    /// Propagates all hypotheses over an interval.
+    pub(super) fn predict(&mut self, propagation: &Propagation) {
+        self.for_each_filter(|filter| filter.predict(propagation));
     }
 
-    /// The gyro's heading may have turned by this variance more.
-    pub(super) fn loosen(&mut self, variance_rad2: f64) {
-        self.each(|filter| filter.turn_walk(variance_rad2));
+    /// Adds a variance to the gyro heading, rad².
+    pub(super) fn add_heading_variance(&mut self, variance_rad2: f64) {
+        self.for_each_filter(|filter| filter.add_heading_variance(variance_rad2));
     }
 
-    /// North may be anywhere.
-    pub(super) fn lose_direction(&mut self) {
-        self.each(Filter::lose_direction);
-        (self.accepted_s, self.rejected_s, self.lost) = (0.0, 0.0, true);
+    /// Makes the direction of north unknown.
+    pub(super) fn invalidate_direction(&mut self) {
+        self.for_each_filter(FieldFilter::invalidate_direction);
+        (self.accepted_s, self.rejected_s, self.direction_invalidated) = (0.0, 0.0, true);
     }
 
-    /// The gyro's bias was seen at rest for the first time: what had drifted before says nothing about what will.
-    pub(super) fn rested(&mut self) {
-        self.each(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
+    /// Handles the first rest, at which the gyro bias is observed. Earlier drift says nothing about
+    /// later drift.
+    pub(super) fn on_first_rest(&mut self) {
+        self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
 
-    /// An interval with a field of this variance.
-    pub(super) fn judge(&mut self, interval: &Interval, settings: &Settings, variance_ut2: f64) -> Outcome {
+    /// Processes an interval with a field of the given variance.
+    pub(super) fn update(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> TestOutcome {
         let (t_s, delay_s) = (interval.duration_s, self.main.x[TAU]);
         let main = self.main.measure(interval, delay_s, variance_ut2, GATE);
         let body = self.body.measure(interval, delay_s, variance_ut2, GATE);
-        let place = self.place.measure(interval, delay_s, variance_ut2, GATE);
-        let turning = interval.turning_rad_s > TURNING_RAD_S;
-        if turning {
+        let environment = self.environment.measure(interval, delay_s, variance_ut2, GATE);
+        let is_turning = interval.rate_rms_rad_s > MIN_TURN_RATE_RAD_S;
+        if is_turning {
             let lead = |nis: f64, determinant: f64| {
-                nis.min(NIS_MAX) - body.nis.min(NIS_MAX) + libm::log(determinant / body.determinant)
+                nis.min(MAX_NIS) - body.nis.min(MAX_NIS) + libm::log(determinant / body.determinant)
                     - ALLOWANCE_PER_S * t_s
             };
-            self.over_main = (self.over_main + lead(main.nis, main.determinant)).max(0.0);
-            self.over_place = (self.over_place + lead(place.nis, place.determinant)).max(0.0);
+            self.lead_over_main = (self.lead_over_main + lead(main.nis, main.determinant)).max(0.0);
+            self.lead_over_environment = (self.lead_over_environment + lead(environment.nis, environment.determinant)).max(0.0);
         }
-        self.failing_s = if body.accepted { 0.0 } else { self.failing_s + t_s };
-        self.age_s += t_s;
-        self.turned_rad += interval.turning_rad_s * t_s;
-        let beginner = self.accepted_s < BEGINNER_S;
+        self.challenger_rejected_s = if body.accepted { 0.0 } else { self.challenger_rejected_s + t_s };
+        self.challenge_age_s += t_s;
+        self.challenge_turn_rad += interval.rate_rms_rad_s * t_s;
+        let on_probation = self.accepted_s < PROBATION_S;
         if main.accepted {
-            self.accepted_s = (self.accepted_s + t_s).min(BEGINNER_S);
+            self.accepted_s = (self.accepted_s + t_s).min(PROBATION_S);
             self.rejected_s = (self.rejected_s - 2.0 * t_s).max(0.0);
-        } else if turning || beginner {
+        } else if is_turning || on_probation {
             self.rejected_s += t_s;
         }
-        let patience_s = if beginner { self.accepted_s.max(BEGINNER_REJECTED_S) } else { REJECTED_S };
+        let max_rejected_s = if on_probation { self.accepted_s.max(MIN_PROBATION_REJECTION_S) } else { REJECTION_TIMEOUT_S };
         let mut replaced = false;
-        if self.over_main > MARGIN && self.over_place > MARGIN && self.is_another() {
+        if self.lead_over_main > WIN_MARGIN && self.lead_over_environment > WIN_MARGIN && self.has_new_hard_iron() {
             self.main = self.body;
             self.rejected_s = 0.0;
-            self.challenge();
+            self.restart_challengers();
             replaced = true;
-        } else if self.rejected_s > patience_s && self.lost && beginner {
-            // What the first fields said on a level that was wrong.
-            self.lose_direction();
-            self.lost = false;
+        } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
+            // The first fields after the loss were levelled with a level that was still wrong.
+            self.invalidate_direction();
+            self.direction_invalidated = false;
             replaced = true;
-        } else if self.rejected_s > patience_s {
-            let mut anew = Filter::begun(settings);
-            if !beginner {
-                anew.keep_clockwork(&self.main, CHALLENGE_UT);
+        } else if self.rejected_s > max_rejected_s {
+            let mut reset = FieldFilter::new(settings);
+            if !on_probation {
+                reset.keep_gyro_and_delay(&self.main, CHALLENGER_SD_UT);
             }
-            *self = Self::of(anew);
-            self.begin(interval, delay_s, variance_ut2);
+            *self = Self::new(reset);
+            self.start(interval, delay_s, variance_ut2);
             replaced = true;
-        } else if self.failing_s > FAILED_S || self.age_s > CHALLENGE_S {
-            self.challenge();
+        } else if self.challenger_rejected_s > CHALLENGER_REJECTION_TIMEOUT_S || self.challenge_age_s > CHALLENGE_TIMEOUT_S {
+            self.restart_challengers();
         }
-        Outcome { accepted: main.accepted, replaced }
+        TestOutcome { accepted: main.accepted, replaced }
     }
 
-    /// B and E begin anew from M.
-    fn challenge(&mut self) {
-        (self.body, self.place) = (self.main, self.main);
-        self.body.open(B, CHALLENGE_UT);
-        self.place.open(E, CHALLENGE_UT);
-        (self.over_main, self.over_place) = (0.0, 0.0);
-        (self.failing_s, self.age_s, self.turned_rad) = (0.0, 0.0, 0.0);
+    /// Restarts B and E from M.
+    fn restart_challengers(&mut self) {
+        (self.body, self.environment) = (self.main, self.main);
+        self.body.inflate(B, CHALLENGER_SD_UT);
+        self.environment.inflate(E, CHALLENGER_SD_UT);
+        (self.lead_over_main, self.lead_over_environment) = (0.0, 0.0);
+        (self.challenger_rejected_s, self.challenge_age_s, self.challenge_turn_rad) = (0.0, 0.0, 0.0);
     }
 
-    /// B has another hard iron than M, and the body turned enough to tell.
-    fn is_another(&self) -> bool {
-        let apart2 = self.body.hard_iron_apart2(&self.main);
-        apart2 > APART_UT * APART_UT && self.turned_rad > TURNED_RAD
+    /// Returns `true` if B has a hard iron of its own and the body has turned enough to show it.
+    fn has_new_hard_iron(&self) -> bool {
+        let distance2_ut2 = self.body.hard_iron_distance2_ut2(&self.main);
+        distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
     }
 
-    /// The body rests where it rested before; false where M does not believe it.
-    pub(super) fn is_place(&mut self) -> bool {
-        let believed = self.main.is_place();
-        if believed {
-            self.body.is_place();
-            self.place.is_place();
+    /// Handles a return to the last rest site. Returns `false` if it does not pass the gate of M.
+    pub(super) fn update_at_rest_site(&mut self) -> bool {
+        let accepted = self.main.update_at_rest_site();
+        if accepted {
+            self.body.update_at_rest_site();
+            self.environment.update_at_rest_site();
         }
-        believed
+        accepted
     }
 
-    /// The place where the body rests is the one to know again.
-    pub(super) fn know_place(&mut self) {
-        self.each(Filter::know_place);
+    /// Stores the field of the current rest site in all hypotheses.
+    pub(super) fn store_rest_site(&mut self) {
+        self.for_each_filter(FieldFilter::store_rest_site);
     }
 
-    fn each(&mut self, mut act: impl FnMut(&mut Filter)) {
-        [&mut self.main, &mut self.body, &mut self.place].into_iter().for_each(&mut act);
+    fn for_each_filter(&mut self, mut act: impl FnMut(&mut FieldFilter)) {
+        [&mut self.main, &mut self.body, &mut self.environment].into_iter().for_each(&mut act);
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        [&self.main, &self.body, &self.place].into_iter().find_map(Filter::flaw)
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        [&self.main, &self.body, &self.environment].into_iter().find_map(FieldFilter::validation_error)
     }
 }
 
-impl Numbers for HypothesisTest {
+impl Scalars for HypothesisTest {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.each(|filter| filter.visit(visit));
-        let Self { over_main, over_place, failing_s, age_s, turned_rad, accepted_s, rejected_s, .. } = self;
-        [over_main, over_place, failing_s, age_s, turned_rad, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
-        self.lost.visit(visit);
+        self.for_each_filter(|filter| filter.visit(visit));
+        let Self { lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s, challenge_turn_rad, accepted_s, rejected_s, .. } = self;
+        [lead_over_main, lead_over_environment, challenger_rejected_s, challenge_age_s, challenge_turn_rad, accepted_s, rejected_s].into_iter().for_each(&mut *visit);
+        self.direction_invalidated.visit(visit);
     }
 }

@@ -1,31 +1,44 @@
-//! Heading by the magnetic field, beside a level that the field does not touch.
+//! Heading by the magnetic field, for a level that the field does not affect.
 //!
-//! Input: the attitude with the gyro's own heading, the rate, the field where there is a sample. Output: the angle a by which the
-//! attitude is to be turned about the vertical, counted from magnetic north, with its standard deviation. Time: the ticks'
-//! intervals. Failure: without a field, or with one that nothing explains, a stays and the heading is the gyro's.
+//! Input: the attitude with the heading of the gyro alone, the rate, and the field if there is a
+//! sample.
 //!
-//! In the frame of the gyro's heading north stands still, up to a slow drift, so that the field is a linear measurement of what is
-//! unknown: the field of the place e, the drift β, the delay of the magnetometer τ, the hard iron b, what the place adds d, the error
-//! of the gyro's scale κ, the field p where it rested before (see `filter`). a = atan2(e_ξ, e_η).
+//! Output: the angle a by which the attitude is to be rotated about the vertical, counted from
+//! magnetic north, with its standard deviation.
 //!
-//! | file | what it does |
+//! Time: the intervals of the ticks.
+//!
+//! Failure: without a field, or with a field that no hypothesis explains, a is kept and the heading
+//! follows the gyro.
+//!
+//! In the frame of the gyro heading, north is fixed except for a slow drift. The field is therefore
+//! a linear measurement of the unknowns: the field of the place e, the drift rate β, the
+//! magnetometer delay τ, the hard iron b, the local disturbance d, the gyro scale error κ, and the
+//! field p at the last rest site (see `filter`). The result is a = atan2(e_ξ, e_η).
+//!
+//! | file | content |
 //! | --- | --- |
-//! | `levelled` | means of the field in the reference frame, with the attitude of a delay ago |
-//! | `filter` | one Kalman filter: the equations |
-//! | `vibration` | whether the body vibrates |
-//! | `place` | whether it rests where it rested before |
-//! | `hypothesis_test` | three of them, for the same field: nothing new, a magnet on the body, a new field |
+//! | `field_averager` | means of the field in the reference frame, with the attitude at the time of measurement |
+//! | `filter` | equations of one Kalman filter |
+//! | `vibration` | vibration detector |
+//! | `rest_site` | detection of a return to the last rest site |
+//! | `hypothesis_test` | three filters for the same field: no change, a magnet on the body, a changed field |
 //!
-//! Why so. The delay matters: 13 ms at 7 rad/s are 5° of a field. A gate alone, by strength and dip or by the innovation, keeps
-//! passing magnets out and then stays for ever outside a magnet that was put on the body; at a dip of 70° a microtesla is 4° of
-//! heading. A hard iron left open always takes the slopes of the field for iron: where a body hardly turns, b and e cannot be told
-//! apart, and degrees are lost. So b is opened only where a likelihood, held against that of a new field, demands it.
+//! The reasons for this design:
+//!
+//! - The delay matters: 13 ms at 7 rad/s are 5° of field direction.
+//! - A gate alone, on strength and dip or on the innovation, rejects passing magnets. Once a magnet
+//!   is attached to the body, however, it rejects the field permanently. At a dip of 70°, 1 µT is
+//!   4° of heading.
+//! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
+//!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
+//!   estimated only if its likelihood exceeds that of a changed field.
 
 mod filter;
 mod hypothesis_test;
 mod input;
-mod levelled;
-mod place;
+mod field_averager;
+mod rest_site;
 mod vibration;
 
 pub(super) use input::HeadingInput;
@@ -34,312 +47,321 @@ use core::f64::consts::PI;
 
 use crate::{
     Vector3,
-    course::Reference,
+    course::CourseReference,
     fuser::{
         estimate::Estimate,
         hard_iron::HardIron,
-        wz::{ease, settings::Settings},
+        wz::{correction_smoothing, settings::Settings},
     },
-    numbers::Numbers,
+    scalars::Scalars,
     state::{Attitude, wrapped_rad},
 };
 use {
-    filter::{BETA, DRIFT_SD_RAD_S, Filter, Propagation, TAU},
+    filter::{BETA, DRIFT_SD_RAD_S, FieldFilter, Propagation, TAU},
     hypothesis_test::HypothesisTest,
-    levelled::{Interval, Levelled},
-    place::{KnownPlace, Seen},
+    field_averager::{IntervalMeans, FieldAverager},
+    rest_site::{RestSite, SiteMatch},
 };
 
-/// Fields that a magnetometer on earth may read, µT; others are no sample.
-const READING_MIN_UT: f64 = 1.0;
-const READING_MAX_UT: f64 = 500.0;
-/// Noise of a magnetometer over 20 ms, µT.
+/// Range of plausible field readings, µT. Other readings are ignored.
+const MIN_READING_UT: f64 = 1.0;
+const MAX_READING_UT: f64 = 500.0;
+/// Noise of the mean field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
-/// What a rate adds to it, as a part of the field, s: half a millisecond by which samples and attitude do not fit.
-const NOISE_BY_RATE_S: f64 = 4.5e-4;
-/// The tilt where a body begins in motion, rad, and how fast that settles, s.
-const SETTLING_RAD: f64 = 0.3;
+/// Additional noise per rate, as a fraction of the field, s: samples and attitude are misaligned by
+/// half a millisecond.
+const NOISE_PER_RATE_S: f64 = 4.5e-4;
+/// Tilt error after a start in motion, rad, and the time constant with which it settles, s.
+const SETTLING_TILT_RAD: f64 = 0.3;
 const SETTLING_S: f64 = 3.0;
-/// A tilt that is settled, rad.
-const SETTLED_RAD: f64 = 4e-4;
-/// A slower turn is no beginning in motion, rad/s.
-const STILL_RAD_S: f64 = 0.1;
-/// Standard deviation of a heading that says nothing, rad.
-const LOST_RAD: f64 = 1.0;
-/// A rate that a body may have while nobody measures it, rad/s: a hand that turns it over.
-const UNKNOWN_RATE_RAD_S: f64 = 3.0;
-/// An unknown turn beyond which the field is no longer linear in it, rad; its direction is open then.
-const LINEAR_RAD: f64 = 0.3;
-/// A heading that is found so far from where it was jumps there, rad: 1°.
-const JUMP_RAD: f64 = 0.017_453_293;
+/// Tilt error below which the tilt counts as settled, rad.
+const SETTLED_TILT_RAD: f64 = 4e-4;
+/// Rate below which a start does not count as in motion, rad/s.
+const MAX_STILL_RATE_RAD_S: f64 = 0.1;
+/// Standard deviation from which a heading counts as unknown, rad.
+const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
+/// Rate assumed during a gyro outage, rad/s: a hand that turns the body over.
+const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
+/// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
+/// one the direction is unknown.
+const MAX_LINEAR_RAD: f64 = 0.3;
+/// Largest heading correction that is applied gradually, rad: 1°. A larger one is a flagged jump.
+const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 
-/// What a tick did to the heading.
+/// Effect of a tick on the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct News {
+pub(super) struct HeadingUpdate {
     /// A field was used.
     pub(super) magnetic: bool,
-    /// The heading jumps here.
+    /// The heading jumps at this tick.
     pub(super) aligned: bool,
 }
 
-/// The heading.
+/// State of the heading.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Heading {
-    levelled: Levelled,
+    field_averager: FieldAverager,
     hypothesis_test: HypothesisTest,
-    known_place: KnownPlace,
-    /// In the last interval.
+    rest_site: RestSite,
+    /// Whether the body was at rest at the end of the last interval.
     was_at_rest: bool,
-    /// A field was seen.
-    begun: bool,
-    /// The heading was known once: what another stage or the field said of it was more than nothing.
-    found: bool,
-    rested: bool,
+    /// Whether a field sample has been used.
+    started: bool,
+    /// Whether the heading was ever known, from another stage or from the field.
+    heading_known: bool,
+    has_rested: bool,
     disturbed: bool,
-    /// What the tilt may still be off after a start in motion, rad.
-    settling_rad: f64,
-    turn_rad: f64,
-    /// What of the turn is not yet in the attitude, rad.
-    left_rad: f64,
+    /// Remaining tilt error after a start in motion.
+    settling_tilt_rad: f64,
+    correction_rad: f64,
+    /// Part of the correction that the attitude does not contain yet.
+    pending_rad: f64,
     sd_rad: f64,
-    /// Of the gyro's heading before the first field, rad/s.
+    /// Drift of the gyro heading before the first field sample.
     drift_sd_rad_s: f64,
-    /// The reference of a heading that another stage found.
-    magnetic: bool,
-    by_track: bool,
+    /// Reference of a heading adopted from another stage.
+    adopted_magnetic: bool,
+    adopted_true: bool,
 }
 
 impl Default for Heading {
     fn default() -> Self {
-        Self::of(&Settings::default(), &Estimate::UNKNOWN)
+        Self::from_estimate(&Settings::default(), &Estimate::UNKNOWN)
     }
 }
 
 impl Heading {
-    /// Goes on from a heading that is already in the attitude, with the giver's bias and hard iron.
-    pub(super) fn of(settings: &Settings, common: &Estimate) -> Self {
+    /// Creates the state from another stage's estimate. Its heading is already part of the
+    /// attitude.
+    pub(super) fn from_estimate(settings: &Settings, common: &Estimate) -> Self {
         let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
-        let mut main = Filter::begun(settings);
-        main.know(hard_iron);
+        let mut main = FieldFilter::new(settings);
+        main.set_hard_iron(hard_iron);
         Self {
-            levelled: Levelled::default(),
-            hypothesis_test: HypothesisTest::of(main),
-            known_place: KnownPlace::default(),
+            field_averager: FieldAverager::default(),
+            hypothesis_test: HypothesisTest::new(main),
+            rest_site: RestSite::default(),
             was_at_rest: false,
-            begun: false,
-            found: reference == Reference::Magnetic && heading_sd_rad < LOST_RAD,
-            rested: false,
+            started: false,
+            heading_known: reference == CourseReference::Magnetic && heading_sd_rad < UNKNOWN_HEADING_SD_RAD,
+            has_rested: false,
             disturbed: false,
-            settling_rad: 0.0,
-            turn_rad: 0.0,
-            left_rad: 0.0,
+            settling_tilt_rad: 0.0,
+            correction_rad: 0.0,
+            pending_rad: 0.0,
             sd_rad: heading_sd_rad.min(PI),
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
-            magnetic: reference == Reference::Magnetic,
-            by_track: reference == Reference::True,
+            adopted_magnetic: reference == CourseReference::Magnetic,
+            adopted_true: reference == CourseReference::True,
         }
     }
 
-    /// The attitude with the heading that the field gave it.
+    /// Returns the attitude with the heading corrected by the field.
     #[inline]
     pub(super) fn with_heading(&self, attitude: Attitude) -> Attitude {
-        if !self.begun {
+        if !self.started {
             return attitude;
         }
-        Attitude { z_rad: wrapped_rad(attitude.z_rad + self.turn_rad - self.left_rad), ..attitude }
+        Attitude { z_rad: wrapped_rad(attitude.z_rad + self.correction_rad - self.pending_rad), ..attitude }
     }
 
-    /// Standard deviation of the heading, rad.
+    /// Returns the standard deviation of the heading, rad.
     pub(super) fn sd_rad(&self) -> f64 {
         self.sd_rad
     }
 
-    /// What the heading is counted from.
-    pub(super) fn reference(&self) -> Reference {
-        match (self.begun || self.magnetic, self.by_track) {
-            (true, _) => Reference::Magnetic,
-            (_, true) => Reference::True,
-            _ => Reference::Arbitrary,
+    /// Returns the origin of the heading.
+    pub(super) fn reference(&self) -> CourseReference {
+        match (self.started || self.adopted_magnetic, self.adopted_true) {
+            (true, _) => CourseReference::Magnetic,
+            (_, true) => CourseReference::True,
+            _ => CourseReference::Arbitrary,
         }
     }
 
-    /// The last field was not that of the place.
-    pub(super) fn disturbed(&self) -> bool {
+    /// Returns `true` if the last field sample was rejected.
+    pub(super) fn is_disturbed(&self) -> bool {
         self.disturbed
     }
 
-    /// Hard iron; where it is taken to be none it is not estimated.
+    /// Returns the hard iron; unknown if it is assumed to be zero and not estimated.
     pub(super) fn hard_iron(&self) -> HardIron {
         self.hypothesis_test.main.hard_iron()
     }
 
-    /// How late the magnetometer is on the gyro, s.
+    /// Returns the delay of the magnetometer relative to the gyro, s.
     pub(super) fn delay_s(&self) -> f64 {
         self.hypothesis_test.main.x[TAU]
     }
 
-    /// The level was lost, and with it the gyro's heading.
+    /// Handles the loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
-        self.levelled = Levelled::default();
-        // Before the first field there is no north to lose.
-        if self.begun {
-            self.lose();
-            self.publish();
+        self.field_averager = FieldAverager::default();
+        // Before the first field sample there is no known heading to invalidate.
+        if self.started {
+            self.invalidate_heading();
+            self.update_correction();
         }
     }
 
-    /// The body may face anywhere, on a level that has to settle.
-    fn lose(&mut self) {
-        self.hypothesis_test.lose_direction();
-        self.known_place = KnownPlace::default();
-        self.settling_rad = SETTLING_RAD;
+    /// Invalidates the heading. The level has to settle again, too.
+    fn invalidate_heading(&mut self) {
+        self.hypothesis_test.invalidate_direction();
+        self.rest_site = RestSite::default();
+        self.settling_tilt_rad = SETTLING_TILT_RAD;
     }
 
-    /// The body has turned while nobody looked. What the interval's field says is of use where all of it was like that: else it is
-    /// the mean of two directions.
-    fn turned_unseen(&mut self, interval: &Interval) -> bool {
-        let turned_rad = UNKNOWN_RATE_RAD_S * interval.gyro_outage_s;
-        if turned_rad <= LINEAR_RAD {
-            self.hypothesis_test.loosen(turned_rad * turned_rad);
+    /// Handles a gyro outage. Returns `true` if the field of the interval can be used.
+    ///
+    /// After a large unobserved rotation it can be used only if the outage covers the whole
+    /// interval. Otherwise its mean mixes two directions.
+    fn handle_unobserved_turn(&mut self, interval: &IntervalMeans) -> bool {
+        let unobserved_rad = ASSUMED_UNOBSERVED_RATE_RAD_S * interval.gyro_outage_s;
+        if unobserved_rad <= MAX_LINEAR_RAD {
+            self.hypothesis_test.add_heading_variance(unobserved_rad * unobserved_rad);
             return true;
         }
-        self.lose();
+        self.invalidate_heading();
         interval.gyro_outage_s >= interval.duration_s
     }
 
-    /// One tick.
+    /// Processes one tick.
     #[inline]
-    pub(super) fn step(&mut self, input: &HeadingInput, settings: &Settings) -> News {
-        let readable = |field: &Vector3<f64>| {
-            (READING_MIN_UT * READING_MIN_UT..READING_MAX_UT * READING_MAX_UT).contains(&field.norm_squared())
+    pub(super) fn step(&mut self, input: &HeadingInput, settings: &Settings) -> HeadingUpdate {
+        let is_plausible = |field: &Vector3<f64>| {
+            (MIN_READING_UT * MIN_READING_UT..MAX_READING_UT * MAX_READING_UT).contains(&field.norm_squared())
         };
-        let field_ut = input.field_ut.filter(readable);
+        let field_ut = input.field_ut.filter(is_plausible);
         if input.gyro_outage_s > 0.0 {
-            self.sd_rad = libm::hypot(self.sd_rad, UNKNOWN_RATE_RAD_S * input.gyro_outage_s).min(PI);
+            self.sd_rad = libm::hypot(self.sd_rad, ASSUMED_UNOBSERVED_RATE_RAD_S * input.gyro_outage_s).min(PI);
         }
-        if !self.begun && field_ut.is_none() && self.levelled.is_empty() {
-            return News::default();
+        if !self.started && field_ut.is_none() && self.field_averager.is_empty() {
+            return HeadingUpdate::default();
         }
-        self.left_rad -= self.left_rad * ease::share(self.left_rad * self.left_rad, input.dt_s);
-        match self.levelled.step(input, field_ut, self.hypothesis_test.main.x[TAU], !self.begun) {
+        self.pending_rad -= self.pending_rad * correction_smoothing::fraction(self.pending_rad * self.pending_rad, input.dt_s);
+        match self.field_averager.step(input, field_ut, self.hypothesis_test.main.x[TAU], !self.started) {
             Some(interval) => self.update(&interval, settings),
-            None => News::default(),
+            None => HeadingUpdate::default(),
         }
     }
 
     #[inline(never)]
-    fn update(&mut self, interval: &Interval, settings: &Settings) -> News {
-        if interval.at_rest && !self.rested {
-            self.rested = true;
-            self.hypothesis_test.rested();
+    fn update(&mut self, interval: &IntervalMeans, settings: &Settings) -> HeadingUpdate {
+        if interval.at_rest && !self.has_rested {
+            self.has_rested = true;
+            self.hypothesis_test.on_first_rest();
         }
-        let elsewhere = core::mem::replace(&mut self.was_at_rest, interval.at_rest) != interval.at_rest;
-        if elsewhere {
-            self.known_place.leave();
+        let motion_changed = core::mem::replace(&mut self.was_at_rest, interval.at_rest) != interval.at_rest;
+        if motion_changed {
+            self.rest_site.end_rest();
         }
-        let usable = interval.gyro_outage_s == 0.0 || self.turned_unseen(interval);
+        let usable = interval.gyro_outage_s == 0.0 || self.handle_unobserved_turn(interval);
         if interval.windows == 0.0 || !usable {
-            if !self.begun {
-                return News::default();
+            if !self.started {
+                return HeadingUpdate::default();
             }
-            self.hypothesis_test.pass(&Propagation::of(interval, elsewhere));
-            return News { magnetic: false, aligned: self.publish() };
+            self.hypothesis_test.predict(&Propagation::from_interval(interval, motion_changed));
+            return HeadingUpdate { magnetic: false, aligned: self.update_correction() };
         }
         let [x, y, z] = interval.field_ut;
         let strength_ut = libm::sqrt(x * x + y * y + z * z);
-        let first = !self.begun;
+        let first = !self.started;
         if first {
-            let still = interval.at_rest || interval.turning_rad_s < STILL_RAD_S;
-            self.settling_rad = if still { 0.0 } else { SETTLING_RAD };
+            let is_still = interval.at_rest || interval.rate_rms_rad_s < MAX_STILL_RATE_RAD_S;
+            self.settling_tilt_rad = if is_still { 0.0 } else { SETTLING_TILT_RAD };
         }
-        let unfit_ut = NOISE_BY_RATE_S * strength_ut * interval.turning_rad_s;
-        let settling_ut = self.settling_rad * strength_ut;
-        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows + unfit_ut * unfit_ut + settling_ut * settling_ut;
-        if self.settling_rad > 0.0 {
-            self.settling_rad *= libm::exp(-interval.duration_s / SETTLING_S);
-            self.settling_rad = if self.settling_rad < SETTLED_RAD { 0.0 } else { self.settling_rad };
+        let rate_noise_ut = NOISE_PER_RATE_S * strength_ut * interval.rate_rms_rad_s;
+        let settling_noise_ut = self.settling_tilt_rad * strength_ut;
+        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows + rate_noise_ut * rate_noise_ut + settling_noise_ut * settling_noise_ut;
+        if self.settling_tilt_rad > 0.0 {
+            self.settling_tilt_rad *= libm::exp(-interval.duration_s / SETTLING_S);
+            self.settling_tilt_rad = if self.settling_tilt_rad < SETTLED_TILT_RAD { 0.0 } else { self.settling_tilt_rad };
         }
         if first {
-            return self.begin(interval, settings, variance_ut2);
+            return self.start(interval, settings, variance_ut2);
         }
-        self.hypothesis_test.pass(&Propagation::of(interval, elsewhere));
-        let outcome = self.hypothesis_test.judge(interval, settings, variance_ut2);
+        self.hypothesis_test.predict(&Propagation::from_interval(interval, motion_changed));
+        let outcome = self.hypothesis_test.update(interval, settings, variance_ut2);
         self.disturbed = !(outcome.accepted || outcome.replaced);
         if outcome.replaced {
-            self.known_place = KnownPlace::default();
+            self.rest_site = RestSite::default();
         } else if outcome.accepted && interval.at_rest {
-            self.rests(interval);
+            self.update_rest_site(interval);
         }
-        News { magnetic: !self.disturbed, aligned: self.publish() }
+        HeadingUpdate { magnetic: !self.disturbed, aligned: self.update_correction() }
     }
 
-    /// An interval at rest: where the body rested before, that tells how far the gyro has drifted.
-    fn rests(&mut self, interval: &Interval) {
-        let field_ut = self.hypothesis_test.main.without_hard_iron(interval);
-        match self.known_place.observe(field_ut, interval.axes[2]) {
-            Seen::Nothing => {}
-            Seen::Again if self.hypothesis_test.is_place() => {}
-            Seen::Again | Seen::Place => self.hypothesis_test.know_place(),
+    /// Processes an interval at rest. Back at the last rest site, the field reveals the drift of
+    /// the gyro.
+    fn update_rest_site(&mut self, interval: &IntervalMeans) {
+        let field_ut = self.hypothesis_test.main.field_without_hard_iron_ut(interval);
+        match self.rest_site.observe(field_ut, interval.axes[2]) {
+            SiteMatch::Undecided => {}
+            SiteMatch::Revisited if self.hypothesis_test.update_at_rest_site() => {}
+            SiteMatch::Revisited | SiteMatch::Current => self.hypothesis_test.store_rest_site(),
         }
     }
 
-    /// The first field: from a heading that is known to be magnetic it need not jump.
-    fn begin(&mut self, interval: &Interval, settings: &Settings, variance_ut2: f64) -> News {
-        let mut main = Filter::begun(settings);
-        if self.found && self.sd_rad < LOST_RAD {
-            main.face_north(interval.field_ut, self.sd_rad);
+    /// Starts with the first field. A heading that is known to be magnetic need not jump.
+    fn start(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> HeadingUpdate {
+        let mut main = FieldFilter::new(settings);
+        if self.heading_known && self.sd_rad < UNKNOWN_HEADING_SD_RAD {
+            main.set_north(interval.field_ut, self.sd_rad);
         }
         main.reset(BETA, self.drift_sd_rad_s);
-        main.know(self.hard_iron());
-        self.hypothesis_test = HypothesisTest::of(main);
-        if self.rested {
-            self.hypothesis_test.rested();
+        main.set_hard_iron(self.hard_iron());
+        self.hypothesis_test = HypothesisTest::new(main);
+        if self.has_rested {
+            self.hypothesis_test.on_first_rest();
         }
-        self.hypothesis_test.begin(interval, settings.magnetometer_delay_s, variance_ut2);
-        self.begun = true;
-        let aligned = self.publish();
-        News { magnetic: true, aligned }
+        self.hypothesis_test.start(interval, settings.magnetometer_delay_s, variance_ut2);
+        self.started = true;
+        let aligned = self.update_correction();
+        HeadingUpdate { magnetic: true, aligned }
     }
 
-    /// The attitude is to face where the field says. A heading that was known is left to the gyro where the field does not tell it; before,
-    /// the field's is the better one, however little it says. The heading jumps.
-    fn publish(&mut self) -> bool {
-        let (turn_rad, variance_rad2) = self.hypothesis_test.main.turn_rad();
+    /// Sets the heading correction to that of the main hypothesis. Returns `true` if the heading
+    /// jumps.
+    ///
+    /// A heading that was once known stays with the gyro while the field's heading is unknown.
+    /// Before that, the field's heading is used however uncertain it is.
+    fn update_correction(&mut self) -> bool {
+        let (correction_rad, variance_rad2) = self.hypothesis_test.main.heading_correction();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);
-        if self.sd_rad >= LOST_RAD && self.found {
+        if self.sd_rad >= UNKNOWN_HEADING_SD_RAD && self.heading_known {
             return false;
         }
-        self.found |= self.sd_rad < LOST_RAD;
-        self.left_rad = wrapped_rad(self.left_rad + turn_rad - self.turn_rad);
-        self.turn_rad = turn_rad;
-        let jumps = libm::fabs(self.left_rad) > JUMP_RAD;
-        self.left_rad = if jumps { 0.0 } else { self.left_rad };
+        self.heading_known |= self.sd_rad < UNKNOWN_HEADING_SD_RAD;
+        self.pending_rad = wrapped_rad(self.pending_rad + correction_rad - self.correction_rad);
+        self.correction_rad = correction_rad;
+        let jumps = libm::fabs(self.pending_rad) > MAX_SMOOTHED_RAD;
+        self.pending_rad = if jumps { 0.0 } else { self.pending_rad };
         jumps
     }
 
-    /// What is wrong with the state.
-    pub(super) fn flaw(&self) -> Option<&'static str> {
-        let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*turn_rad) <= PI && libm::fabs(*left_rad) <= PI;
-        let bounds = bounds && *settling_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
-        self.levelled
-            .flaw()
-            .or_else(|| self.known_place.flaw())
-            .or((!bounds).then_some("a heading that is no angle"))
-            .or_else(|| self.hypothesis_test.flaw())
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        let bounds = (0.0..=PI).contains(sd_rad) && libm::fabs(*correction_rad) <= PI && libm::fabs(*pending_rad) <= PI;
+        let bounds = bounds && *settling_tilt_rad >= 0.0 && *drift_sd_rad_s >= 0.0;
+        self.field_averager
+            .validation_error()
+            .or_else(|| self.rest_site.validation_error())
+            .or((!bounds).then_some("a heading or deviation out of range"))
+            .or_else(|| self.hypothesis_test.validation_error())
     }
 }
 
-impl Numbers for Heading {
+impl Scalars for Heading {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.levelled.visit(visit);
+        self.field_averager.visit(visit);
         self.hypothesis_test.visit(visit);
-        self.known_place.visit(visit);
-        let Self { was_at_rest, begun, found, rested, disturbed, magnetic, by_track, .. } = self;
-        [was_at_rest, begun, found, rested, disturbed, magnetic, by_track]
+        self.rest_site.visit(visit);
+        let Self { was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true, .. } = self;
+        [was_at_rest, started, heading_known, has_rested, disturbed, adopted_magnetic, adopted_true]
             .into_iter()
             .for_each(|flag| flag.visit(visit));
-        let Self { settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s, .. } = self;
-        [settling_rad, turn_rad, left_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
+        let Self { settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s, .. } = self;
+        [settling_tilt_rad, correction_rad, pending_rad, sd_rad, drift_sd_rad_s].into_iter().for_each(visit);
     }
 }

@@ -1,0 +1,120 @@
+//! Gyro bias to hand over on a swap: the value received, or the mean rate at rest, whichever is
+//! newer.
+//!
+//! Used by every stage that does not estimate the bias, or that updates it less often.
+
+use super::{
+    estimate::{BIAS_WALK_RAD_S, Estimate},
+    gyro_scale::GyroScale,
+    hard_iron::HardIron,
+    input::FuserInput,
+    rest::{RestDetector, BIAS_SD_AT_REST_RAD_S},
+};
+use crate::{Vector3, accel::Inclination, scalars::Scalars, stage::bias_validation_error};
+
+/// Largest plausible specific force, m/s² (300 g), and rate, rad/s. Samples above either are not
+/// used.
+const MAX_PLAUSIBLE_FORCE_M_S2: f64 = 3000.0;
+const MAX_PLAUSIBLE_RATE_RAD_S: f64 = 1e3;
+/// Largest speed over ground at which the body may be at rest, m/s.
+const MAX_REST_SPEED_M_S: f64 = 0.7;
+/// Interval between updates of the rest detector, s. Slightly below 0.2 s to tolerate rounding in
+/// sums of intervals.
+const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
+
+/// Last known gyro bias and its age.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct HandedOverBias {
+    bias_rad_s: Vector3<f64>,
+    sd_rad_s: f64,
+    age_s: f64,
+    known: bool,
+    gyro_scale: GyroScale,
+    hard_iron: HardIron,
+    /// Whether the last fix reported motion. Without this check, a smooth ride looks like rest.
+    is_moving: bool,
+    rest: RestDetector,
+    since_update_s: f64,
+}
+
+impl HandedOverBias {
+    /// Creates a store from a received estimate. Gyro scale and hard iron are passed on unchanged.
+    pub(super) fn from_estimate(common: &Estimate) -> Self {
+        let unknown = Self { gyro_scale: common.gyro_scale, hard_iron: common.hard_iron, ..Self::default() };
+        if common.bias_sd_rad_s.is_infinite() {
+            return unknown;
+        }
+        Self { bias_rad_s: common.bias_rad_s, sd_rad_s: common.bias_sd_rad_s, known: true, ..unknown }
+    }
+
+    /// Processes one sample: ages the bias and, at rest, replaces it by the mean rate.
+    pub(super) fn observe(&mut self, input: &FuserInput) {
+        let Some(motion) = &input.motion else { return };
+        self.age_s += motion.dt_s;
+        self.since_update_s += motion.dt_s;
+        if let Some(fix) = &input.fix {
+            self.is_moving = fix.velocity_m_s.norm() > MAX_REST_SPEED_M_S;
+        }
+        let is_plausible = |inclination: &&Inclination| {
+            inclination.norm_m_s2 <= MAX_PLAUSIBLE_FORCE_M_S2 && motion.rate_rad_s.amax() <= MAX_PLAUSIBLE_RATE_RAD_S
+        };
+        let inclination = input.inclination.as_ref().filter(is_plausible);
+        let (Some(inclination), true, false) = (inclination, input.rest_credible, self.is_moving) else {
+            self.rest.interrupt();
+            return;
+        };
+        self.rest.observe(motion.rate_rad_s, motion.dt_s);
+        if self.since_update_s < UPDATE_INTERVAL_S {
+            return;
+        }
+        self.rest.update(inclination.force_m_s2, core::mem::take(&mut self.since_update_s));
+        if let Some(bias_rad_s) = self.rest.bias_rad_s() {
+            (self.bias_rad_s, self.sd_rad_s, self.age_s, self.known) = (bias_rad_s, BIAS_SD_AT_REST_RAD_S, 0.0, true);
+        }
+    }
+
+    /// Returns the bias and the standard deviation of each component, rad/s; infinite if unknown.
+    pub(super) fn bias(&self) -> (Vector3<f64>, f64) {
+        let sd_rad_s = libm::hypot(self.sd_rad_s, BIAS_WALK_RAD_S * libm::sqrt(self.age_s));
+        (self.bias_rad_s, if self.known { sd_rad_s } else { f64::INFINITY })
+    }
+
+    /// Returns the stored bias or the stage's own, whichever has the smaller standard deviation.
+    pub(super) fn more_certain(&self, own_rad_s: Vector3<f64>, own_sd_rad_s: f64) -> (Vector3<f64>, f64) {
+        let (bias_rad_s, sd_rad_s) = self.bias();
+        if own_sd_rad_s <= sd_rad_s { (own_rad_s, own_sd_rad_s) } else { (bias_rad_s, sd_rad_s) }
+    }
+
+    pub(super) fn gyro_scale(&self) -> GyroScale {
+        self.gyro_scale
+    }
+
+    pub(super) fn hard_iron(&self) -> HardIron {
+        self.hard_iron
+    }
+
+    /// Returns why the state is invalid, or `None` if it is valid.
+    pub(super) fn validation_error(&self) -> Option<&'static str> {
+        let negative = self.sd_rad_s < 0.0 || self.age_s < 0.0 || self.since_update_s < 0.0;
+        let negative = negative.then_some("an age or standard deviation below zero");
+        bias_validation_error(self.bias_rad_s)
+            .or(negative)
+            .or_else(|| self.rest.validation_error())
+            .or_else(|| self.gyro_scale.validation_error())
+            .or_else(|| self.hard_iron.validation_error())
+    }
+}
+
+impl Scalars for HandedOverBias {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.bias_rad_s.visit(visit);
+        self.sd_rad_s.visit(visit);
+        self.age_s.visit(visit);
+        self.known.visit(visit);
+        self.gyro_scale.visit(visit);
+        self.hard_iron.visit(visit);
+        self.is_moving.visit(visit);
+        self.rest.visit(visit);
+        self.since_update_s.visit(visit);
+    }
+}

@@ -1,0 +1,153 @@
+//! Fuser stage `levelling`: S4 as published, aided and autonomous, with automatic switching.
+
+use super::{
+    limits::{plausible_fix, interval_s},
+    platform::{Law, LevelUpdate, Platform},
+    speed::GroundSpeed,
+};
+use crate::{
+    Vector3,
+    course::CourseReference,
+    fuser::{
+        bias_handover::HandedOverBias,
+        estimate::Estimate,
+        fused::{Corrections, Fused},
+        input::FuserInput,
+        leaky_velocity::LeakyVelocity,
+    },
+    scalars::Scalars,
+    parameters::{Parameter, ParameterError, Parameters, settings},
+    stage::{RestoreError, Stage},
+};
+use core::f64::consts::PI;
+
+settings! {
+    /// Settings of `levelling`.
+    pub struct LevellingSettings {
+        /// Time constant of levelling with satellite velocity, 1/(K g). A short one reduces the
+        /// effect of the gyro bias and passes more noise.
+        time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
+        /// Time constant of levelling without satellite velocity.
+        autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
+        /// Low-pass time constant of the specific force without satellite velocity.
+        low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
+        /// Time after the last fix at which levelling becomes autonomous.
+        gap_s: 1.5 in 0.1 .. 60.0, "s";
+    }
+}
+
+/// Fuser stage `levelling`.
+///
+/// The heading is free: it follows the gyro from an arbitrary initial direction.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Levelling {
+    settings: LevellingSettings,
+    platform: Platform,
+    speed: GroundSpeed,
+    bias_handover: HandedOverBias,
+}
+
+impl Levelling {
+    pub(in crate::fuser) fn realign(&mut self) {
+        self.platform.realign();
+    }
+
+    /// Returns the law for this tick.
+    fn law(&self) -> Law {
+        if self.speed.is_recent(self.settings.gap_s) {
+            Law::Aided {
+                speed_m_s: self.speed.speed_m_s(),
+                speed_rate_m_s2: self.speed.rate_m_s2(),
+                time_constant_s: self.settings.time_constant_s,
+            }
+        } else {
+            Law::Autonomous { time_constant_s: self.settings.autonomous_time_constant_s }
+        }
+    }
+}
+
+impl Stage for Levelling {
+    type Input = FuserInput;
+    type Output = Fused;
+    type Common = Estimate;
+
+    fn name(&self) -> &'static str {
+        "levelling"
+    }
+
+    fn parameters(&self) -> &'static [Parameter] {
+        LevellingSettings::TABLE
+    }
+
+    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
+        self.settings.set(name, value)
+    }
+
+    fn step(&mut self, input: &FuserInput) -> Fused {
+        let mut storage = None;
+        let input = input.sanitized(&mut storage);
+        let mut corrections = Corrections::default();
+        let dt_s = interval_s(input.motion.as_ref());
+        let rate_rad_s = input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s);
+        self.platform.rotate(input.motion.as_ref(), dt_s);
+        self.bias_handover.observe(input);
+        self.speed.advance(dt_s);
+        if let Some(fix) = plausible_fix(input.fix.as_ref()) {
+            self.speed.record_fix(fix, self.settings.gap_s);
+            corrections.velocity = true;
+        }
+        let mut innovation = 0.0;
+        if let Some(inclination) = &input.inclination {
+            match self.platform.update(inclination, rate_rad_s, self.law(), self.settings.low_pass_s) {
+                LevelUpdate::Set => corrections.aligned = true,
+                LevelUpdate::Moved { innovation_rad } => {
+                    innovation = innovation_rad;
+                    corrections.tilt = true;
+                }
+            }
+        }
+        self.speed.end_tick(dt_s);
+        Fused {
+            attitude: self.platform.attitude,
+            rate_rad_s,
+            bias_rad_s: Vector3::zeros(),
+            innovation_rad: innovation,
+            inclination_sd_rad: self.platform.inclination_sd_rad(),
+            heading_sd_rad: PI,
+            reference: CourseReference::Arbitrary,
+            corrections,
+        }
+    }
+
+    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.platform.visit(visit);
+        self.speed.visit(visit);
+        self.bias_handover.visit(visit);
+    }
+
+    fn validation_error(&self) -> Option<&'static str> {
+        self.platform.validation_error().or_else(|| self.speed.validation_error()).or_else(|| self.bias_handover.validation_error())
+    }
+
+    fn common(&self) -> Estimate {
+        let (bias_rad_s, bias_sd_rad_s) = self.bias_handover.bias();
+        Estimate {
+            attitude: self.platform.attitude,
+            reference: CourseReference::Arbitrary,
+            bias_rad_s,
+            inclination_sd_rad: self.platform.inclination_sd_rad(),
+            heading_sd_rad: PI,
+            bias_sd_rad_s,
+            gyro_scale: self.bias_handover.gyro_scale(),
+            hard_iron: self.bias_handover.hard_iron(),
+            leaky_velocity: LeakyVelocity::UNKNOWN,
+        }
+    }
+
+    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
+        common.validate()?;
+        self.platform.adopt(common.attitude, self.settings.low_pass_s);
+        self.bias_handover = HandedOverBias::from_estimate(common);
+        Ok(())
+    }
+}

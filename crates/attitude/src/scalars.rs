@@ -1,0 +1,59 @@
+//! Traversal of the numbers that make up a value, always in the same order.
+//!
+//! Snapshots are built from these numbers, and a stage in another process receives them.
+//!
+//! Failure: none. Code that restores numbers validates the resulting value.
+
+use crate::{Complex, Quaternion, Vector3};
+
+/// Value that consists of numbers.
+pub trait Scalars {
+    /// Passes each number to `visit`, which reads or replaces it.
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64));
+}
+
+impl Scalars for f64 {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        visit(self);
+    }
+}
+
+/// Visited as 0 or 1.
+impl Scalars for bool {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let mut value = f64::from(u8::from(*self));
+        visit(&mut value);
+        *self = value > 0.5;
+    }
+}
+
+/// Visited as the presence, then the numbers of the value; those of the default value if absent.
+impl<T: Scalars + Default> Scalars for Option<T> {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        let mut present = self.is_some();
+        present.visit(visit);
+        let mut value = self.take().unwrap_or_default();
+        value.visit(visit);
+        *self = present.then_some(value);
+    }
+}
+
+impl Scalars for Complex<f64> {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        visit(&mut self.re);
+        visit(&mut self.im);
+    }
+}
+
+impl Scalars for Vector3<f64> {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.iter_mut().for_each(visit);
+    }
+}
+
+/// Visited in the order i, j, k, w.
+impl Scalars for Quaternion<f64> {
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+        self.coords.iter_mut().for_each(visit);
+    }
+}

@@ -1,0 +1,67 @@
+//! Lease of a process in a running system, released when its last port is dropped.
+
+use std::{
+    fs::{self, File},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+use crate::{BusError, SystemName, shared_state::SharedState};
+
+/// Timeout for other services to end before leftovers of a killed owner are removed. A hanging
+/// service is killed after a second.
+const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Shared state of the system, and the lock that marks this process as a member.
+#[derive(Debug)]
+pub(crate) struct ProcessLease {
+    pub(crate) state: Arc<SharedState>,
+    run: u64,
+    members_lock: Option<File>,
+    system_name: SystemName,
+    /// Owner of the name when this process joined.
+    owner_pid: u32,
+    /// Set when this process was notified that the owner has died.
+    pub(crate) owner_exited: Arc<AtomicBool>,
+}
+
+impl ProcessLease {
+    pub(crate) fn acquire(system_name: &SystemName) -> Result<Self, BusError> {
+        let state = system_name.shared_state()?;
+        Ok(Self {
+            run: state.run(),
+            owner_pid: state.owner_pid(),
+            owner_exited: Arc::default(),
+            state: Arc::new(state),
+            members_lock: Some(system_name.lock_members()?),
+            system_name: system_name.clone(),
+        })
+    }
+
+    pub(crate) fn is_current_run(&self) -> bool {
+        self.system_name.shared_state().is_ok_and(|state| state.run() == self.run)
+    }
+
+    fn is_orphaned(&self) -> bool {
+        self.owner_exited.load(Ordering::SeqCst) || {
+            let stat = fs::read_to_string(format!("/proc/{}/stat", self.owner_pid)).unwrap_or_default();
+            // The state follows the process name in parentheses, which may contain any character.
+            let state = stat.rsplit_once(')').and_then(|(_, after)| after.trim_start().chars().next());
+            self.owner_pid != 0 && matches!(state, None | Some('Z'))
+        }
+    }
+}
+
+impl Drop for ProcessLease {
+    /// If the owner was killed, the last service to leave removes the files of the system.
+    fn drop(&mut self) {
+        self.members_lock = None;
+        if self.is_orphaned() {
+            // An error means that another process removes the files or has claimed the name.
+            drop(self.system_name.claim_orphaned(MEMBERS_EXIT_TIMEOUT));
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! State shared by all processes of a system: a wake word per topic, the owner and the run.
+
+use std::{
+    fs::File,
+    io,
+    ptr::NonNull,
+    sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst},
+};
+
+use graph::Topic;
+use rustix::{
+    mm::{MapFlags, ProtFlags, mmap, munmap},
+    thread::futex,
+};
+
+/// Number of wake words, more than there are topics.
+pub(crate) const WORD_COUNT: usize = 63;
+const _: () = assert!(Topic::ALL.len() < WORD_COUNT);
+pub(crate) const SHARED_STATE_BYTES: usize = size_of::<Layout>();
+
+/// Wake word of one topic, on its own cache line.
+#[repr(C, align(64))]
+pub(crate) struct WakeWord {
+    pub(crate) wake_count: AtomicU32,
+    pub(crate) waiting: AtomicU32,
+    /// Tick after the newest one published on the topic.
+    pub(crate) next_tick: AtomicU64,
+    /// Messages sent by a publisher that waits for its only subscriber, and those consumed by it.
+    pub(crate) sent: AtomicU64,
+    pub(crate) consumed: AtomicU64,
+}
+
+#[repr(C)]
+struct Layout {
+    owner_pid: AtomicU32,
+    /// Start of the run, CLOCK_MONOTONIC, ns, which identifies the run.
+    run: AtomicU64,
+    words: [WakeWord; WORD_COUNT],
+}
+
+/// Memory mapping of the shared state.
+#[derive(Debug)]
+pub(crate) struct SharedState(NonNull<Layout>);
+
+impl SharedState {
+    pub(crate) fn map(file: &File) -> io::Result<Self> {
+        if file.metadata()?.len() < SHARED_STATE_BYTES as u64 {
+            return Err(io::Error::other("the file of the shared state is too short"));
+        }
+        #[allow(unsafe_code)]
+        // SAFETY: a new shared mapping of a file that is long enough. It holds only atomics, for
+        // which every bit pattern is valid.
+        let address = unsafe {
+            mmap(std::ptr::null_mut(), SHARED_STATE_BYTES, ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED, file, 0)?
+        };
+        NonNull::new(address.cast()).map(Self).ok_or_else(|| io::Error::other("mapped at zero"))
+    }
+
+    pub(crate) fn owner_pid(&self) -> u32 {
+        self.layout().owner_pid.load(SeqCst)
+    }
+
+    pub(crate) fn set_owner_pid(&self, pid: u32) {
+        self.layout().owner_pid.store(pid, SeqCst);
+    }
+
+    /// Returns the identifier of the run. Each run of a system has another one.
+    pub(crate) fn run(&self) -> u64 {
+        self.layout().run.load(SeqCst)
+    }
+
+    /// Starts a new run: resets the tick and message counts of all topics.
+    pub(crate) fn start_run(&self) {
+        let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        self.layout().run.store(now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64, SeqCst);
+        for WakeWord { next_tick, sent, consumed: taken, .. } in &self.layout().words {
+            [next_tick, sent, taken].into_iter().for_each(|count| count.store(0, SeqCst));
+        }
+    }
+
+    /// Copies the next tick of each topic from the state of a finished run.
+    pub(crate) fn copy_ticks_from(&self, previous: &Self) {
+        for (word, previous_word) in self.layout().words.iter().zip(&previous.layout().words) {
+            word.next_tick.store(previous_word.next_tick.load(SeqCst), SeqCst);
+        }
+    }
+
+    /// Wakes the subscribers of all topics.
+    pub(crate) fn wake_all(&self) {
+        self.layout().words.iter().for_each(WakeWord::wake);
+    }
+
+    /// Returns the wake word of the topic with this index.
+    pub(crate) fn word(&self, index: usize) -> &WakeWord {
+        &self.layout().words[index]
+    }
+
+    fn layout(&self) -> &Layout {
+        #[allow(unsafe_code)]
+        // SAFETY: mapped in `map` with this layout and unmapped only in `drop`.
+        unsafe {
+            self.0.as_ref()
+        }
+    }
+}
+
+impl Drop for SharedState {
+    fn drop(&mut self) {
+        #[allow(unsafe_code)]
+        // SAFETY: the mapping was created in `map`, and no reference outlives `self`.
+        let unmapped = unsafe { munmap(self.0.as_ptr().cast(), SHARED_STATE_BYTES) };
+        debug_assert!(unmapped.is_ok());
+    }
+}
+
+#[allow(unsafe_code)]
+// SAFETY: the mapping holds only atomics, which any thread may use.
+unsafe impl Send for SharedState {}
+#[allow(unsafe_code)]
+// SAFETY: as above.
+unsafe impl Sync for SharedState {}
+
+impl WakeWord {
+    /// Wakes all waiting subscribers.
+    pub(crate) fn wake(&self) {
+        self.wake_count.fetch_add(1, SeqCst);
+        if self.waiting.load(SeqCst) != 0 && self.waiting.swap(0, SeqCst) != 0 {
+            // This fails only if no subscriber waits any more.
+            let _ = futex::wake(&self.wake_count, futex::Flags::empty(), i32::MAX as u32);
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Check of the unit of the rates: rotation that the gyro reports but gravity does not show.
+//!
+//! A rotation about an axis perpendicular to the force rotates the force in body axes by the same
+//! angle. If the gyro reports a fast rotation while the force keeps its direction, the rates are
+//! far too large. This detects a wrong unit even when the motion does not reveal the axes. The
+//! force is averaged over a step, so that vibration does not look like rotation.
+
+use attitude::Vector3;
+
+use crate::diagnosis::{self, Diagnosis};
+
+/// Length of a window, s. A swing of a hand does not return within it.
+const WINDOW_S: f64 = 0.5;
+/// Length of a step, s. Vibration of motors and propellers averages out, and no body rotates far.
+const STEP_S: f64 = 0.05;
+/// Longest sample interval that is integrated, s. The slowest sensors that can keep an attitude
+/// have 10 Hz.
+const MAX_SAMPLE_INTERVAL_S: f64 = 0.12;
+/// Minimum rotation perpendicular to the force for a window to count, rad. No hand or vehicle
+/// rotates that far that fast repeatedly.
+const MIN_ROTATION_RAD: f64 = 1.0;
+/// Largest ratio of the force's rotation to the gyro's for a mismatch. Rates in °/s give 1/57, plus
+/// accelerations.
+const MAX_FORCE_SHARE: f64 = 0.1;
+/// Minimum number of mismatches for a diagnosis. A body that swings back within a window shows less
+/// rotation than it made.
+const MIN_MISMATCHES: u32 = 5;
+/// Minimum share of mismatches among the windows that count. In a wrong unit nearly all mismatch,
+/// in the right one few.
+const MIN_MISMATCH_SHARE: f64 = 0.8;
+
+/// Comparison of the rotation measured by the gyro with the rotation of the force.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct RateUnitCheck {
+    dt_s: f64,
+    step_s: f64,
+    /// Sums over the current step.
+    rotation_rad: Vector3<f64>,
+    force: Vector3<f64>,
+    /// Direction of the force at the start of the window.
+    start_up: Option<Vector3<f64>>,
+    gyro_rad: f64,
+    /// Largest angle between the force and its direction at the start of the window.
+    force_rad: f64,
+    windows: u32,
+    mismatches: u32,
+}
+
+impl RateUnitCheck {
+    /// Discards the current window after a discontinuity.
+    pub(crate) fn interrupt(&mut self) {
+        *self = Self { windows: self.windows, mismatches: self.mismatches, ..Self::default() };
+    }
+
+    pub(crate) fn push(&mut self, dt_s: f64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) {
+        if !(0.0..MAX_SAMPLE_INTERVAL_S).contains(&dt_s) {
+            return self.interrupt();
+        }
+        self.step_s += dt_s;
+        self.rotation_rad += Vector3::from(rate_rad_s) * dt_s;
+        self.force += Vector3::from(force_m_s2);
+        if self.step_s < STEP_S {
+            return;
+        }
+        let Some(up) = self.force.try_normalize(f64::MIN_POSITIVE) else { return self.interrupt() };
+        let start_up = *self.start_up.get_or_insert(up);
+        self.dt_s += self.step_s;
+        self.gyro_rad += (self.rotation_rad - up * self.rotation_rad.dot(&up)).norm();
+        self.force_rad = self.force_rad.max(start_up.cross(&up).norm().atan2(start_up.dot(&up)));
+        (self.step_s, self.rotation_rad, self.force) = (0.0, Vector3::zeros(), Vector3::zeros());
+        if self.dt_s < WINDOW_S {
+            return;
+        }
+        if self.gyro_rad > MIN_ROTATION_RAD {
+            self.windows += 1;
+            self.mismatches += u32::from(self.force_rad < MAX_FORCE_SHARE * self.gyro_rad);
+        }
+        self.interrupt();
+    }
+
+    pub(crate) fn diagnose(&self) -> Option<Diagnosis> {
+        let is_wrong = self.mismatches >= MIN_MISMATCHES && f64::from(self.mismatches) > MIN_MISMATCH_SHARE * f64::from(self.windows);
+        is_wrong.then(|| diagnosis::unobserved_rotation(self.mismatches, WINDOW_S))
+    }
+}

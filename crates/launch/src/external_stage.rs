@@ -1,0 +1,196 @@
+//! User-defined stages, run as separate programs: `[stages.NAME]`.
+
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
+use serde::{Deserialize, Serialize};
+
+use crate::{Launch, Service, problem::Problem, toml_reader::Section};
+
+/// Maximum number of words in a command.
+const MAX_WORDS: usize = 64;
+
+/// Program that runs as the stage of a slot and speaks the stage protocol.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ExternalStage {
+    /// Slot for which the stage is written.
+    pub slot: Service,
+    /// Program and its arguments. A name without a slash is searched in PATH, a path is relative to
+    /// `folder`.
+    pub command: Vec<String>,
+    /// Working directory: the launch file's folder.
+    pub folder: PathBuf,
+}
+
+impl ExternalStage {
+    /// Returns the program's file: a path, or a name to search in PATH.
+    pub fn executable(&self) -> PathBuf {
+        let word = self.command.first().map_or("", String::as_str);
+        if word.contains('/') { self.folder.join(word) } else { word.into() }
+    }
+
+    /// Returns the command, ready to spawn.
+    pub fn command(&self) -> Command {
+        let mut command = Command::new(self.executable());
+        command.args(self.command.iter().skip(1)).current_dir(&self.folder);
+        command
+    }
+}
+
+impl Launch {
+    /// Returns the external stage configured for a slot, or `None` if the slot has a built-in one.
+    pub fn external_stage(&self, slot: Service) -> Option<&ExternalStage> {
+        self.stages.get(&self.stage(slot)?.stage).filter(|stage| stage.slot == slot)
+    }
+}
+
+/// Reads every `[stages.NAME]`. Whether programs exist is checked only if the launch file's
+/// `folder` is known.
+pub(crate) fn external_stages(section: &mut Section<'_, '_>, folder: Option<&Path>, launch: &mut Launch) {
+    section.named_tables("stages", |section, name, span| {
+        let mut stage =
+            ExternalStage { slot: Service::Ingest, command: Vec::new(), folder: folder.unwrap_or(Path::new("")).into() };
+        let is_valid = is_free(section, name, &span) & slot(section, name, &span, &mut stage);
+        command(section, name, &span, folder, &mut stage);
+        // A stage with an invalid command is kept, so that a slot with this stage causes no second
+        // problem.
+        if is_valid {
+            launch.stages.insert(name.into(), stage);
+        }
+    });
+}
+
+fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bool {
+    let legal = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
+    if !((1..=32).contains(&name.len()) && name.bytes().all(legal)) {
+        let title = format!("stages: expected a name of 1 to 32 of a-z, 0-9, \"_\" and \"-\", found {name:?}");
+        section.report(Problem::new(span.clone(), title, "invalid stage name"));
+        return false;
+    }
+    let mut built_in = [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
+    let is_taken = built_in.any(|built_in| *built_in == name);
+    if is_taken {
+        let title = format!("stages.{name}: the name belongs to a built-in stage");
+        section.report(Problem::new(span.clone(), title, "choose another name"));
+    }
+    !is_taken
+}
+
+fn slot(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, stage: &mut ExternalStage) -> bool {
+    let allowed: Vec<_> = Service::SLOTS.iter().map(|slot| (slot.name(), *slot)).collect();
+    require(section, name, span, "slot") && section.choice("slot", allowed, &mut stage.slot)
+}
+
+fn command(
+    section: &mut Section<'_, '_>,
+    name: &str,
+    span: &Range<usize>,
+    folder: Option<&Path>,
+    stage: &mut ExternalStage,
+) {
+    if !(require(section, name, span, "command") && section.strings("command", &mut stage.command)) {
+        return;
+    }
+    let error = match stage.command.first() {
+        None => Some("expected a program and its arguments, found nothing".to_owned()),
+        Some(word) if word.is_empty() => Some("expected a program, found \"\"".to_owned()),
+        _ if stage.command.len() > MAX_WORDS => Some(format!("expected at most {MAX_WORDS} words")),
+        _ if stage.command.iter().any(|word| word.contains('\0')) => Some("a word contains a NUL byte".to_owned()),
+        Some(word) if word.contains('/') && folder.is_some() && !stage.executable().is_file() => {
+            Some(format!("file {} does not exist", stage.executable().display()))
+        }
+        Some(word) if !word.contains('/') && folder.is_some() && !is_in_path(word) => {
+            Some(format!("{word:?} is not in PATH"))
+        }
+        _ => None,
+    };
+    if let Some(error) = &error {
+        let span = section.span("command").unwrap_or_default();
+        let note = Some("a path is relative to the launch file's folder; a name without a slash is searched in PATH".into());
+        let title = format!("stages.{name}.command: {error}");
+        section.report(Problem { note, ..Problem::new(span, title, "invalid command") });
+    }
+}
+
+fn is_in_path(name: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
+}
+
+/// Reports a missing key and returns whether it is present.
+fn require(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>, key: &str) -> bool {
+    let is_present = section.has(key);
+    if !is_present {
+        let title = format!("stages.{name}: {key} is missing");
+        let help = Some(r#"set slot = "fuser" and command = ["python3", "my_fuser.py"]"#.into());
+        section.report(Problem { help, ..Problem::new(span.clone(), title, format!("expected {key}")) });
+    }
+    is_present
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const COMPLETE: &str = "[stages.my-fuser]\nslot = \"fuser\"\ncommand = [\"python3\", \"my_fuser.py\"]\n";
+
+    #[test]
+    fn external_stage_accepts_any_parameter() {
+        let text = format!("[fuser]\nstage = \"my-fuser\"\nset = {{ gain = 0.5, anything = 3 }}\n{COMPLETE}");
+        let launch = Launch::parse("launch.toml", &text).unwrap();
+        let stage = launch.external_stage(Service::Fuser).unwrap();
+        assert_eq!((stage.slot, stage.executable()), (Service::Fuser, "python3".into()));
+        assert_eq!(stage.command().get_args().collect::<Vec<_>>(), ["my_fuser.py"]);
+        assert_eq!(launch.fuser.set.keys().collect::<Vec<_>>(), ["anything", "gain"]);
+        let unused = Launch::parse("launch.toml", COMPLETE).unwrap();
+        assert_eq!((unused.stages.len(), unused.external_stage(Service::Fuser)), (1, None));
+    }
+
+    #[test]
+    fn each_invalid_entry_is_reported_at_its_location() {
+        let cases = [
+            (COMPLETE.replace("my-fuser", "wz"), ":1:", "belongs to a built-in stage"),
+            (COMPLETE.replace("my-fuser", "\"My fuser\""), ":1:", "expected a name of 1 to 32"),
+            (COMPLETE.replace("\"fuser\"", "\"fusr\""), ":2:8\n", "did you mean \"fuser\"?"),
+            (COMPLETE.replace("\"fuser\"", "\"ingest\""), ":2:8\n", "allowed: \"gyro\", \"accel\", \"fuser\", \"course\""),
+            (COMPLETE.replace("slot = \"fuser\"", ""), ":1:", "stages.my-fuser: slot is missing"),
+            (COMPLETE.replace("command = [\"python3\", \"my_fuser.py\"]", ""), ":1:", "command is missing"),
+            (COMPLETE.replace("[\"python3\", \"my_fuser.py\"]", "\"python3\""), ":3:11\n", "an array of strings"),
+            (COMPLETE.replace("[\"python3\", \"my_fuser.py\"]", "[]"), ":3:11\n", "found nothing"),
+            (COMPLETE.replace("\"python3\"", "\"\""), ":3:11\n", "found \"\""),
+            (format!("{COMPLETE}folder = \"x\"\n"), ":4:1\n", "unknown key \"folder\""),
+            (format!("[gyro]\nstage = \"my-fuser\"\n{COMPLETE}"), ":2:9\n", "gyro.stage: unknown value \"my-fuser\""),
+            (format!("[fuser]\nstage = \"my-fuse\"\n{COMPLETE}"), ":2:9\n", "did you mean \"my-fuser\"?"),
+            (format!("[fuser]\nstage = \"my-fuser\"\nset.gain = \"1\"\n{COMPLETE}"), ":3:12\n", "expected a number"),
+            ("stages = 3".to_owned(), ":1:10\n", "stages: expected a table"),
+            ("stages.mine = 3".to_owned(), ":1:15\n", "stages.mine: expected a table"),
+        ];
+        for (text, location, expected) in cases {
+            let shown = Launch::parse("launch.toml", &text).unwrap_err().to_string();
+            assert!(shown.contains(location) && shown.contains(expected), "{location}{expected}:\n{shown}");
+            assert!(shown.ends_with("1 problem"), "{expected}:\n{shown}");
+        }
+    }
+
+    #[test]
+    fn relative_program_must_exist_in_launch_file_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("launch.toml");
+        std::fs::write(&path, COMPLETE.replace("python3", "./run")).unwrap();
+        let shown = Launch::read(&path).unwrap_err().to_string();
+        assert!(shown.contains("does not exist") && shown.contains(":3:11"), "{shown}");
+        let used = format!("[fuser]\nstage = \"my-fuser\"\n{}", COMPLETE.replace("python3", "no-such-program"));
+        std::fs::write(&path, used).unwrap();
+        let shown = Launch::read(&path).unwrap_err().to_string();
+        assert!(shown.contains("\"no-such-program\" is not in PATH"), "{shown}");
+        assert!(shown.ends_with("1 problem"), "the slot has no problem of its own: {shown}");
+        std::fs::write(&path, COMPLETE.replace("python3", "./run")).unwrap();
+        std::fs::write(folder.path().join("run"), "").unwrap();
+        let launch = Launch::read(&path).unwrap();
+        assert_eq!(launch.stages["my-fuser"].executable(), folder.path().join("./run"));
+        assert_eq!(launch.stages["my-fuser"].folder, folder.path());
+    }
+}

@@ -1,0 +1,189 @@
+//! Subscriber to a slot's topic that delivers each tick once and in order, across all owners.
+
+use std::{cell::RefCell, collections::VecDeque, time::Duration};
+
+use bus::{BusError, Subscriber, WaitOutcome};
+use messages::{Message, Ticked};
+use swap::{ReorderBuffer, Role, Sequence};
+
+use crate::service_config::{FIRST_EPOCH, ServiceConfig};
+
+/// Maximum publishers of a topic with unread messages: an exited owner, a swapped one and the
+/// current one.
+const MAX_PUBLISHERS: usize = 3;
+
+/// Subscriber of a slot.
+pub trait SlotInput<I> {
+    /// Passes up to `limit` available messages to `take`.
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError>;
+    /// Sleeps until a message is published, at most for `limit`.
+    fn wait(&self, limit: Duration) -> WaitOutcome;
+    /// Returns the tick after the newest one that a publisher has started to publish.
+    fn next_tick(&self) -> u64;
+    /// Returns the number of discarded messages: duplicates of one publisher, and ticks repeated by
+    /// another incarnation.
+    fn repeated(&self) -> [u64; 2] {
+        [0; 2]
+    }
+}
+
+/// Subscriber that merges all publishers of a slot into one ordered stream.
+#[derive(Debug)]
+pub struct OrderedSubscriber<M: Ticked> {
+    subscriber: Subscriber<M>,
+    /// Maximum messages per read: what the buffers of all publishers hold.
+    max_read: usize,
+    stream: RefCell<OrderedStream<M>>,
+}
+
+/// Merge of the messages of several publishers into tick order.
+///
+/// A subscriber that was not scheduled for a while reads the messages of one publisher before those
+/// of another. All available messages are sorted by tick before any tick counts as missing.
+#[derive(Debug, Clone)]
+pub struct OrderedStream<M> {
+    reorder_buffer: ReorderBuffer<M>,
+    staged: VecDeque<M>,
+}
+
+impl<M: Ticked> OrderedStream<M> {
+    /// Creates a stream that starts at `next_tick`. Ticks before `backlog_end` have been published.
+    ///
+    /// A candidate waits longer for the backlog than an owner, because no subscriber waits for a
+    /// candidate. The limit is half of what a topic holds.
+    pub fn new(next_tick: u64, backlog_end: u64, config: &ServiceConfig) -> Self {
+        let lateness_ticks = config.lateness_ticks() / 2;
+        let patience_ticks = match config.role {
+            Role::Owner { .. } => lateness_ticks,
+            Role::Candidate => config.buffer_ticks() as u64 / 2,
+        };
+        let mut reorder_buffer = ReorderBuffer::new(next_tick, FIRST_EPOCH, lateness_ticks);
+        reorder_buffer.expect_backlog(backlog_end, patience_ticks.max(lateness_ticks));
+        Self { reorder_buffer, staged: VecDeque::new() }
+    }
+
+    /// Reads all available messages with `read`, and passes up to `limit` new ones to `take` in
+    /// tick order.
+    ///
+    /// Repeated messages, for example of a restarted publisher, do not count towards `limit`.
+    pub fn advance<E>(
+        &mut self,
+        limit: usize,
+        read: impl FnOnce(&mut dyn FnMut(M)) -> Result<(), E>,
+        take: &mut dyn FnMut(M),
+    ) -> Result<(), E> {
+        let Self { reorder_buffer, staged } = self;
+        let mut in_order = true;
+        let result = read(&mut |message| {
+            in_order &= staged.back().is_none_or(|last| last.header().tick <= message.header().tick);
+            staged.push_back(message);
+        });
+        if !in_order {
+            staged.make_contiguous().sort_by_key(|message| message.header().tick);
+        }
+        let mut left = limit;
+        while let Some(message) = staged.pop_front() {
+            let is_new = message.header().tick >= reorder_buffer.sequence().next_tick;
+            if is_new && left == 0 {
+                staged.push_front(message);
+                break;
+            }
+            left -= usize::from(is_new);
+            reorder_buffer.offer(message, &mut |message, _| take(message));
+        }
+        result
+    }
+
+    /// Delivers all held messages, because no more will arrive.
+    pub fn finish(&mut self, take: &mut dyn FnMut(M)) {
+        let Self { reorder_buffer, staged } = self;
+        staged.drain(..).for_each(|message| reorder_buffer.offer(message, &mut |message, _| take(message)));
+        reorder_buffer.finish(&mut |message, _| take(message));
+    }
+
+    /// Returns `true` if messages were read that are not delivered yet.
+    pub fn has_staged(&self) -> bool {
+        !self.staged.is_empty()
+    }
+
+    /// Returns the position and counters of the stream.
+    pub fn sequence(&self) -> &Sequence {
+        self.reorder_buffer.sequence()
+    }
+}
+
+impl<M: Ticked> OrderedSubscriber<M> {
+    /// Creates a subscriber that starts at `next_tick`.
+    pub fn new(subscriber: Subscriber<M>, next_tick: u64, config: &ServiceConfig) -> Self {
+        let max_read = MAX_PUBLISHERS * config.buffer_ticks();
+        let stream = OrderedStream::new(next_tick, subscriber.next_tick(), config);
+        Self { subscriber, max_read, stream: RefCell::new(stream) }
+    }
+
+    /// Delivers all held messages, because no more will arrive.
+    pub fn finish(&self, take: &mut dyn FnMut(M)) {
+        self.stream.borrow_mut().finish(take);
+    }
+}
+
+impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
+        let read = |stage: &mut dyn FnMut(M)| self.subscriber.drain(self.max_read, stage);
+        self.stream.borrow_mut().advance(limit, read, &mut |message| take(message.into()))
+    }
+
+    fn wait(&self, limit: Duration) -> WaitOutcome {
+        if self.stream.borrow().has_staged() { WaitOutcome::Published } else { self.subscriber.wait(limit) }
+    }
+
+    fn next_tick(&self) -> u64 {
+        self.subscriber.next_tick()
+    }
+
+    fn repeated(&self) -> [u64; 2] {
+        let stream = self.stream.borrow();
+        let Sequence { duplicated, repeated, .. } = *stream.sequence();
+        [duplicated, repeated]
+    }
+}
+
+impl<I: From<M>, M: Message> SlotInput<I> for Subscriber<M> {
+    fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<(), BusError> {
+        Subscriber::drain(self, limit, |message| take(message.into()))
+    }
+
+    fn wait(&self, limit: Duration) -> WaitOutcome {
+        Subscriber::wait(self, limit)
+    }
+
+    fn next_tick(&self) -> u64 {
+        Subscriber::next_tick(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::{GyroStep, Header};
+
+    use super::*;
+
+    #[test]
+    fn repeated_ticks_do_not_count_towards_read_limit() {
+        let mut stream =
+            OrderedStream { reorder_buffer: ReorderBuffer::new(40, FIRST_EPOCH, 10), staged: VecDeque::new() };
+        let step = |tick| GyroStep {
+            header: Header { tick, epoch: FIRST_EPOCH, incarnation: 7, ..bytemuck::Zeroable::zeroed() },
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let mut received = Vec::new();
+        let mut advance = |ticks: std::ops::Range<u64>| {
+            let read = |stage: &mut dyn FnMut(GyroStep)| -> Result<(), BusError> {
+                ticks.map(step).for_each(stage);
+                Ok(())
+            };
+            stream.advance(8, read, &mut |step| received.push(step.header.tick)).is_ok()
+        };
+        assert!(advance(0..60) && advance(60..60));
+        assert_eq!(received, Vec::from_iter(40..56));
+    }
+}

@@ -1,0 +1,213 @@
+//! Detection of device problems: unavailable, silent, wrong format, corrupted data, second sender,
+//! unsteady clock.
+//!
+//! Input: one report per second.
+//!
+//! Output: the current problems with their remedies.
+//!
+//! Time: that of the caller.
+
+use std::collections::VecDeque;
+
+use control::Diagnostic;
+
+use crate::input::DeviceReport;
+
+/// Kind of the problem "port cannot be opened or read".
+pub(crate) const UNAVAILABLE: &str = "unavailable";
+const SILENT: &str = "silent";
+const FORMAT: &str = "format";
+const NO_MEASUREMENT: &str = "no-measurement";
+const CORRUPTED: &str = "corrupted";
+const SECOND_SENDER: &str = "second-sender";
+const CLOCK: &str = "clock";
+
+/// Duration of the evaluated window, s, with one report per second.
+const WINDOW_S: usize = 10;
+/// Time without bytes after which an open device counts as silent, s.
+const SILENCE_S: usize = 3;
+/// Number of bytes without a message that indicates another format or speed. It is many times the
+/// length of usual messages.
+const FORMAT_BYTES: u64 = 1024;
+/// Number of messages without a measurement after which none is expected.
+const MIN_MESSAGES: u64 = 100;
+/// Maximum shares of rejected messages and of bytes that belong to no message. An intact line stays
+/// below both.
+const MAX_REJECTED_SHARE: f64 = 0.01;
+const MAX_SKIPPED_SHARE: f64 = 0.05;
+/// Number of clock steps in the window that indicates a problem. A restarting device causes fewer.
+const MIN_CLOCK_STEPS: u64 = 5;
+
+/// Reports of one device in the last seconds.
+#[derive(Debug, Default)]
+pub(crate) struct DeviceMonitor {
+    /// Prefix of the problem kinds, to distinguish two devices.
+    kind_prefix: &'static str,
+    reports: VecDeque<(DeviceReport, u64)>,
+    silent_s: usize,
+}
+
+impl DeviceMonitor {
+    pub(crate) fn new(kind_prefix: &'static str) -> Self {
+        Self { kind_prefix, ..Self::default() }
+    }
+
+    /// Records the report of one second and returns the current problems.
+    ///
+    /// `clock_steps` is the total number of steps of the device's clock.
+    pub(crate) fn update(&mut self, report: DeviceReport, clock_steps: u64) -> Vec<Diagnostic> {
+        let previous_bytes = self.reports.back().map_or(0, |(last, _)| last.bytes);
+        let is_silent = report.failure.is_none() && report.bytes == previous_bytes;
+        self.silent_s = if is_silent { self.silent_s + 1 } else { 0 };
+        self.reports.push_back((report, clock_steps));
+        if self.reports.len() > WINDOW_S + 1 {
+            self.reports.pop_front();
+        }
+        let (Some((first, first_steps)), Some((last, _))) = (self.reports.front(), self.reports.back()) else {
+            return Vec::new();
+        };
+        let mut diagnostics = Vec::new();
+        let mut add = |kind: &str, found: String, remedy: String| {
+            diagnostics.push(Diagnostic { kind: format!("{}{kind}", self.kind_prefix), found, remedy });
+        };
+        let DeviceReport { port, format, .. } = last;
+        if let Some(failure) = &last.failure {
+            add(
+                UNAVAILABLE,
+                format!("cannot read {port}: {}", failure.cause),
+                format!("{}; it is retried automatically", failure.remedy),
+            );
+        } else if self.silent_s >= SILENCE_S && *port != "standard input" {
+            add(
+                SILENT,
+                format!("{port} is open but sends no data"),
+                "check the device's power, wiring and settings".into(),
+            );
+        }
+        let counts = last.counts;
+        if counts.frames == 0 && last.bytes >= FORMAT_BYTES {
+            add(
+                FORMAT,
+                format!("{port}: received {} bytes but no {format} message", last.bytes),
+                "check that format and baud match the device".into(),
+            );
+            return diagnostics;
+        }
+        if last.measurements == 0 && counts.frames >= MIN_MESSAGES {
+            add(
+                NO_MEASUREMENT,
+                format!("{port}: received {} {format} messages, but none with a required measurement", counts.frames),
+                remedy_without_measurement(format).into(),
+            );
+        }
+        let frames = counts.frames - first.counts.frames;
+        let rejected = counts.rejected - first.counts.rejected;
+        let skipped = counts.skipped_bytes - first.counts.skipped_bytes;
+        let bytes = last.bytes - first.bytes;
+        // Other messages in between are normal for these formats.
+        let is_shared = matches!(*format, "mavlink" | "ubx" | "nmea");
+        if rejected as f64 > MAX_REJECTED_SHARE * frames as f64 + 1.0
+            || (!is_shared && skipped as f64 > MAX_SKIPPED_SHARE * bytes as f64 + 100.0)
+        {
+            add(
+                CORRUPTED,
+                format!(
+                    "{port}: in {WINDOW_S} s {skipped} of {bytes} bytes belonged to no message, and {rejected} messages were rejected, {frames} accepted"
+                ),
+                "check cable, ground, baud, and whether a second device sends on the same line".into(),
+            );
+        }
+        if last.foreign_datagrams > first.foreign_datagrams {
+            add(
+                SECOND_SENDER,
+                format!("{port}: ignored {} datagrams from another sender", last.foreign_datagrams),
+                "send them to another port; only the first sender is read".into(),
+            );
+        }
+        if clock_steps.saturating_sub(*first_steps) >= MIN_CLOCK_STEPS {
+            add(
+                CLOCK,
+                format!(
+                    "{port}: the device's clock jumped, stepped back or stood still {} times in {WINDOW_S} s",
+                    clock_steps - first_steps
+                ),
+                "check whether a second sensor sends on the same line, and check clock, units and time_bits".into(),
+            );
+        }
+        diagnostics
+    }
+}
+
+/// Returns the remedy for a device that sends valid messages without a measurement.
+fn remedy_without_measurement(format: &str) -> &'static str {
+    match format {
+        "mavlink" => {
+            "make the autopilot stream HIGHRES_IMU, or select another message with imu; on PX4: mavlink stream -u 14540 -s HIGHRES_IMU -r 200"
+        }
+        "witmotion" => "enable acceleration (0x51) and rate (0x52) in the device",
+        "xsens" => "enable rate of turn and acceleration in the device's output configuration",
+        "ubx" => "enable UBX-NAV-PVT in the receiver and give it a view of the sky",
+        "nmea" => "enable RMC or VTG in the receiver and give it a view of the sky",
+        _ => "send rate and force",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use decoders::Counts;
+
+    use super::*;
+    use crate::reconnecting_port::DeviceFailure;
+
+    /// Returns the kinds of problems after `seconds` reports.
+    fn kinds_after(seconds: u64, report_at: impl Fn(u64) -> (DeviceReport, u64)) -> Vec<String> {
+        let mut monitor = DeviceMonitor::new("");
+        let mut diagnostics = Vec::new();
+        for second in 1..=seconds {
+            let (report, steps) = report_at(second);
+            diagnostics = monitor.update(DeviceReport { port: "/dev/ttyUSB0".into(), ..report }, steps);
+        }
+        diagnostics.into_iter().map(|diagnostic| diagnostic.kind).collect()
+    }
+
+    fn good(second: u64) -> DeviceReport {
+        let counts = Counts { frames: 100 * second, rejected: 0, skipped_bytes: 0 };
+        DeviceReport { format: "witmotion", bytes: 3300 * second, counts, measurements: 100 * second, ..DeviceReport::default() }
+    }
+
+    #[test]
+    fn healthy_device_has_no_diagnostics() {
+        assert_eq!(kinds_after(30, |second| (good(second), 0)), [""; 0]);
+        // A partial frame at the start, and a device that restarts.
+        let restarted =
+            |second| DeviceReport { counts: Counts { skipped_bytes: 40, rejected: 1, ..good(second).counts }, ..good(second) };
+        assert_eq!(kinds_after(5, |second| (restarted(second), 1)), [""; 0]);
+    }
+
+    #[test]
+    fn each_problem_has_its_kind() {
+        let unavailable = DeviceFailure { cause: "no such file".into(), remedy: "plug it in" };
+        type Each<'a> = &'a dyn Fn(u64) -> (DeviceReport, u64);
+        let cases: [(&str, Each<'_>); 7] = [
+            (UNAVAILABLE, &|_| (DeviceReport { failure: Some(unavailable.clone()), ..DeviceReport::default() }, 0)),
+            (SILENT, &|_| (good(1), 0)),
+            (FORMAT, &|second| (DeviceReport { bytes: 3300 * second, ..DeviceReport::default() }, 0)),
+            (NO_MEASUREMENT, &|second| (DeviceReport { measurements: 0, ..good(second) }, 0)),
+            (CORRUPTED, &|second| {
+                (DeviceReport { counts: Counts { rejected: 5 * second, ..good(second).counts }, ..good(second) }, 0)
+            }),
+            (SECOND_SENDER, &|second| (DeviceReport { foreign_datagrams: second, ..good(second) }, 0)),
+            (CLOCK, &|second| (good(second), 50 * second)),
+        ];
+        for (kind, each) in cases {
+            assert_eq!(kinds_after(8, each), [kind]);
+        }
+    }
+
+    #[test]
+    fn resolved_problem_disappears() {
+        let noise = |second: u64| Counts { skipped_bytes: 1000 * second.min(5), ..good(second).counts };
+        assert_eq!(kinds_after(5, |second| (DeviceReport { counts: noise(second), ..good(second) }, 0)), [CORRUPTED]);
+        assert_eq!(kinds_after(20, |second| (DeviceReport { counts: noise(second), ..good(second) }, 0)), [""; 0]);
+    }
+}

@@ -1,0 +1,68 @@
+//! Reports of device problems to the supervisor and the user, sent by a thread so that the service
+//! never waits.
+
+use std::{
+    sync::mpsc::{self, SyncSender},
+    thread,
+    time::{Duration, Instant},
+};
+
+use control::{ControlRequest, Diagnostic};
+use launch::Service;
+
+/// Maximum number of queued requests. Further ones are dropped.
+const MAX_QUEUED: usize = 64;
+/// Time limit for reaching the supervisor with a request, and pause between attempts.
+const SUPERVISOR_TIMEOUT: Duration = Duration::from_secs(5);
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
+
+pub(crate) struct DiagnosticsPublisher {
+    requests: SyncSender<ControlRequest>,
+    published: Vec<Diagnostic>,
+}
+
+impl DiagnosticsPublisher {
+    pub(crate) fn start(system: String) -> std::io::Result<Self> {
+        let (requests, queue) = mpsc::sync_channel::<ControlRequest>(MAX_QUEUED);
+        thread::Builder::new().name("diagnostics".into()).spawn(move || {
+            while let Ok(request) = queue.recv() {
+                let deadline = Instant::now() + SUPERVISOR_TIMEOUT;
+                while control::send_request::<()>(&system, &request).is_err() && Instant::now() < deadline {
+                    thread::sleep(RETRY_PAUSE);
+                }
+            }
+        })?;
+        Ok(Self { requests, published: Vec::new() })
+    }
+
+    /// Publishes the current problems.
+    ///
+    /// A line is announced when a problem appears and when it is resolved, but not when only its
+    /// figures change.
+    pub(crate) fn publish(&mut self, current: Vec<Diagnostic>) {
+        if current == self.published {
+            return;
+        }
+        let service = || Service::Drivers.name().to_owned();
+        let is_in = |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));
+        let mut lines = Vec::new();
+        lines.extend(
+            self.published.iter().filter(|old| !is_in(&current, old)).map(|old| format!("resolved: {}", old.found)),
+        );
+        let new = current.iter().filter(|new| !is_in(&self.published, new));
+        lines.extend(new.map(|Diagnostic { found, remedy, .. }| format!("{found}; {remedy}")));
+        let state = ControlRequest::Diagnostics { service: service(), diagnostics: current.clone() };
+        // If the queue is full, the next call tries again.
+        if self.requests.try_send(state).is_ok() {
+            self.published = current;
+            lines.into_iter().for_each(|line| {
+                let _ = self.requests.try_send(ControlRequest::Announce { service: service(), line });
+            });
+        }
+    }
+}
+
+/// Compares the kinds of two problems. For an unavailable port the cause counts, too.
+fn is_same_problem(a: &Diagnostic, b: &Diagnostic) -> bool {
+    a.kind == b.kind && (a.kind != crate::device_monitor::UNAVAILABLE || a.found == b.found)
+}

@@ -1,0 +1,157 @@
+//! Publication of measurements to ingest, as readings and fixes with timestamps.
+
+use std::collections::VecDeque;
+
+use bus::{BusError, Publisher};
+use decoders::{DeviceTime, Measurement, Value};
+use driver::{
+    Stamp,
+    clock_fit::{ClockFit, ClockHealth},
+};
+use launch::{Clock, Stream};
+use messages::{ReceiverReading, SensorReading};
+use runtime::{RuntimeError, ServiceContext};
+
+/// Publisher of readings and fixes, with a queue of those that ingest has no room for.
+pub(crate) struct ReadingPublisher {
+    /// `None` if another program publishes the readings.
+    sensor: Option<Publisher<SensorReading>>,
+    receiver: Publisher<ReceiverReading>,
+    clock: Clock,
+    fit: ClockFit,
+    interval_s: f64,
+    /// Number of readings without a device timestamp.
+    unstamped_count: u64,
+    /// Separately sent magnetic field, to be combined with the next reading.
+    field_ut: Option<[f64; 3]>,
+    queue: VecDeque<Outgoing>,
+    /// Maximum number of readings that ingest has not consumed, or `None` if the source does not
+    /// wait.
+    max_in_flight: Option<u64>,
+    sent: u64,
+}
+
+enum Outgoing {
+    Reading(SensorReading),
+    Fix(ReceiverReading),
+}
+
+impl ReadingPublisher {
+    /// Opens the publisher. `stream` describes the source, or is `None` if the service reads only a
+    /// receiver.
+    pub(crate) fn open(context: &ServiceContext, stream: Option<&Stream>) -> Result<Self, RuntimeError> {
+        let sensor = stream.map(|_| context.publisher::<SensorReading>()).transpose()?;
+        if let Some(sensor) = sensor.as_ref().filter(|_| context.config.resume.is_some()) {
+            sensor.mark_all_consumed();
+        }
+        // The number of readings in flight may be miscounted if either process dies. The other half
+        // of the buffer absorbs the error.
+        let half_buffer = context.config.buffer_ticks() as u64 / 2;
+        Ok(Self {
+            sensor,
+            receiver: context.publisher()?,
+            clock: stream.map_or(Clock::Host, |stream| stream.clock),
+            fit: stream.map_or_else(ClockFit::new, |stream| ClockFit::with_rate(stream.rate_hz)),
+            interval_s: stream.map_or(0.0, |stream| 1.0 / stream.rate_hz),
+            unstamped_count: 0,
+            field_ut: None,
+            queue: VecDeque::new(),
+            max_in_flight: context.config.is_lockstep().then_some(half_buffer.max(1)),
+            sent: 0,
+        })
+    }
+
+    /// Returns the number of readings sent.
+    pub(crate) fn sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// Returns the state of the device's clock. It stays at its initial value unless the clock is
+    /// fitted.
+    pub(crate) fn clock_health(&self) -> ClockHealth {
+        self.fit.health()
+    }
+
+    /// Queues a measurement that arrived at `arrival_ns` on CLOCK_MONOTONIC.
+    pub(crate) fn push(&mut self, measurement: &Measurement, arrival_ns: i64) {
+        match measurement.value {
+            Value::Imu { rate_rad_s, force_m_s2, field_ut } => {
+                let t_sensor_ns = self.sensor_time_ns(measurement.time, arrival_ns);
+                let field_ut = field_ut.or(self.field_ut.take()).unwrap_or([f64::NAN; 3]);
+                self.queue.push_back(Outgoing::Reading(SensorReading {
+                    t_sensor_ns,
+                    rate_rad_s,
+                    force_m_s2,
+                    field_ut,
+                }));
+            }
+            Value::Field(field_ut) => self.field_ut = Some(field_ut),
+            Value::Fix { velocity_m_s, sd_m_s, position } => {
+                let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
+                self.queue.push_back(Outgoing::Fix(ReceiverReading {
+                    velocity_m_s,
+                    velocity_sd_m_s: or_nan(sd_m_s),
+                    age_s: f64::NAN,
+                    latitude_rad: or_nan(position.latitude_rad),
+                    longitude_rad: or_nan(position.longitude_rad),
+                    altitude_m: or_nan(position.altitude_m),
+                }));
+            }
+        }
+    }
+
+    /// Sends as many queued messages as ingest has room for. Returns `true` if the queue is empty.
+    pub(crate) fn flush(&mut self) -> Result<bool, BusError> {
+        let unconsumed = self.sensor.as_ref().map_or(0, Publisher::unconsumed);
+        let mut room = self.max_in_flight.map_or(u64::MAX, |max_in_flight| max_in_flight.saturating_sub(unconsumed));
+        let previously_sent = self.sent;
+        while let Some(outgoing) = self.queue.front() {
+            match outgoing {
+                Outgoing::Reading(_) if room == 0 => break,
+                Outgoing::Reading(reading) => {
+                    if let Some(sensor) = &self.sensor {
+                        // Counted before sending, because ingest may consume it immediately.
+                        sensor.add_sent(1);
+                        sensor.send(reading)?;
+                    }
+                    (room, self.sent) = (room - 1, self.sent + 1);
+                }
+                Outgoing::Fix(fix) => self.receiver.send(fix)?,
+            }
+            self.queue.pop_front();
+        }
+        if self.sent != previously_sent {
+            self.sensor.iter().for_each(Publisher::wake);
+        }
+        Ok(self.queue.is_empty())
+    }
+
+    /// Delivers the publishers' history to a newly joined ingest.
+    pub(crate) fn deliver_history(&self) -> Result<(), BusError> {
+        self.sensor.iter().try_for_each(Publisher::deliver_history)?;
+        self.receiver.deliver_history()
+    }
+
+    fn sensor_time_ns(&mut self, time: Option<DeviceTime>, arrival_ns: i64) -> i64 {
+        let stamp = time.map(|time| match time {
+            DeviceTime::Counter { now_ns, period_ns } => Stamp { count_ns: now_ns, period_ns: Some(period_ns) },
+            DeviceTime::SinceBoot { now_ns } | DeviceTime::Unix { now_ns } => {
+                Stamp { count_ns: now_ns, period_ns: None }
+            }
+        });
+        match (self.clock, stamp) {
+            (Clock::Device, Some(stamp)) => stamp.count_ns.cast_signed(),
+            // Without a timestamp the time follows from the number of the reading.
+            (Clock::Device, None) => {
+                self.unstamped_count += 1;
+                (self.unstamped_count as f64 * self.interval_s * 1e9) as i64
+            }
+            (Clock::Host, stamp) => self.fit.push(stamp, arrival_ns),
+        }
+    }
+
+    /// Restarts the clock fit, because measurements may be missing.
+    pub(crate) fn mark_gap(&mut self) {
+        self.fit.mark_gap();
+    }
+}

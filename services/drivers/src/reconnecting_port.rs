@@ -1,0 +1,160 @@
+//! Port that is reopened after a failure.
+
+use std::{
+    io, thread,
+    time::{Duration, Instant},
+};
+
+use launch::Port;
+
+use crate::port::{PortRead, OpenPort};
+
+/// Maximum number of bytes per read.
+const BUFFER_BYTES: usize = 1 << 16;
+/// Pause before reopening a port. It doubles after each failed attempt, up to the maximum.
+const MIN_RETRY_PAUSE: Duration = Duration::from_millis(100);
+const MAX_RETRY_PAUSE: Duration = Duration::from_secs(5);
+
+/// Port that may currently be closed.
+pub(crate) struct ReconnectingPort {
+    port: Port,
+    open: Option<OpenPort>,
+    bytes: Vec<u8>,
+    pause: Duration,
+    next_attempt: Instant,
+    failure: Option<DeviceFailure>,
+    /// Whether an earlier process has read from the same input.
+    is_resumed: bool,
+    /// Start of the bytes to come, if the port was reopened since the last read.
+    pending_start: Option<StreamStart>,
+    foreign_datagrams: u64,
+}
+
+/// Reason why a device is unavailable.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct DeviceFailure {
+    /// Error of the operating system.
+    pub(crate) cause: String,
+    /// Suggested action.
+    pub(crate) remedy: &'static str,
+}
+
+/// Position in the byte stream at which a newly opened port starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum StreamStart {
+    /// The first byte starts a message.
+    MessageStart,
+    /// The first byte may be in the middle of a message.
+    Anywhere,
+}
+
+/// Result of reading a port.
+pub(crate) enum Received<'a> {
+    /// Bytes arrived.
+    Bytes {
+        /// Received bytes.
+        bytes: &'a [u8],
+        /// Set for the first bytes since the port was opened.
+        start: Option<StreamStart>,
+    },
+    /// No bytes arrived before the timeout.
+    NoData,
+    /// The input has ended.
+    End,
+}
+
+impl ReconnectingPort {
+    pub(crate) fn new(port: Port, is_resumed: bool) -> Self {
+        Self {
+            port,
+            open: None,
+            bytes: vec![0; BUFFER_BYTES],
+            pause: MIN_RETRY_PAUSE,
+            next_attempt: Instant::now(),
+            failure: None,
+            is_resumed,
+            pending_start: None,
+            foreign_datagrams: 0,
+        }
+    }
+
+    pub(crate) fn port(&self) -> &Port {
+        &self.port
+    }
+
+    /// Returns why the port is closed, or `None` if it is open.
+    pub(crate) fn failure(&self) -> Option<&DeviceFailure> {
+        self.failure.as_ref()
+    }
+
+    /// Returns the number of ignored datagrams from other senders.
+    pub(crate) fn foreign_datagrams(&self) -> u64 {
+        self.foreign_datagrams + self.open.as_ref().map_or(0, OpenPort::foreign_datagrams)
+    }
+
+    /// Reads the available bytes, waiting at most `timeout`. A closed port is reopened once its
+    /// pause has passed.
+    pub(crate) fn read(&mut self, timeout: Duration) -> Received<'_> {
+        let now = Instant::now();
+        if self.open.is_none() {
+            if now < self.next_attempt {
+                thread::sleep((self.next_attempt - now).min(timeout));
+                return Received::NoData;
+            }
+            match OpenPort::open(&self.port) {
+                Ok(open) => {
+                    self.open = Some(open);
+                    self.failure = None;
+                    self.pending_start = Some(match self.port {
+                        Port::Serial { .. } => StreamStart::Anywhere,
+                        Port::Stdin if self.is_resumed => StreamStart::Anywhere,
+                        _ => StreamStart::MessageStart,
+                    });
+                }
+                Err(error) => self.mark_failed(&error),
+            }
+        }
+        let Some(open) = &mut self.open else { return Received::NoData };
+        match open.read(&mut self.bytes, timeout) {
+            Ok(PortRead::Bytes(count)) => {
+                self.pause = MIN_RETRY_PAUSE;
+                let bytes = self.bytes.get(..count).unwrap_or_default();
+                Received::Bytes { bytes, start: self.pending_start.take() }
+            }
+            Ok(PortRead::NoData) => Received::NoData,
+            Ok(PortRead::End) if self.port == Port::Stdin => Received::End,
+            Ok(PortRead::End) => {
+                self.mark_failed(&io::Error::other("connection closed by the peer"));
+                Received::NoData
+            }
+            Err(error) => {
+                self.mark_failed(&error);
+                Received::NoData
+            }
+        }
+    }
+
+    fn mark_failed(&mut self, error: &io::Error) {
+        self.foreign_datagrams = self.foreign_datagrams();
+        self.open = None;
+        self.next_attempt = Instant::now() + self.pause;
+        self.pause = (self.pause * 2).min(MAX_RETRY_PAUSE);
+        self.failure = Some(DeviceFailure { cause: error.to_string(), remedy: remedy(&self.port, error) });
+    }
+}
+
+/// Returns the suggested action after `error`.
+fn remedy(port: &Port, error: &io::Error) -> &'static str {
+    match (port, error.kind()) {
+        (Port::Udp(_), io::ErrorKind::AddrInUse) => "another program uses the port: stop it, or set another `listen`",
+        (Port::Udp(_), _) => "set an address of this machine and a free port",
+        (Port::Tcp(_), io::ErrorKind::ConnectionRefused) => "start the program that listens there",
+        (Port::Tcp(_), _) => "check that the host is reachable and that its name, address and port are correct",
+        (Port::Serial { .. }, io::ErrorKind::PermissionDenied) => {
+            "grant this user access: sudo usermod -aG dialout USER, then log in again"
+        }
+        (Port::Serial { .. }, io::ErrorKind::ResourceBusy) => "another program uses it: stop that program",
+        (Port::Serial { .. }, _) => "plug the device in and check its name: ls /dev/serial/by-id",
+        (Port::Stdin, _) => "pipe data to the supervisor: PROGRAM | plumb up --source stdin",
+    }
+}

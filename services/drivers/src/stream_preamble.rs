@@ -1,0 +1,91 @@
+//! Start of a text stream, which names its columns, kept in a checkpoint for a later process of the
+//! service.
+
+use bus::{BusError, Publisher};
+use launch::Service;
+use messages::{CHECKPOINT_WORDS, Checkpoint};
+use runtime::{
+    RuntimeError, ServiceContext,
+    service_config::{CONTROL_BUFFER, Resume},
+};
+
+const WORD_BYTES: usize = size_of::<u64>();
+/// Maximum length of the preamble. The first word of the checkpoint holds its length.
+const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
+
+/// Lines received up to the first reading.
+pub(crate) struct StreamPreamble {
+    text: Vec<u8>,
+    is_complete: bool,
+    checkpoints: Publisher<Checkpoint>,
+    incarnation: u32,
+}
+
+impl StreamPreamble {
+    /// Opens the preamble of an earlier process, or an empty one if there is none.
+    pub(crate) fn open(context: &ServiceContext) -> Result<Self, RuntimeError> {
+        let previous = match &context.config.resume {
+            Some(Resume::Checkpoint(record)) => record.checkpoint().as_ref().map(from_checkpoint),
+            _ => None,
+        };
+        Ok(Self {
+            is_complete: previous.is_some(),
+            text: previous.unwrap_or_default(),
+            checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
+            incarnation: context.config.incarnation,
+        })
+    }
+
+    /// Returns the received lines.
+    pub(crate) fn text(&self) -> &[u8] {
+        &self.text
+    }
+
+    /// Records received bytes. The preamble is published with the first bytes that yield a reading.
+    pub(crate) fn push(&mut self, bytes: &[u8], yields_readings: bool) -> Result<(), BusError> {
+        if self.is_complete {
+            return Ok(());
+        }
+        let room = MAX_BYTES.saturating_sub(self.text.len()).min(bytes.len());
+        self.text.extend_from_slice(bytes.get(..room).unwrap_or_default());
+        if !yields_readings {
+            return Ok(());
+        }
+        let complete_bytes = self.text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+        self.text.truncate(complete_bytes);
+        self.is_complete = true;
+        self.checkpoints.send(&to_checkpoint(&self.text, self.incarnation))
+    }
+}
+
+fn to_checkpoint(text: &[u8], incarnation: u32) -> Checkpoint {
+    let mut checkpoint = Checkpoint { service: Service::Drivers as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
+    checkpoint.words[0] = text.len() as u64;
+    for (word, bytes) in checkpoint.words[1..].iter_mut().zip(text.chunks(WORD_BYTES)) {
+        let mut padded = [0; WORD_BYTES];
+        padded[..bytes.len()].copy_from_slice(bytes);
+        *word = u64::from_le_bytes(padded);
+    }
+    checkpoint.slot_words = 1 + text.len().div_ceil(WORD_BYTES) as u32;
+    checkpoint.checksum = checkpoint.compute_checksum();
+    checkpoint
+}
+
+fn from_checkpoint(checkpoint: &Checkpoint) -> Vec<u8> {
+    let length = usize::try_from(checkpoint.words[0]).unwrap_or(0).min(MAX_BYTES);
+    checkpoint.words[1..].iter().flat_map(|word| word.to_le_bytes()).take(length).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn preamble_round_trips_through_checkpoint() {
+        for length in [0, 1, 8, 47, MAX_BYTES] {
+            let text: Vec<u8> = (0..length).map(|i| i as u8).collect();
+            let checkpoint = to_checkpoint(&text, 3);
+            assert_eq!((from_checkpoint(&checkpoint), checkpoint.checksum), (text, checkpoint.compute_checksum()));
+        }
+    }
+}

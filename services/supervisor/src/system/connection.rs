@@ -1,0 +1,166 @@
+//! Connection of the supervisor to the bus: its topics, its control socket and the reaper.
+
+use std::time::Duration;
+
+use bus::{Bus, Publisher, SharedMemory, Subscriber, SystemName};
+use control::ControlSocket;
+use launch::Service;
+use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, Health, Reference, SystemEvent};
+use pipeline::Collector;
+use runtime::{SlotInput, OrderedSubscriber, ServiceConfig, service_config::CONTROL_BUFFER};
+use supervision::Event;
+
+use super::recorded_topics::RecordedTopics;
+use crate::{UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
+
+/// Free shared memory required to publish an event, bytes; more than the topic holds.
+const EVENTS_BYTES: u64 = 1 << 20;
+
+pub(super) struct BusConnection {
+    pub(super) socket: ControlSocket,
+    pub(super) reaper: StaleNodeReaper,
+    attitude: OrderedSubscriber<AttitudeOutput>,
+    /// Fused states, for columns of the output file that only these contain.
+    fused: Option<OrderedSubscriber<FusedState>>,
+    reference: Subscriber<Reference>,
+    health: Subscriber<Health>,
+    checkpoints: Subscriber<Checkpoint>,
+    /// Differences of shadows; `None` without a watch.
+    differences: Option<Subscriber<Difference>>,
+    credit: Publisher<Credit>,
+    control: Publisher<Control>,
+    events: Publisher<SystemEvent>,
+    /// All topics for the recorder, if there is one.
+    pub(super) recorded: Option<RecordedTopics>,
+    /// Checked input, until the check is finished.
+    pub(super) input: Option<InputTopics>,
+    buffer: usize,
+    bus: Bus,
+}
+
+/// Optional subscriptions of the supervisor.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OptionalInputs {
+    /// Fused state of each tick, for the output file.
+    pub(super) fused: bool,
+    /// Every topic, for a recorder.
+    pub(super) every_topic: bool,
+    /// Samples and fields, for the input check.
+    pub(super) input: bool,
+}
+
+impl BusConnection {
+    /// Connects to the bus. The first attitude expected is that of `next_tick`.
+    pub(super) fn open(
+        system_name: &SystemName,
+        config: &ServiceConfig,
+        next_tick: u64,
+        optional: OptionalInputs,
+    ) -> Result<Self, UpError> {
+        let bus = Bus::join(system_name, "supervisor")?;
+        let buffer = config.buffer_ticks();
+        let has_watches = !config.launch.watch.is_empty();
+        Ok(Self {
+            attitude: OrderedSubscriber::new(bus.subscriber(buffer)?, next_tick, config),
+            fused: match optional.fused {
+                true => Some(OrderedSubscriber::new(bus.subscriber(buffer)?, next_tick, config)),
+                false => None,
+            },
+            reference: bus.subscriber(buffer)?,
+            health: bus.subscriber(CONTROL_BUFFER)?,
+            checkpoints: bus.subscriber(CONTROL_BUFFER)?,
+            differences: has_watches.then(|| bus.subscriber(CONTROL_BUFFER)).transpose()?,
+            credit: bus.publisher(CONTROL_BUFFER)?,
+            control: bus.publisher(CONTROL_BUFFER)?,
+            events: bus.publisher(CONTROL_BUFFER)?,
+            recorded: optional.every_topic.then(|| RecordedTopics::open(&bus, config)).transpose()?,
+            input: if optional.input { InputTopics::open(&bus, config)? } else { None },
+            socket: ControlSocket::open(system_name)?,
+            reaper: StaleNodeReaper::new(system_name.clone())?,
+            buffer,
+            bus,
+        })
+    }
+
+    /// Collects the attitudes received.
+    pub(super) fn collect(&self, collector: &mut Collector) -> Result<(), UpError> {
+        let collect_references =
+            |collector: &mut Collector| self.reference.drain(self.buffer, |reference| collector.reference(reference));
+        let mut result = collect_references(collector);
+        // Each is counted immediately, because after an outage as many as a topic holds have
+        // arrived.
+        self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
+            // A reference is published before its tick, so the reference of this tick has arrived.
+            if result.is_ok() && collector.lacks_reference(output.header.tick) {
+                result = collect_references(collector);
+            }
+            collector.attitude(&output);
+        })?;
+        // Each fused state was published before its attitude.
+        if let Some(fused) = &self.fused {
+            fused.drain(self.buffer, &mut |state| collector.fused(&state))?;
+        }
+        Ok(result?)
+    }
+
+    /// Collects the attitudes that wait for missing ticks, which will not arrive any more.
+    pub(super) fn finish(&self, collector: &mut Collector) {
+        self.attitude.finish(&mut |output| collector.attitude(&output));
+        self.fused.iter().for_each(|fused| fused.finish(&mut |state| collector.fused(&state)));
+    }
+
+    /// Returns the messages of the services, and the newest tick published by each.
+    pub(super) fn poll_events(&mut self) -> Result<Vec<Event>, UpError> {
+        let mut events = Vec::new();
+        // Late subscribers receive the earlier messages.
+        self.credit.deliver_history()?;
+        self.control.deliver_history()?;
+        let limit = CONTROL_BUFFER * Service::ALL.len();
+        self.health.drain(limit, |health| events.push(Event::Health(health)))?;
+        self.checkpoints.drain(limit, |checkpoint| events.push(Event::Checkpoint(Box::new(checkpoint))))?;
+        if let Some(differences) = &self.differences {
+            differences.drain(CONTROL_BUFFER, |difference| events.push(Event::Difference(difference)))?;
+        }
+        let published = Service::PATH.map(|service| Event::Published { service, next_tick: self.published(service) });
+        events.extend(published);
+        Ok(events)
+    }
+
+    /// Returns the tick after the newest one published by a service.
+    pub(super) fn published(&self, service: Service) -> u64 {
+        service.output().map_or(0, |topic| self.bus.next_tick(topic.entry()))
+    }
+
+    /// Publishes an ownership decision. An undelivered decision is not confirmed and is reverted.
+    pub(super) fn publish_control(&self, control: &Control) {
+        let _ = self.control.send(control);
+    }
+
+    /// Publishes an event, unless the shared memory is nearly full.
+    ///
+    /// Access to memory that cannot be allocated would kill the supervisor. A gap in the event
+    /// numbers reveals the omission.
+    pub(super) fn publish_event(&self, event: &SystemEvent) {
+        if SharedMemory::query().is_none_or(|memory| memory.free_bytes >= EVENTS_BYTES) {
+            let _ = self.events.send(event);
+        }
+    }
+
+    pub(super) fn publish_credit(&self, credit: Credit) -> Result<(), UpError> {
+        self.credit.send(&credit)?;
+        self.credit.wake();
+        Ok(())
+    }
+
+    /// Sleeps until an attitude arrives, at most for `timeout`.
+    pub(super) fn wait(&self, timeout: Duration) {
+        SlotInput::<AttitudeOutput>::wait(&self.attitude, timeout);
+    }
+}
+
+impl From<Exit> for Event {
+    fn from(exit: Exit) -> Self {
+        let Exit { incarnation, exit_status, stderr } = exit;
+        Self::Exited { incarnation, exit_status, stderr }
+    }
+}

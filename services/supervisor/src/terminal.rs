@@ -1,0 +1,45 @@
+//! Writes to standard error without blocking on a pipe or terminal that is not drained.
+//!
+//! - Input: lines.
+//! - Output: the lines, as far as they are accepted.
+//! - Time: the wait for room, with an optional timeout.
+//! - Failure: a line that is not accepted in time, or after the other end was closed, is dropped.
+
+use std::{
+    fmt::Display,
+    io::{self, Write as _},
+    os::fd::AsFd as _,
+};
+
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+};
+
+/// Timeout of the wait for room.
+pub(crate) const WRITE_TIMEOUT: Option<Timespec> = Some(Timespec { tv_sec: 1, tv_nsec: 0 });
+/// Unlimited wait for room.
+pub(crate) const NO_TIMEOUT: Option<Timespec> = None;
+/// Number of bytes written at once, which never block a pipe that has room (`PIPE_BUF` on Linux).
+const CHUNK_BYTES: usize = 4096;
+
+/// Writes a line in chunks, each within the timeout. Drops the rest after a failure.
+pub(crate) fn write_line(line: impl Display, timeout: Option<Timespec>) {
+    for chunk in format!("{line}\n").as_bytes().chunks(CHUNK_BYTES) {
+        if !has_room(timeout.as_ref()) || io::stderr().write_all(chunk).is_err() {
+            return;
+        }
+    }
+}
+
+fn has_room(timeout: Option<&Timespec>) -> bool {
+    loop {
+        let stderr = io::stderr();
+        match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
+            Err(Errno::INTR) => {}
+            Ok(0) => return false,
+            // Any other condition is reported by the write.
+            _ => return true,
+        }
+    }
+}

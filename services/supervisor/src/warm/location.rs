@@ -1,0 +1,76 @@
+//! Path of the state file, and which runs have one.
+
+use std::{env, ffi::OsString, path::PathBuf};
+
+use launch::{Launch, Service, Source, StateFile};
+
+/// Returns the path of the state file, or `None` for a run that must not depend on earlier runs.
+///
+/// `is_live` is `true` for a run in real time with one process per service.
+pub(crate) fn state_file_path(launch: &Launch, is_live: bool) -> Option<PathBuf> {
+    // The calibration is known to the host of ingest, the bias to that of the fuser.
+    let has_both = [Service::Ingest, Service::Fuser].iter().all(|service| launch.services.contains(service));
+    // Injected faults are not errors of the sensor.
+    if !is_live || !has_both || !launch.ingest.faults.is_empty() {
+        return None;
+    }
+    match (&launch.state_file, launch.ingest.source) {
+        (StateFile::Off, _) | (_, Source::Replay | Source::Stdin) | (StateFile::Auto, Source::Sim) => None,
+        (StateFile::File(path), _) => Some(path.clone()),
+        (StateFile::Auto, Source::Bus | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink | Source::Iio) => {
+            state_directory(|name| env::var_os(name)).map(|folder| folder.join(file_name(launch)))
+        }
+    }
+}
+
+fn file_name(launch: &Launch) -> String {
+    format!("{}.state", launch.name)
+}
+
+/// Returns the folder for state files: that of systemd, else that of the XDG base directory
+/// specification.
+fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    // systemd separates several folders by colons.
+    let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
+    let user = || absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
+    systemd.filter(|path| path.is_absolute()).or_else(|| user().map(|folder| folder.join("plumbline")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn state_directory_prefers_systemd_then_user() {
+        type Case<'a> = (&'a [(&'a str, &'a str)], Option<&'a str>);
+        let cases: &[Case<'_>] = &[
+            (&[("STATE_DIRECTORY", "/var/lib/plumbline"), ("HOME", "/home/a")], Some("/var/lib/plumbline")),
+            (&[("STATE_DIRECTORY", "/var/lib/a:/var/lib/b")], Some("/var/lib/a")),
+            (&[("XDG_STATE_HOME", "/s"), ("HOME", "/home/a")], Some("/s/plumbline")),
+            (&[("XDG_STATE_HOME", "relative"), ("HOME", "/home/a")], Some("/home/a/.local/state/plumbline")),
+            (&[], None),
+        ];
+        for (variables, expected) in cases {
+            let variable = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| value.into());
+            assert_eq!(state_directory(variable), expected.map(PathBuf::from), "{variables:?}");
+        }
+    }
+
+    #[test]
+    fn state_file_requires_live_run_and_named_file_for_sim() {
+        let launch = |text: &str| Launch::parse("x", text).unwrap();
+        let named = "state_file = \"/s/imu\"\n";
+        let path_for = |text: &str| state_file_path(&launch(&format!("{named}{text}")), true);
+        assert_eq!(path_for(""), Some("/s/imu".into()));
+        assert_eq!(path_for("ingest.source = \"bus\""), Some("/s/imu".into()));
+        assert_eq!(path_for("ingest = { source = \"replay\", replay.file = \"a.csv\" }"), None);
+        let fault = "faults = true\n[[ingest.fault]]\nsensor = \"gyro\"\nkind = \"stuck\"\nfrom_s = 1\nuntil_s = 2";
+        assert_eq!(path_for(fault), None);
+        assert_eq!(state_file_path(&launch(named), false), None, "not in real time");
+        assert_eq!(state_file_path(&launch(""), true), None, "simulation by default");
+        assert_eq!(state_file_path(&launch("state_file = \"off\"\ningest.source = \"bus\""), true), None);
+        let of_a_sensor = state_file_path(&launch("name = \"wing\"\ningest.source = \"bus\""), true);
+        assert_eq!(of_a_sensor, state_directory(|name| env::var_os(name)).map(|folder| folder.join("wing.state")));
+    }
+}

@@ -1,0 +1,98 @@
+//! Force at the times of the rate.
+//!
+//! Input: samples of both, each in the order of time. Output: every sample of the rate with the force at its time, in order.
+//! Time: between two samples that are close to each other, the force is on the line between them; else it is the nearest one,
+//! if that is very close. Failure: none; what cannot be used is counted.
+
+use std::collections::VecDeque;
+
+use crate::{ImportError, row_writer::RowWriter};
+
+/// Samples further apart say nothing about what was between them, ns.
+const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
+/// A sample stands for a time no further away than this, ns.
+const MAX_HOLD_NS: u64 = 20_000_000;
+/// Samples of the rate that wait for a force after them.
+const MAX_PENDING: usize = 1024;
+
+pub(crate) type Sample = (i64, [f64; 3]);
+
+#[derive(Default)]
+pub(crate) struct ForceAligner {
+    pending: VecDeque<Sample>,
+    /// The last two samples of the force.
+    previous_force: Option<Sample>,
+    last_force: Option<Sample>,
+    last_rate_ns: Option<i64>,
+    /// Samples of the rate that are not after the one before them.
+    pub(crate) rates_out_of_order: u64,
+    /// The same of the force, without those that are there again.
+    pub(crate) forces_out_of_order: u64,
+    /// Samples of the rate with no force near them.
+    pub(crate) rates_without_force: u64,
+}
+
+impl ForceAligner {
+    /// Takes the next sample of the rate.
+    pub(crate) fn push_rate(&mut self, sample: Sample, rows: &mut RowWriter) -> Result<(), ImportError> {
+        if self.last_rate_ns.is_some_and(|last_ns| sample.0 <= last_ns) {
+            self.rates_out_of_order += 1;
+            return Ok(());
+        }
+        self.last_rate_ns = Some(sample.0);
+        self.pending.push_back(sample);
+        let is_full = self.pending.len() > MAX_PENDING;
+        self.release(rows, is_full)
+    }
+
+    /// Takes the next sample of the force.
+    pub(crate) fn push_force(&mut self, sample: Sample, rows: &mut RowWriter) -> Result<(), ImportError> {
+        match self.last_force {
+            Some(last) if sample == last => return Ok(()),
+            Some((last_ns, _)) if sample.0 <= last_ns => {
+                self.forces_out_of_order += 1;
+                return Ok(());
+            }
+            _ => {}
+        }
+        self.previous_force = self.last_force.replace(sample);
+        self.release(rows, false)
+    }
+
+    /// There are no more samples.
+    pub(crate) fn finish(&mut self, rows: &mut RowWriter) -> Result<(), ImportError> {
+        while !self.pending.is_empty() {
+            self.release(rows, true)?;
+        }
+        Ok(())
+    }
+
+    /// Hands over the rates up to the last force, and one more where that must not wait.
+    fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
+        let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
+        while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns) {
+            must_release_one = false;
+            match self.force_at(t_ns) {
+                Some(force) => rows.push(t_ns, rate, force)?,
+                None => self.rates_without_force += 1,
+            }
+        }
+        Ok(())
+    }
+
+    fn force_at(&self, t_ns: i64) -> Option<[f64; 3]> {
+        let (last_ns, last) = self.last_force?;
+        if let Some((before_ns, before)) = self.previous_force.filter(|(before_ns, _)| (*before_ns..last_ns).contains(&t_ns)) {
+            let (since_ns, gap_ns) = (t_ns.abs_diff(before_ns), last_ns.abs_diff(before_ns));
+            if since_ns == 0 {
+                return Some(before);
+            }
+            if gap_ns <= MAX_INTERPOLATION_GAP_NS {
+                let fraction = since_ns as f64 / gap_ns as f64;
+                return Some([0, 1, 2].map(|axis| before[axis] + fraction * (last[axis] - before[axis])));
+            }
+        }
+        let near = [self.previous_force, self.last_force].into_iter().flatten().min_by_key(|(near_ns, _)| near_ns.abs_diff(t_ns));
+        near.filter(|(near_ns, _)| near_ns.abs_diff(t_ns) <= MAX_HOLD_NS).map(|(_, force)| force)
+    }
+}
